@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "app/app.hpp"
+
+#include "app/modes.hpp"
+#include "base/math.hpp"
+
+namespace holdfast {
+
+pipeline::Config pipeline_config(const Params& params, bool auto_size) {
+  pipeline::Config config{};
+  config.luma.scale = kModes[idx(params.mode)].scale;
+  config.tracker.grid.size = {static_cast<std::uint8_t>(params.grid_rows), static_cast<std::uint8_t>(params.grid_cols)};
+  config.tracker.grid.auto_size = auto_size;
+  config.reference.frames = params.reference_frames;
+  config.displacement.pitch_um = params.pitch_um;
+  config.features.histogram_range_um = params.histogram_range_um;
+  config.features.max_gap = Micros{std::int64_t{params.max_gap_ms} * 1000};
+  config.decision.raise_frames = params.raise_frames;
+  config.decision.hold = Micros{std::int64_t{params.hold_ms} * 1000};
+  config.fault_markers_pct = params.fault_markers_pct;
+  return config;
+}
+
+supervisor::Config supervisor_config(const Params& params) {
+  supervisor::Config config{};
+  config.degraded_markers_pct = params.degraded_markers_pct;
+  return config;
+}
+
+Status App::start(const Params& params, bool auto_size) {
+  if (const Status s = validate(params); !s.ok()) return s;
+  config_ = pipeline_config(params, auto_size);
+  supervisor_config_ = supervisor_config(params);
+  if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
+      !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
+    return {Reason::kGpioFailed};
+  }
+  return devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
+}
+
+Status App::learn(const Params& params, const hal::Frame& frame, bool auto_size) {
+  if (const Status s = validate(params); !s.ok()) return s;
+  return pipeline::learn(state_, pipeline_config(params, auto_size), devices_.jpeg, frame);
+}
+
+bool App::step() {
+  hal::Frame frame;
+  const hal::Capture capture = devices_.camera.next(frame, kFrameWait);
+  if (capture == hal::Capture::kFrame) {
+    result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
+    devices_.camera.release(frame);
+    signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now()));
+  } else {
+    result_.quality = {capture == hal::Capture::kGone  ? Reason::kCameraGone
+                       : capture == hal::Capture::kBad ? Reason::kJpegDamaged
+                                                       : Reason::kNoFrame};
+    signal(supervisor::reject(supervisor_, supervisor_config_, result_.quality.reason, result_.request,
+                              devices_.clock.now()));
+  }
+  report();
+  return capture != hal::Capture::kGone;
+}
+
+void App::stop() {
+  devices_.camera.stop();
+  outputs_.grip_ok = false;
+  // Nothing is left to be done about a line that refuses now; a receiver sees ALIVE stand still.
+  (void)devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
+}
+
+// A falling GRIP_OK goes out before ALIVE shows the frame, a rising one after it: no receiver can see a fresh ALIVE
+// beside a level that the frame has just withdrawn.
+void App::signal(const supervisor::Outputs& outputs) {
+  const auto grip_ok = static_cast<hal::Level>(outputs.grip_ok);
+  bool done = true;
+  if (!outputs.grip_ok) done = devices_.gpio.set(hal::Line::kGripOk, grip_ok);
+  if (outputs.alive_high != outputs_.alive_high) {
+    // ALIVE vouches for GRIP_OK: it must not move when GRIP_OK could not be lowered.
+    done = done && devices_.gpio.set(hal::Line::kAlive, static_cast<hal::Level>(outputs.alive_high));
+  }
+  if (outputs.grip_ok) done = done && devices_.gpio.set(hal::Line::kGripOk, grip_ok);
+  outputs_ = outputs;
+  if (done) return;
+  outputs_.state = DeviceState::kFault;
+  outputs_.reason = Reason::kGpioFailed;
+  outputs_.grip_ok = false;
+}
+
+void App::report() {
+  status_frame::StatusFrame frame{};
+  frame.sequence = report_sequence_++;
+  frame.timestamp_us = status_frame::low_timestamp_us(result_.timestamp);
+  frame.age_100us = status_frame::age_100us(devices_.clock.now() - result_.timestamp);
+  frame.state = outputs_.state;
+  frame.reason = outputs_.reason;
+  frame.slip = outputs_.slip;
+  frame.grip_ok = outputs_.grip_ok;
+  frame.alive = outputs_.alive_high;
+  if (result_.quality.ok() && result_.referenced) {
+    frame.features_valid = true;
+    frame.markers = static_cast<std::uint8_t>(result_.features.markers);
+    frame.vx_um_s = result_.features.vx.raw();
+    frame.vy_um_s = result_.features.vy.raw();
+    frame.entropy_nat_q16 = result_.features.entropy.raw();
+    frame.entropy_rate_nat_s_q8 = result_.features.entropy_rate.raw();
+  }
+  std::array<std::uint8_t, status_frame::kWireBytes> wire{};
+  const std::size_t size = status_frame::encode(frame, wire);
+  if (!devices_.link.write(std::span(wire).first(size))) ++link_refused_;
+}
+
+}  // namespace holdfast

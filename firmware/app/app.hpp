@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// The firmware as one object: devices in, fixed memory inside, one frame per step().
+//
+// From start() to stop() nothing allocates, throws or computes in floating point. Time is the HAL clock's.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "app/params.hpp"
+#include "app/pipeline.hpp"
+#include "app/status_frame.hpp"
+#include "app/supervisor.hpp"
+#include "hal/camera.hpp"
+#include "hal/clock.hpp"
+#include "hal/gpio.hpp"
+#include "hal/serial.hpp"
+#include "vision/jpeg.hpp"
+
+namespace holdfast {
+
+// What a board provides. All references outlive the App.
+struct Devices {
+  hal::Camera& camera;
+  hal::Gpio& gpio;
+  hal::Serial& link;  // status frames alone (DESIGN.md, port `link`)
+  hal::Clock& clock;
+  JpegDecoder& jpeg;
+};
+
+// Settings of the stages from the one table of parameters. Range: validate(params) is ok.
+// `auto_size`: take whatever lattice is printed on the gel instead of grid_rows x grid_cols.
+[[nodiscard]] pipeline::Config pipeline_config(const Params& params, bool auto_size = false);
+[[nodiscard]] supervisor::Config supervisor_config(const Params& params);
+
+class App {
+ public:
+  explicit App(const Devices& devices) : devices_(devices) {}
+
+  // Checks the parameters, drives both lines LOW and starts the camera. kConfig, kGpioFailed, kCameraGone.
+  [[nodiscard]] Status start(const Params& params, bool auto_size = false);
+
+  // Takes `frame` as the picture of the empty gel; before or after start(). Without it the first still frames of
+  // the camera are.
+  [[nodiscard]] Status learn(const Params& params, const hal::Frame& frame, bool auto_size = false);
+
+  // Waits for one frame at most kFrameWait, decides, signals. false: the stream has ended.
+  [[nodiscard]] bool step();
+
+  void stop();
+
+  // Of the last step(). A timeout leaves `result` of the frame before it, with quality kNoFrame.
+  [[nodiscard]] const pipeline::Result& result() const { return result_; }
+  [[nodiscard]] const supervisor::Outputs& outputs() const { return outputs_; }
+  [[nodiscard]] const pipeline::State& state() const { return state_; }
+  [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
+
+  // One period at 15 fps and a half: a camera that takes longer is late.
+  static constexpr Micros kFrameWait{100'000};
+
+ private:
+  void signal(const supervisor::Outputs& outputs);
+  void report();
+
+  Devices devices_;
+  pipeline::Config config_{};
+  supervisor::Config supervisor_config_{};
+  pipeline::State state_{};
+  supervisor::State supervisor_{};
+  pipeline::Result result_{};
+  supervisor::Outputs outputs_{};
+  std::uint16_t report_sequence_ = 0;
+  std::uint32_t link_refused_ = 0;  // status frames that the serial line did not take
+};
+
+// DESIGN.md, budgets: the pipeline's static memory without camera buffers. The JPEG decoder adds its own.
+static_assert(sizeof(App) <= 3'500'000, "fixed memory of the pipeline");
+
+}  // namespace holdfast

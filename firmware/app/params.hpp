@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parameters: one table that settings, command line, console and documentation read.
+//
+// Each row points at its member of Params and takes the default from there, so that table and struct cannot
+// drift apart. All values are int32 in the unit of the row; validate() runs once at start.
+#pragma once
+
+#include <array>
+#include <charconv>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string_view>
+#include <system_error>
+
+#include "app/modes.hpp"
+#include "base/status.hpp"
+#include "vision/markers.hpp"
+
+namespace holdfast {
+
+struct Params {
+  std::int32_t histogram_range_um = 1900;
+  std::int32_t pitch_um = 2020;
+  std::int32_t raise_frames = 2;
+  std::int32_t hold_ms = 200;
+  std::int32_t max_gap_ms = 250;
+  std::int32_t degraded_markers_pct = 87;
+  std::int32_t fault_markers_pct = 71;
+  std::int32_t reference_frames = 10;
+  std::int32_t grid_rows = 7;
+  std::int32_t grid_cols = 9;
+  std::int32_t mode = 0;
+  friend constexpr bool operator==(const Params&, const Params&) = default;
+};
+
+struct ParamInfo {
+  std::int32_t Params::*member;
+  std::string_view name;
+  std::string_view unit;
+  std::int32_t min;
+  std::int32_t max;
+  std::string_view help;
+  std::string_view price;  // what a larger or smaller value costs
+  std::int32_t default_value = Params{}.*member;
+};
+
+inline constexpr std::array<ParamInfo, 11> kParams{{
+    {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000,
+     "displacement at which the last of the 15 histogram bins begins to overflow",
+     "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
+    {&Params::pitch_um, "pitch_um", "um", 1000, 5000, "distance of neighbouring markers on the gel",
+     "all lengths and speeds scale with it; give the printed pitch"},
+    {&Params::raise_frames, "raise_frames", "frames", 1, 10, "slips in a row until the request is raised",
+     "one frame of delay each (40 ms at 25 fps); 1 passes every flicker on"},
+    {&Params::hold_ms, "hold_ms", "ms", 0, 5000, "how long the request stays raised after the last slip",
+     "longer: a false alarm keeps GRIP_OK low longer; shorter: the request flickers during a slide"},
+    {&Params::max_gap_ms, "max_gap_ms", "ms", 200, 2000, "time between frames above which rates start again",
+     "longer: a slip within the gap is averaged away; shorter: dropped frames at 15 fps blind one frame"},
+    {&Params::degraded_markers_pct, "degraded_markers_pct", "%", 1, 100,
+     "below this share of tracked markers the state is DEGRADED",
+     "higher: a little dirt lowers GRIP_OK; lower: features stand on fewer markers"},
+    {&Params::fault_markers_pct, "fault_markers_pct", "%", 1, 100,
+     "below this share of tracked markers the state is FAULT",
+     "higher: strong shear at the edge stops the grasp; lower: features stand on fewer markers"},
+    {&Params::reference_frames, "reference_frames", "frames", 1, 100,
+     "frames of the empty gel that are averaged to the rest position",
+     "one frame of start-up each; noise of the rest position falls with the root"},
+    {&Params::grid_rows, "grid_rows", "", 3, 16, "rows of the printed grid", "none: give the printed number"},
+    {&Params::grid_cols, "grid_cols", "", 3, 16, "columns of the printed grid",
+     "none: give the printed number"},
+    {&Params::mode, "mode", "", 0, static_cast<std::int32_t>(kModes.size()) - 1,
+     "speed setting: 0 fast, 1 balanced, 2 precise", "see the modes table"},
+}};
+
+static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");
+
+struct ParamProblem {
+  const ParamInfo* row = nullptr;  // null: there is no parameter of that name
+  std::string_view rule;           // which rule it breaks
+};
+
+[[nodiscard]] constexpr const ParamInfo* find_param(std::string_view name) {
+  for (const ParamInfo& row : kParams) {
+    if (row.name == name) return &row;
+  }
+  return nullptr;
+}
+
+namespace params_detail {
+
+constexpr Status refuse(ParamProblem* problem, const ParamInfo* row, std::string_view rule) {
+  if (problem != nullptr) *problem = {row, rule};
+  return {Reason::kConfig};
+}
+
+}  // namespace params_detail
+
+// kConfig with the first row that is out of its range or contradicts another. Range: any values.
+constexpr Status validate(const Params& params, ParamProblem* problem = nullptr) {
+  using params_detail::refuse;
+  for (const ParamInfo& row : kParams) {
+    const std::int32_t value = params.*row.member;
+    if (value < row.min || value > row.max) return refuse(problem, &row, "outside its range");
+  }
+  if (params.fault_markers_pct > params.degraded_markers_pct) {
+    return refuse(problem, find_param("fault_markers_pct"), "above degraded_markers_pct");
+  }
+  if (params.grid_rows * params.grid_cols > kMaxMarkers) {
+    return refuse(problem, find_param("grid_cols"),
+                  "times grid_rows is more than the 128 markers of the fixed memory");
+  }
+  return kOkStatus;
+}
+
+static_assert(validate(Params{}).ok(), "the defaults are valid");
+static_assert(kMaxMarkers == 128, "named in validate()");
+
+// Sets one parameter from its text, a decimal integer (or a mode's name for `mode`). Checks the row's own
+// range only; validate() judges the whole. `params` changes only on success.
+inline Status parse(std::string_view name, std::string_view text, Params& params,
+                    ParamProblem* problem = nullptr) {
+  using params_detail::refuse;
+  const ParamInfo* row = find_param(name);
+  if (row == nullptr) return refuse(problem, nullptr, "no parameter of that name");
+  std::int32_t value = 0;
+  if (const auto mode = find_mode(text); row->member == &Params::mode && mode) {
+    value = *mode;
+  } else {
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (error == std::errc::result_out_of_range) return refuse(problem, row, "outside its range");
+    if (error != std::errc{} || end != text.data() + text.size())
+      return refuse(problem, row, "not an integer");
+  }
+  if (value < row->min || value > row->max) return refuse(problem, row, "outside its range");
+  params.*row->member = value;
+  return kOkStatus;
+}
+
+}  // namespace holdfast

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The whole product in one function: a camera frame in, a grip request out.
+#pragma once
+
+#include "base/status.hpp"
+#include "base/units.hpp"
+#include "hal/camera.hpp"
+#include "slip/classifier.hpp"
+#include "slip/decision.hpp"
+#include "tactile/displacement.hpp"
+#include "tactile/features.hpp"
+#include "tactile/reference.hpp"
+#include "tactile/types.hpp"
+#include "vision/jpeg.hpp"
+#include "vision/luma_input.hpp"
+#include "vision/tracker.hpp"
+
+namespace holdfast::pipeline {
+
+struct Config {
+  luma_input::Config luma;
+  tracker::Config tracker;
+  reference::Config reference;
+  displacement::Config displacement;
+  features::Config features;
+  decision::Config decision;
+  // Fewer valid markers than this share of the grid: the frame tells nothing about the grip.
+  int fault_markers_pct = 71;  // 45 of 63
+};
+
+// Everything that lives from frame to frame. One static object; its size is the firmware's memory (app.hpp).
+struct State {
+  luma_input::State luma;
+  tracker::State tracker;
+  reference::State reference;
+  DisplacementField displacement;
+  features::State features;
+  decision::State decision;
+  Saturations saturations;
+  Micros last_timestamp{};
+  bool any_frame = false;
+};
+
+// What one frame said. `quality` not ok: the frame was rejected and everything below it but `request` is void.
+struct Result {
+  Micros timestamp{};
+  std::uint32_t sequence = 0;
+  Status quality;
+  bool referenced = false;  // displacement and features refer to a learned rest position
+  int markers = 0;          // valid now
+  GridSize grid;
+  Features features;
+  Verdict verdict = Verdict::kHold;
+  GripRequest request = GripRequest::kHold;  // kept from the frame before when this one is rejected
+};
+
+[[nodiscard]] Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
+
+// Takes this one frame as the picture of the empty gel (tool `holdfast replay --reference`): registers the lattice
+// anew and learns the rest position from it.
+[[nodiscard]] Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
+
+// Forgets the rest position (TARE): the next still frames teach it anew.
+void tare(State& state);
+
+}  // namespace holdfast::pipeline

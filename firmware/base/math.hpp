@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// The few integer functions that more than one stage needs.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace holdfast {
+
+// Quotient rounded to nearest, halves away from zero.
+// Range: |numerator| <= 2^62, denominator in [1, 2^61]; the sum with half the denominator stays below 2^63.
+[[nodiscard]] constexpr std::int64_t div_round(std::int64_t numerator, std::int64_t denominator) {
+  const std::int64_t half = denominator / 2;
+  return (numerator >= 0 ? numerator + half : numerator - half) / denominator;
+}
+
+// Largest r with r * r <= value. Range: any uint64; 32 steps, always.
+[[nodiscard]] constexpr std::uint32_t isqrt(std::uint64_t value) {
+  std::uint64_t root = 0;
+  for (std::uint64_t bit = std::uint64_t{1} << 31; bit != 0; bit >>= 1) {
+    const std::uint64_t trial = root | bit;
+    if (trial * trial <= value) root = trial;
+  }
+  return static_cast<std::uint32_t>(root);
+}
+
+[[nodiscard]] constexpr std::int64_t square(std::int64_t value) { return value * value; }
+
+// Array index of a non-negative int; spares a static_cast at each use.
+[[nodiscard]] constexpr std::size_t idx(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+// Sorts a handful of integers in place: insertion sort, because std::sort recurses.
+// Range: count <= 192 in this firmware, so at most 18 432 moves.
+constexpr void sort_few(std::int32_t* values, int count) {
+  for (int i = 1; i < count; ++i) {
+    const std::int32_t value = values[i];
+    int hole = i;
+    for (; hole > 0 && values[hole - 1] > value; --hole) values[hole] = values[hole - 1];
+    values[hole] = value;
+  }
+}
+
+// The middle value (lower middle of an even count); sorts in place. Range: count >= 1.
+[[nodiscard]] constexpr std::int32_t median_of_few(std::int32_t* values, int count) {
+  sort_few(values, count);
+  return values[(count - 1) / 2];
+}
+
+}  // namespace holdfast

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// One frame's features to one verdict, by the compiled tree.
+//
+// There is no "unknown": on the first frame and after a gap (rates_valid = false) the tree sees rates of 0
+// and judges by the level of the entropy alone, which stands on this frame only. A gripper that slides
+// already when the sensor starts is thus reported with the first frame. Whether a frame may be vouched for at
+// all is the supervisor's question. Range: any features. The tree compares and does no arithmetic: nothing
+// can overflow.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+#include "slip/slip_tree.gen.hpp"
+#include "slip/tree_io.hpp"
+
+namespace holdfast::classifier {
+
+static_assert(slip_tree::kFeatureSet == "paper", "inputs() below builds the features of the set `paper`");
+
+using Inputs = std::array<std::int32_t, kPaperFeatures.size()>;
+
+// Spelled as a pack, not as a loop: only then does gcc 12 see through the table's readers and leave the
+// compares alone (at most 12 aarch64 instructions for a tree of depth 3; the loop costs four indirect calls).
+[[nodiscard]] constexpr Inputs inputs(const Features& features) {
+  const auto input = [&](const FeatureInfo& feature) {
+    return features.rates_valid || !feature.needs_earlier_frame ? feature.read(features) : 0;
+  };
+  return [&]<std::size_t... kIndex>(std::index_sequence<kIndex...>) {
+    return Inputs{input(kPaperFeatures[kIndex])...};
+  }
+  (std::make_index_sequence<kPaperFeatures.size()>{});
+}
+
+[[nodiscard]] constexpr Verdict classify(const Features& features) {
+  return slip_tree::evaluate(inputs(features));
+}
+
+}  // namespace holdfast::classifier

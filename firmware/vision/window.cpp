@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vision/window.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+
+#include "base/math.hpp"
+
+namespace holdfast::window {
+namespace {
+
+constexpr std::int32_t kBand = 8;  // rows summed before 16-bit lanes are flushed
+
+// Sum over y of y * w without a multiplication per pixel: within a band of 8 rows the running column sum is added
+// up once more each row, which weighs row j with 8 - j. Range of 16-bit lanes: weights <= 255, so a band's column
+// sum <= 2 040, its running sum <= 36 * 255 = 9 180, and a column over 128 rows <= 32 640.
+template <std::int32_t kSize>
+Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Threshold& threshold, std::uint8_t cap) {
+  std::array<std::uint16_t, idx(kSize)> column{};
+  Sums out{};
+  for (std::int32_t y = 0; y < kSize; y += kBand) {
+    std::array<std::uint16_t, idx(kSize)> band{};
+    std::array<std::uint16_t, idx(kSize)> running{};
+    for (std::int32_t j = 0; j < kBand; ++j) {
+      const std::uint8_t* row = top_left + static_cast<std::ptrdiff_t>(y + j) * stride;
+      const std::uint8_t offset = threshold.level_y[y + j];
+      for (std::int32_t x = 0; x < kSize; ++x) {
+        const auto level = static_cast<std::uint8_t>(threshold.level_x[x] + offset);
+        const auto dark = static_cast<std::uint8_t>(std::max(level, row[x]) - row[x]);
+        band[idx(x)] = static_cast<std::uint16_t>(band[idx(x)] + std::min(dark, cap));
+        running[idx(x)] = static_cast<std::uint16_t>(running[idx(x)] + band[idx(x)]);
+      }
+    }
+    std::uint32_t mass = 0;
+    std::uint32_t weighted = 0;
+    for (std::int32_t x = 0; x < kSize; ++x) {
+      mass += band[idx(x)];
+      weighted += running[idx(x)];
+      column[idx(x)] = static_cast<std::uint16_t>(column[idx(x)] + band[idx(x)]);
+    }
+    out.mass += mass;
+    out.y += mass * static_cast<std::uint32_t>(y + kBand) - weighted;
+  }
+  for (std::int32_t x = 0; x < kSize; ++x) out.x += column[idx(x)] * static_cast<std::uint32_t>(x);
+  return out;
+}
+
+struct Place {
+  std::int32_t left = 0, top = 0;
+};
+
+// The window whose centre is nearest to (x, y), kept inside the picture. Centre of a window = left + (size - 1) / 2.
+Place place(const LumaView& luma, std::int32_t size, PixelsQ8 x, PixelsQ8 y) {
+  const std::int32_t half_q8 = (size - 1) * 128;
+  return {std::clamp((x.raw() - half_q8 + 128) >> 8, 0, luma.width - size),
+          std::clamp((y.raw() - half_q8 + 128) >> 8, 0, luma.height - size)};
+}
+
+struct Background {
+  std::int32_t level = 0;    // grey levels
+  std::int32_t tilt_x = 0;   // right side minus left side, grey levels
+  std::int32_t tilt_y = 0;   // bottom minus top
+};
+
+// Plane through the means of the window's four sides. A side cannot be darker than the brightest one by more than a
+// third of the dot's contrast: what is darker holds a dot (the marker jumped, or a neighbour came near). Limiting
+// instead of switching keeps the re-centring from cycling between two answers (seen beside the dark rims of real gels).
+Background background_of(const LumaView& luma, std::int32_t size, Place at, std::int32_t contrast) {
+  const std::uint8_t* first = luma.row(at.top) + at.left;
+  const std::uint8_t* last = luma.row(at.top + size - 1) + at.left;
+  std::int32_t top = 0, bottom = 0, left = 0, right = 0;
+  for (std::int32_t x = 0; x < size; ++x) {
+    top += first[x];
+    bottom += last[x];
+  }
+  for (std::int32_t y = 0; y < size; ++y) {
+    const std::uint8_t* row = first + static_cast<std::ptrdiff_t>(y) * luma.stride;
+    left += row[0];
+    right += row[size - 1];
+  }
+  const std::int32_t darkest = std::max({top, bottom, left, right}) - contrast * size / 3;
+  for (std::int32_t* side : {&top, &bottom, &left, &right}) *side = std::max(*side, darkest);
+  return {(top + bottom + left + right + 2 * size) / (4 * size), (right - left) / size, (bottom - top) / size};
+}
+
+std::int32_t centre_mean(const LumaView& luma, std::int32_t size, PixelsQ8 x, PixelsQ8 y) {
+  const std::int32_t n = std::max(2, size / 6);
+  const Place at = place(luma, n, x, y);
+  std::int32_t sum = n * n / 2;
+  for (std::int32_t j = 0; j < n; ++j) {
+    const std::uint8_t* row = luma.row(at.top + j) + at.left;
+    for (std::int32_t i = 0; i < n; ++i) sum += row[i];
+  }
+  return sum / (n * n);
+}
+
+// Range: level - margin in [0, 255]; both tilts together are cut so that t stays there too.
+Threshold threshold_of(const Background& background, std::int32_t size, std::int32_t margin) {
+  const std::int32_t level = std::clamp(background.level - margin, 0, 255);
+  std::int32_t tilt_x = background.tilt_x;
+  std::int32_t tilt_y = background.tilt_y;
+  if ((std::abs(tilt_x) + std::abs(tilt_y)) / 2 + 1 > std::min(level, 255 - level)) tilt_x = tilt_y = 0;
+  Threshold threshold{};
+  // Slope per pixel in Q8, from the middle of the window.
+  const std::int32_t slope_x_q8 = (tilt_x << 8) / (size - 1);
+  const std::int32_t slope_y_q8 = (tilt_y << 8) / (size - 1);
+  for (std::int32_t i = 0; i < size; ++i) {
+    const std::int32_t twice_from_middle = 2 * i - (size - 1);
+    threshold.level_x[i] = static_cast<std::uint8_t>(level + ((slope_x_q8 * twice_from_middle) >> 9));
+    threshold.level_y[i] = static_cast<std::uint8_t>((slope_y_q8 * twice_from_middle) >> 9);
+  }
+  return threshold;
+}
+
+}  // namespace
+
+Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Threshold& threshold,
+          std::uint8_t cap) {
+  switch (size) {
+    case 16: return sums_of<16>(top_left, stride, threshold, cap);
+    case 24: return sums_of<24>(top_left, stride, threshold, cap);
+    case 32: return sums_of<32>(top_left, stride, threshold, cap);
+    case 48: return sums_of<48>(top_left, stride, threshold, cap);
+    case 64: return sums_of<64>(top_left, stride, threshold, cap);
+    case 96: return sums_of<96>(top_left, stride, threshold, cap);
+    default: return sums_of<128>(top_left, stride, threshold, cap);
+  }
+}
+
+std::int32_t size_for(PixelsQ8 pitch) {
+  const std::int32_t wanted = (pitch.raw() * 25) >> 13;  // 0.78 pitch
+  constexpr std::array<std::int32_t, 7> kSizes{16, 24, 32, 48, 64, 96, 128};
+  std::int32_t best = kSizes[0];
+  for (const std::int32_t size : kSizes) {
+    if (std::abs(size - wanted) < std::abs(best - wanted)) best = size;
+  }
+  return best;
+}
+
+std::int32_t contrast_at(const LumaView& luma, std::int32_t size, PixelsQ8 x, PixelsQ8 y) {
+  const Background background = background_of(luma, size, place(luma, size, x, y), 255);
+  return std::max(0, background.level - centre_mean(luma, size, x, y));
+}
+
+bool measure(const LumaView& luma, std::int32_t size, int passes, Dot& dot) {
+  // Within 1.25 px of the window's middle the rim has equal room on all sides: good enough to stop.
+  constexpr std::int32_t kSettledQ8 = 320;
+  // A tenth of the window: smaller is a speck. (A printed dot fills a quarter to a third.)
+  const std::uint32_t least_area = static_cast<std::uint32_t>(size * size / 20);
+  Dot now = dot;
+  const std::int32_t margin = std::max(1, dot.contrast * 3 / 16);
+  const auto cap = static_cast<std::uint8_t>(std::clamp(dot.contrast * 10 / 16, 1, 255));
+  Place at = place(luma, size, now.x, now.y);
+  Background background{};
+  for (int pass = 0; pass < passes; ++pass) {
+    background = background_of(luma, size, at, dot.contrast);
+    const Sums s = sums(luma.row(at.top) + at.left, luma.stride, size, threshold_of(background, size, margin), cap);
+    if (s.mass < least_area * cap) return false;
+    // Range: s.x * 256 <= 1.4e11 in 64 bits.
+    const auto centre = [&](std::int32_t origin, std::uint32_t weighted) {
+      return PixelsQ8::from_raw((origin << 8) + static_cast<std::int32_t>(div_round(std::int64_t{weighted} << 8, s.mass)));
+    };
+    now.x = centre(at.left, s.x);
+    now.y = centre(at.top, s.y);
+    now.area = static_cast<std::int32_t>(s.mass / cap);
+    const std::int32_t half_q8 = (size - 1) * 128;
+    const Place next = place(luma, size, now.x, now.y);
+    const bool settled = std::abs(now.x.raw() - (at.left << 8) - half_q8) <= kSettledQ8 &&
+                         std::abs(now.y.raw() - (at.top << 8) - half_q8) <= kSettledQ8;
+    const bool stays = next.left == at.left && next.top == at.top;
+    if (settled || stays) {
+      now.contrast = std::max(0, background.level - centre_mean(luma, size, now.x, now.y));
+      dot = now;
+      return true;
+    }
+    at = next;
+  }
+  return false;
+}
+
+}  // namespace holdfast::window

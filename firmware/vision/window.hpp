@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sub-pixel centre of one dark dot inside a small square window.
+//
+// weight(x, y) = clamp(t(x, y) - luma, 0, cap), centre = weighted mean position, with
+//   t   = local background plane (means of the window's four sides) minus 3/16 of the dot's contrast,
+//   cap = 10/16 of the contrast.
+// The clamp makes the weight flat inside the dot (its print is mottled) and zero on the gel (noise, imprint);
+// only the rim decides. Without it shading tilts the centroid: 0.041 px instead of 0.025 px rms at 320x240
+// (probe, noise sigma 2.5). The plane takes out what shading remains.
+#pragma once
+
+#include <cstdint>
+
+#include "base/units.hpp"
+#include "vision/luma.hpp"
+
+namespace holdfast::window {
+
+inline constexpr std::int32_t kMinSize = 16;
+inline constexpr std::int32_t kMaxSize = 128;
+
+struct Dot {
+  PixelsQ8 x;  // working image
+  PixelsQ8 y;
+  std::int32_t contrast = 0;  // background minus dot, grey levels, 0..255
+  std::int32_t area = 0;      // weight over cap: area of the dot in pixels
+};
+
+struct Sums {
+  std::uint32_t mass = 0;  // sum of weights
+  std::uint32_t x = 0;     // sum of weight * column
+  std::uint32_t y = 0;     // sum of weight * row
+};
+
+// The plane t of a window: t(x, y) = level_x[x] + level_y[y], always within 0..255.
+struct Threshold {
+  std::uint8_t level_x[kMaxSize];
+  std::uint8_t level_y[kMaxSize];  // two's complement offset, added modulo 256
+};
+
+// Range: size a multiple of 8 in [16, 128]; mass <= 128 * 128 * 255 = 4.2e6; x, y <= mass * 127 = 5.4e8.
+// Written so that compilers turn the inner loop into 8- or 16-lane code; test compares it with a plain double loop.
+[[nodiscard]] Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size,
+                        const Threshold& threshold, std::uint8_t cap);
+
+// Window size for a lattice: about 3/4 of the pitch, so that a neighbour's rim stays outside.
+[[nodiscard]] std::int32_t size_for(PixelsQ8 pitch);
+
+// Finds the dot near (dot.x, dot.y), re-centring the window at most `passes` times; dot.contrast is what to expect.
+// Returns false, and leaves `dot` as it was, when there is nothing dark enough or the centre does not settle.
+// Range: the picture is at least `size` wide and high; any position (the window is kept inside the picture).
+[[nodiscard]] bool measure(const LumaView& luma, std::int32_t size, int passes, Dot& dot);
+
+// Contrast of the dot at a place known to about a quarter of its radius: side means minus centre mean.
+[[nodiscard]] std::int32_t contrast_at(const LumaView& luma, std::int32_t size, PixelsQ8 x, PixelsQ8 y);
+
+}  // namespace holdfast::window

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+namespace holdfast::hal {
+
+enum class PixelFormat : std::uint8_t {
+  kMjpeg,  // bytes = one JPEG stream; width, height and stride are what the driver announced, or 0
+  kLuma8,  // bytes = height rows of stride bytes, 8-bit luma
+};
+
+// A frame as the driver holds it: borrowed, valid until release().
+struct Frame {
+  std::span<const std::uint8_t> bytes;
+  PixelFormat format = PixelFormat::kMjpeg;
+  std::int32_t width = 0;   // pixels
+  std::int32_t height = 0;  // pixels
+  std::int32_t stride = 0;  // bytes from row to row (kLuma8)
+  std::chrono::microseconds timestamp{};  // start of exposure on the HAL clock's time base
+  std::uint32_t sequence = 0;             // counts what the sensor sent; a gap is a dropped frame
+};
+
+enum class Capture : std::uint8_t {
+  kFrame,    // `frame` is filled; give it back with release()
+  kTimeout,  // nothing within the time given; the stream may still recover
+  kBad,      // the driver threw a damaged transfer away; nothing to release
+  kGone,     // the stream ended: unplugged, or end of the recording
+};
+
+// One video stream. Not for still pictures or for changing formats while streaming.
+class Camera {
+ public:
+  virtual ~Camera() = default;
+  // Opens and starts the stream; false: the device is not there or refuses (the driver keeps the story).
+  [[nodiscard]] bool start() { return running_ = do_start(); }
+  // Waits at most `timeout` for the next frame. Allowed after start() only: otherwise kGone.
+  [[nodiscard]] Capture next(Frame& frame, std::chrono::microseconds timeout) {
+    return running_ ? do_next(frame, timeout) : Capture::kGone;
+  }
+  void release(const Frame& frame) { do_release(frame); }
+  void stop() {
+    if (running_) do_stop();
+    running_ = false;
+  }
+
+ private:
+  [[nodiscard]] virtual bool do_start() = 0;
+  [[nodiscard]] virtual Capture do_next(Frame& frame, std::chrono::microseconds timeout) = 0;
+  virtual void do_release(const Frame& frame) = 0;
+  virtual void do_stop() = 0;
+  bool running_ = false;
+};
+
+}  // namespace holdfast::hal
