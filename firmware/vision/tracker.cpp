@@ -53,12 +53,21 @@ bool looks_like_its_dot(const Model& model, const window::Dot& dot) {
          dot.area * 5 <= model.area * 8;
 }
 
+// A dot that reaches over the picture's edge has its visible part's centre, not its own: up to half a radius off.
+// Range: distances below 2^19 in Q8, squares times 355 below 2^47.
+bool reaches_over_edge(const LumaView& luma, const window::Dot& dot, std::int32_t area) {
+  const std::int64_t nearest = std::min({dot.x.raw(), dot.y.raw(), ((luma.width - 1) << 8) - dot.x.raw(),
+                                         ((luma.height - 1) << 8) - dot.y.raw()});
+  return nearest < 0 || square(nearest) * 355 < (std::int64_t{area} << 16) * 113;  // distance < sqrt(area / pi)
+}
+
 // Looks for marker i at its present position; updates it or declares it lost.
 void look(State& state, const Config& config, const LumaView& luma, std::int32_t i) {
   Marker& marker = state.field.markers[idx(i)];
   Model& model = state.models[idx(i)];
   window::Dot dot{marker.x, marker.y, model.contrast, model.area};
-  marker.valid = window::measure(luma, state.window_size, config.passes, dot) && looks_like_its_dot(model, dot);
+  marker.valid = window::measure(luma, state.window_size, config.passes, dot) && looks_like_its_dot(model, dot) &&
+                 !reaches_over_edge(luma, dot, model.area);
   if (!marker.valid) return;
   marker.x = dot.x;
   marker.y = dot.y;
@@ -130,6 +139,19 @@ void look_for_lost(State& state, const Config& config, const LumaView& luma) {
 }
 
 int lost_count(const State& state) { return state.field.grid.count() - state.field.valid_count(); }
+
+// The outermost lines tell a jump by a whole pitch: one of them then finds no dots. While most of such a line is
+// hidden (dirt, edge of the picture), it cannot tell any more.
+bool outer_line_lost(const State& state) {
+  const GridSize grid = state.field.grid;
+  const auto mostly_lost = [&](std::int32_t first, std::int32_t step, std::int32_t count) {
+    std::int32_t lost = 0;
+    for (std::int32_t k = 0; k < count; ++k) lost += state.field.markers[idx(first + k * step)].valid ? 0 : 1;
+    return lost * 2 > count;
+  };
+  return mostly_lost(0, 1, grid.cols) || mostly_lost((grid.rows - 1) * grid.cols, 1, grid.cols) ||
+         mostly_lost(0, grid.cols, grid.rows) || mostly_lost(grid.cols - 1, grid.cols, grid.rows);
+}
 
 // Finds dots in the whole picture and lays the lattice over them. Centres are then refined by the windows; a marker
 // that no window confirms is not valid.
@@ -207,7 +229,8 @@ Status update(State& state, const Config& config, const LumaView& luma) {
   state.before = state.field;
   for (std::int32_t i = 0; i < state.field.grid.count(); ++i) look(state, config, luma, i);
   keep_order(state);
-  const bool jumped = !state.names_sure || lost_count(state) - lost_before >= config.lost_to_search;
+  const bool jumped = !state.names_sure || lost_count(state) - lost_before >= config.lost_to_search ||
+                      outer_line_lost(state);
   if (!jumped) look_for_lost(state, config, luma);
 
   if (!jumped && lost_count(state) == 0) {

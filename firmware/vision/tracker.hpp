@@ -7,7 +7,8 @@
 // 3. If more are lost than a smear of dirt explains, or one stays lost, dots are found in the whole picture and the
 //    lattice is laid over them anew (grid.hpp). That happens within the same frame.
 // After a jump of half a pitch or more the windows sit on the wrong dots, all in the same way; then the outermost
-// line finds no dot, which is what starts step 3.
+// line finds no dot, which is what starts step 3. While most of an outermost line is hidden, every frame is searched.
+// Limit: a jump of more than half a pitch while a whole line is out of sight has two explanations; the nearer is taken.
 #pragma once
 
 #include <array>
