@@ -30,6 +30,7 @@ supervisor::Config supervisor_config(const Params& params) {
 Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   config_ = pipeline_config(params, auto_size);
+  config_.classifier.loaded = tree_;
   supervisor_config_ = supervisor_config(params);
   if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {

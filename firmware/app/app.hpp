@@ -35,7 +35,8 @@ struct Devices {
 
 class App {
  public:
-  explicit App(const Devices& devices) : devices_(devices) {}
+  // `tree`: a loaded model that decides instead of the compiled one; outlives the App. May be null.
+  explicit App(const Devices& devices, const model::Tree* tree = nullptr) : devices_(devices), tree_(tree) {}
 
   // Checks the parameters, drives both lines LOW and starts the camera. kConfig, kGpioFailed, kCameraGone.
   [[nodiscard]] Status start(const Params& params, bool auto_size = false);
@@ -63,6 +64,7 @@ class App {
   void report();
 
   Devices devices_;
+  const model::Tree* tree_;
   pipeline::Config config_{};
   supervisor::Config supervisor_config_{};
   pipeline::State state_{};

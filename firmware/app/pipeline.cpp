@@ -50,7 +50,7 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
                        state.displacement);
   out.features = features::update(state.features, config.features, state.displacement, frame.timestamp,
                                   state.saturations);
-  out.verdict = classifier::classify(out.features);
+  out.verdict = classifier::classify(config.classifier, out.features);
   out.request = decision::update(state.decision, config.decision, out.verdict, frame.timestamp);
   return out;
 }

@@ -23,6 +23,7 @@ struct Config {
   reference::Config reference;
   displacement::Config displacement;
   features::Config features;
+  classifier::Config classifier;
   decision::Config decision;
   // Fewer valid markers than this share of the grid: the frame tells nothing about the grip.
   int fault_markers_pct = 71;  // 45 of 63

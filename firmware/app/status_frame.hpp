@@ -89,29 +89,29 @@ struct Field {
 
 namespace detail {
 
-template <std::uint8_t kValue>
-std::uint32_t get_constant(const StatusFrame&) {
-  return kValue;
+template <std::uint8_t Value>
+std::uint32_t get_constant(const StatusFrame& /*frame*/) {
+  return Value;
 }
 
-template <auto kMember>
+template <auto Member>
 std::uint32_t get(const StatusFrame& frame) {
-  return static_cast<std::uint32_t>(frame.*kMember);
+  return static_cast<std::uint32_t>(frame.*Member);
 }
 
-template <auto kMember>
+template <auto Member>
 void put(StatusFrame& frame, std::uint32_t value) {
-  frame.*kMember = static_cast<std::remove_cvref_t<decltype(frame.*kMember)>>(value);
+  frame.*Member = static_cast<std::remove_cvref_t<decltype(frame.*Member)>>(value);
 }
 
 inline std::uint32_t get_flags(const StatusFrame& frame) {
   std::uint32_t bits = 0;
-  for (const Flag& flag : kFlags) bits |= (frame.*flag.member ? 1u : 0u) << flag.bit;
+  for (const Flag& flag : kFlags) bits |= (frame.*flag.member ? 1U : 0U) << flag.bit;
   return bits;
 }
 
 inline void put_flags(StatusFrame& frame, std::uint32_t bits) {
-  for (const Flag& flag : kFlags) frame.*flag.member = ((bits >> flag.bit) & 1u) != 0;
+  for (const Flag& flag : kFlags) frame.*flag.member = ((bits >> flag.bit) & 1U) != 0;
 }
 
 }  // namespace detail

@@ -19,7 +19,7 @@ consteval std::array<std::uint16_t, 256> make_table() {
   std::array<std::uint16_t, 256> table{};
   for (std::uint32_t byte = 0; byte < table.size(); ++byte) {
     std::uint32_t crc = byte << 8;
-    for (int bit = 0; bit < 8; ++bit) crc = (crc << 1) ^ ((crc & 0x8000u) != 0 ? kPolynomial : 0u);
+    for (int bit = 0; bit < 8; ++bit) crc = (crc << 1) ^ ((crc & 0x8000U) != 0 ? kPolynomial : 0U);
     table[byte] = static_cast<std::uint16_t>(crc);
   }
   return table;

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <utility>
 
+#include "slip/model.hpp"
 #include "slip/slip_tree.gen.hpp"
 #include "slip/tree_io.hpp"
 
@@ -28,14 +29,19 @@ using Inputs = std::array<std::int32_t, kPaperFeatures.size()>;
   const auto input = [&](const FeatureInfo& feature) {
     return features.rates_valid || !feature.needs_earlier_frame ? feature.read(features) : 0;
   };
-  return [&]<std::size_t... kIndex>(std::index_sequence<kIndex...>) {
-    return Inputs{input(kPaperFeatures[kIndex])...};
+  return [&]<std::size_t... Index>(std::index_sequence<Index...>) {
+    return Inputs{input(kPaperFeatures[Index])...};
   }
   (std::make_index_sequence<kPaperFeatures.size()>{});
 }
 
-[[nodiscard]] constexpr Verdict classify(const Features& features) {
-  return slip_tree::evaluate(inputs(features));
+struct Config {
+  const model::Tree* loaded = nullptr;  // of the feature set `paper`; outlives the pipeline. nullptr: the compiled tree
+};
+
+[[nodiscard]] constexpr Verdict classify(const Config& config, const Features& features) {
+  const Inputs x = inputs(features);
+  return config.loaded != nullptr ? model::evaluate(*config.loaded, x) : slip_tree::evaluate(x);
 }
 
 }  // namespace holdfast::classifier

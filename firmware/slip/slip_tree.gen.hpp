@@ -12,16 +12,23 @@ namespace holdfast::slip_tree {
 
 inline constexpr std::string_view kName = "slip_v1";
 inline constexpr std::string_view kFeatureSet = "paper";
-inline constexpr int kDepth = 3;
-inline constexpr int kNodes = 7;
-inline constexpr std::uint32_t kModelCrc32 = 0x4681102B;  // of the model's text
+inline constexpr int kDepth = 4;
+inline constexpr int kNodes = 13;
+inline constexpr std::uint32_t kModelCrc32 = 0x212C8F7A;  // of the model's text
 
 [[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, 4>& x) {
   const std::int32_t entropy_nat_q16 = x[2];
   const std::int32_t entropy_rate_nat_s_q8 = x[3];
-  if (entropy_nat_q16 <= 58982) return Verdict::kHold;
-  if (entropy_rate_nat_s_q8 <= 768) {
-    if (entropy_nat_q16 <= 124518) return Verdict::kHold;
+  if (entropy_nat_q16 <= 92162) {
+    if (entropy_rate_nat_s_q8 <= 60) return Verdict::kHold;
+    if (entropy_nat_q16 <= 23651) {
+      if (entropy_rate_nat_s_q8 <= 1362) return Verdict::kSlip;
+      return Verdict::kHold;
+    }
+    return Verdict::kHold;
+  }
+  if (entropy_nat_q16 <= 116740) {
+    if (entropy_rate_nat_s_q8 <= -351) return Verdict::kHold;
     return Verdict::kSlip;
   }
   return Verdict::kSlip;

@@ -35,11 +35,11 @@ struct FeatureSet {
 
 namespace tree_io_detail {
 
-template <auto kMember>
+template <auto Member>
 constexpr FeatureInfo feature(std::string_view name, std::string_view unit, int q, bool needs_earlier_frame) {
-  using Value = std::remove_cvref_t<decltype(Features{}.*kMember)>;
-  return {name, unit, q, Value::kMin, Value::kMax, needs_earlier_frame, [](const Features& features) {
-            return (features.*kMember).raw();
+  using Type = std::remove_cvref_t<decltype(Features{}.*Member)>;
+  return {name, unit, q, Type::kMin, Type::kMax, needs_earlier_frame, [](const Features& features) {
+            return (features.*Member).raw();
           }};
 }
 

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// The board of a desk without hardware: the camera films the scene sphere_slip through the sensor's own format
+// (3280x2464 JPEG), lines and link are recorded in memory, text goes to standard output. Time is virtual: the run is
+// over when the grasp is.
+#include "board/board.hpp"
+
+#include <unistd.h>
+
+#include "drivers/sim/camera_grasp.hpp"
+#include "drivers/sim/clock.hpp"
+#include "drivers/sim/gpio.hpp"
+#include "drivers/sim/jpeg_turbo.hpp"
+#include "drivers/sim/scene/scenes.hpp"
+#include "drivers/sim/serial.hpp"
+
+namespace holdfast::board {
+namespace {
+
+class StandardOutput final : public hal::Serial {
+ private:
+  [[nodiscard]] bool do_write(std::span<const std::uint8_t> bytes) override {
+    return ::write(STDOUT_FILENO, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size());
+  }
+  [[nodiscard]] std::size_t do_read(std::span<std::uint8_t>) override { return 0; }
+};
+
+sim::GraspCamera::Config filmed() {
+  sim::GraspCamera::Config config{};
+  config.grasp = scene::sphere_slip();
+  return config;
+}
+
+struct Desk {
+  sim::Clock clock;
+  sim::GraspCamera camera{filmed(), clock};
+  sim::Gpio gpio{clock};
+  sim::Serial link;
+  sim::TurboJpegDecoder jpeg;
+  StandardOutput host;
+  Devices devices{camera, gpio, link, clock, jpeg};
+};
+
+Desk& desk() {
+  static Desk desk;
+  return desk;
+}
+
+}  // namespace
+
+Devices& devices() { return desk().devices; }
+hal::Serial& host() { return desk().host; }
+Params params() { return {}; }
+
+}  // namespace holdfast::board

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// A camera that shows a fixed list of luma pictures, over and over, in virtual time. Takes its memory when
+// built. Not modelled: a queue that overflows. A reader that comes late gets every picture, at once and with
+// its old stamp.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "drivers/sim/clock.hpp"
+#include "hal/camera.hpp"
+#include "vision/luma.hpp"
+
+namespace holdfast::sim {
+
+class CameraMemory final : public hal::Camera {
+ public:
+  struct Config {
+    std::chrono::microseconds period{40'000};   // exposure to exposure: 25 fps
+    std::chrono::microseconds latency{40'000};  // start of exposure to arrival: one period at least
+    std::uint64_t cycles = 1;                   // how often the whole list is shown
+  };
+
+  // `pictures` point at memory of the caller, which outlives the camera.
+  CameraMemory(Clock& clock, std::vector<LumaView> pictures, const Config& config)
+      : clock_(clock), pictures_(std::move(pictures)), config_(config) {}
+
+  // Frames handed out and not given back.
+  [[nodiscard]] int borrowed() const { return borrowed_; }
+
+ private:
+  // Each start begins with the first picture, exposed now, as sequence 0.
+  [[nodiscard]] bool do_start() override;
+  [[nodiscard]] hal::Capture do_next(hal::Frame& frame, std::chrono::microseconds timeout) override;
+  void do_release(const hal::Frame& /*frame*/) override { --borrowed_; }
+  void do_stop() override {}
+
+  Clock& clock_;
+  std::vector<LumaView> pictures_;
+  Config config_;
+  std::chrono::microseconds exposure_{};  // of the next frame
+  std::uint64_t shown_ = 0;               // since start
+  int borrowed_ = 0;
+};
+
+}  // namespace holdfast::sim

@@ -1,0 +1,696 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "drivers/sim/recording.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <optional>
+#include <system_error>
+#include <utility>
+
+#include "drivers/sim/container.hpp"
+#include "vision/luma.hpp"
+
+namespace holdfast::sim {
+
+namespace fs = std::filesystem;
+
+// One kind of input. next() fills bytes, format, size, sequence and damaged; the time stamp goes to `pts_s`.
+class Recording::Source {
+ public:
+  virtual ~Source() = default;
+  virtual Read next(RecordedFrame& frame, std::optional<double>& pts_s) = 0;
+  virtual Read skip() = 0;
+  // -1: unknown. For video it is what the container announces, which may be an estimate.
+  [[nodiscard]] virtual long frames() const = 0;
+  [[nodiscard]] virtual double fps() const { return 0; }
+  [[nodiscard]] const std::string& error() const { return error_; }
+
+ protected:
+  Read fail(Error error) {
+    error_ = std::move(error.line);
+    return Read::kError;
+  }
+
+ private:
+  std::string error_;
+};
+
+namespace {
+
+using SourceResult = Result<std::unique_ptr<Recording::Source>>;
+
+Error fail_line(const fs::path& path, const std::string& what, const std::string& cause,
+                const std::string& next) {
+  return {path.string() + ": " + what + ": " + cause + "; " + next};
+}
+
+std::string size_text(int width, int height) {
+  return std::to_string(width) + "x" + std::to_string(height) + " pixels";
+}
+
+// Libraries must not talk on stderr: it carries our one line.
+void silence_libraries() {
+  static const bool once = [] {
+    ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+    return true;
+  }();
+  (void)once;
+}
+
+// libpng writes its complaints to file descriptor 2 whatever OpenCV's log level says.
+class QuietStderr {
+ public:
+  QuietStderr() : saved_(::dup(STDERR_FILENO)) {
+    const int null = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (null >= 0) {
+      ::dup2(null, STDERR_FILENO);
+      ::close(null);
+    }
+  }
+  ~QuietStderr() {
+    if (saved_ < 0) return;
+    ::dup2(saved_, STDERR_FILENO);
+    ::close(saved_);
+  }
+  QuietStderr(const QuietStderr&) = delete;
+  QuietStderr& operator=(const QuietStderr&) = delete;
+
+ private:
+  int saved_;
+};
+
+bool starts_like_jpeg(std::span<const std::uint8_t> bytes) {
+  return bytes.size() >= 3 && bytes[0] == 0xFF && bytes[1] == 0xD8 && bytes[2] == 0xFF;
+}
+
+std::string lower_extension(const fs::path& path) {
+  std::string text = path.extension().string();
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+bool has_extension(const fs::path& path, std::initializer_list<std::string_view> list) {
+  const std::string text = lower_extension(path);
+  return std::find(list.begin(), list.end(), text) != list.end();
+}
+
+bool is_image_name(const fs::path& path) {
+  return path.filename().string().front() != '.' &&
+         has_extension(path,
+                       {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".webp"});
+}
+
+// Numbers inside names count as numbers: img2 < img10; img02 and img2 are then told apart by their text.
+bool natural_less(const std::string& a, const std::string& b) {
+  const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+  std::size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (!digit(a[i]) || !digit(b[j])) {
+      if (a[i] != b[j]) return static_cast<unsigned char>(a[i]) < static_cast<unsigned char>(b[j]);
+      ++i, ++j;
+      continue;
+    }
+    while (i < a.size() && a[i] == '0') ++i;
+    while (j < b.size() && b[j] == '0') ++j;
+    std::size_t i_end = i, j_end = j;
+    while (i_end < a.size() && digit(a[i_end])) ++i_end;
+    while (j_end < b.size() && digit(b[j_end])) ++j_end;
+    if (i_end - i != j_end - j) return i_end - i < j_end - j;
+    if (const int order = a.compare(i, i_end - i, b, j, j_end - j); order != 0) return order < 0;
+    i = i_end, j = j_end;
+  }
+  if ((i < a.size()) != (j < b.size())) return j < b.size();
+  return a < b;
+}
+
+int smallest_fitting_factor(int width, int height) {
+  int factor = 1;
+  while (width / factor > kMaxLumaWidth || height / factor > kMaxLumaHeight) ++factor;
+  return factor;
+}
+
+// Mean over whole factor x factor boxes, rounded to nearest; the incomplete boxes at the right and at the
+// bottom are left out, so that x_in = (x + 0.5) * factor - 0.5 holds for all.
+void reduce_to(const cv::Mat& grey, int factor, RecordedFrame& frame) {
+  frame.format = hal::PixelFormat::kLuma8;
+  frame.input_width = grey.cols;
+  frame.input_height = grey.rows;
+  frame.width = grey.cols / factor;
+  frame.height = grey.rows / factor;
+  frame.damaged = false;
+  frame.bytes.resize(static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height));
+  const auto area = static_cast<unsigned>(factor) * static_cast<unsigned>(factor);
+  std::uint8_t* out = frame.bytes.data();
+  for (int y = 0; y < frame.height; ++y) {
+    if (factor == 1) {
+      out = std::copy_n(grey.ptr<std::uint8_t>(y), frame.width, out);
+      continue;
+    }
+    for (int x = 0; x < frame.width; ++x) {
+      unsigned sum = area / 2;
+      for (int v = 0; v < factor; ++v) {
+        const std::uint8_t* row = grey.ptr<std::uint8_t>(y * factor + v) + x * factor;
+        for (int u = 0; u < factor; ++u) sum += row[u];
+      }
+      *out++ = static_cast<std::uint8_t>(sum / area);
+    }
+  }
+}
+
+// 8-bit grey of a picture of one or three 8-bit channels; grey inputs are not touched.
+cv::Mat to_grey(const cv::Mat& picture) {
+  if (picture.channels() == 1) return picture;
+  cv::Mat grey;
+  cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
+  return grey;
+}
+
+void take_jpeg(std::span<const std::uint8_t> bytes, RecordedFrame& frame) {
+  const std::optional<JpegExtent> picture = find_jpeg(bytes, 0);
+  frame.format = hal::PixelFormat::kMjpeg;
+  frame.bytes.assign(bytes.begin(), bytes.end());
+  frame.width = picture ? picture->width : 0;
+  frame.height = picture ? picture->height : 0;
+  frame.input_width = frame.width;
+  frame.input_height = frame.height;
+  frame.damaged = !picture || !picture->complete;
+}
+
+std::optional<Error> refuse_small(const fs::path& path, int width, int height) {
+  if (width >= kMinLumaWidth && height >= kMinLumaHeight) return std::nullopt;
+  return fail_line(path, "the picture is too small (" + size_text(width, height) + ")",
+                   "not a GelSight recording, or scaled down too far",
+                   "use one of at least " + size_text(kMinLumaWidth, kMinLumaHeight));
+}
+
+// Reads an image as JPEG bytes or luma. `reduce` as in read_picture().
+std::optional<Error> load_image(const fs::path& path, int reduce, RecordedFrame& frame) {
+  silence_libraries();
+  std::array<std::uint8_t, 3> head{};
+  std::ifstream file(path, std::ios::binary);
+  if (!file) {
+    return fail_line(path, "cannot be read", "no such file, or no permission", "check the path");
+  }
+  file.read(reinterpret_cast<char*>(head.data()), head.size());
+  if (file.gcount() == 0) {
+    return fail_line(path, "holds no picture", "the file is empty (0 bytes)", "write or copy it again");
+  }
+  if (starts_like_jpeg(head)) {
+    const MappedFile mapped(path);
+    take_jpeg(mapped.bytes(), frame);
+    return std::nullopt;
+  }
+  cv::Mat picture;
+  try {
+    const QuietStderr quiet;
+    picture = cv::imread(path.string(), cv::IMREAD_UNCHANGED);
+  } catch (const cv::Exception&) {
+    picture.release();
+  }
+  if (picture.empty()) {
+    return fail_line(path, "cannot be decoded", "not an image, or the file is damaged",
+                     "open it in a picture viewer; use PNG, JPEG, BMP, TIFF, PNM or WebP");
+  }
+  if (picture.depth() != CV_8U) {
+    return fail_line(path, "has more than 8 bits per channel", "written as a 16-bit or floating-point image",
+                     "convert it to 8 bit without alpha");
+  }
+  if (picture.channels() != 1 && picture.channels() != 3) {
+    return fail_line(path, "has an alpha channel", "transparency has no meaning for a camera picture",
+                     "convert it to 8 bit without alpha");
+  }
+  if (auto error = refuse_small(path, picture.cols, picture.rows)) return error;
+  const int factor = reduce > 0 ? reduce : smallest_fitting_factor(picture.cols, picture.rows);
+  try {
+    reduce_to(to_grey(picture), factor, frame);
+  } catch (const cv::Exception& problem) {
+    return fail_line(path, "cannot be converted to grey", problem.err, "convert it to 8-bit grey PNG");
+  }
+  return std::nullopt;
+}
+
+class ImageSource final : public Recording::Source {
+ public:
+  explicit ImageSource(std::vector<fs::path> files) : files_(std::move(files)) {}
+
+  Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
+    pts_s.reset();
+    if (position_ >= files_.size()) return Read::kEnd;
+    const fs::path& path = files_[position_];
+    frame.sequence = static_cast<std::uint32_t>(position_++);
+    if (auto error = load_image(path, 0, frame)) return fail(*error);
+    return check_alike(path, frame);
+  }
+  Read skip() override { return position_ < files_.size() ? (++position_, Read::kFrame) : Read::kEnd; }
+  [[nodiscard]] long frames() const override { return static_cast<long>(files_.size()); }
+
+ private:
+  Read check_alike(const fs::path& path, const RecordedFrame& frame) {
+    if (frame.input_width == 0) return Read::kFrame;  // damaged header: the decoder says so
+    if (like_.empty()) {
+      like_ = path;
+      format_ = frame.format;
+      width_ = frame.input_width, height_ = frame.input_height;
+    }
+    if (frame.format != format_) {
+      return fail(fail_line(path, "is of another kind than " + like_.filename().string(),
+                            "the folder mixes JPEG files with other images", "keep one kind in a folder"));
+    }
+    if (frame.input_width != width_ || frame.input_height != height_) {
+      return fail(fail_line(path,
+                            "is " + size_text(frame.input_width, frame.input_height) + ", but " +
+                                like_.filename().string() + " is " + size_text(width_, height_),
+                            "the folder mixes pictures of several recordings",
+                            "keep pictures of one size in a folder"));
+    }
+    return Read::kFrame;
+  }
+
+  std::vector<fs::path> files_;
+  std::size_t position_ = 0;
+  fs::path like_;  // the first picture, which the others must resemble
+  hal::PixelFormat format_{};
+  int width_ = 0, height_ = 0;
+};
+
+class StreamSource final : public Recording::Source {
+ public:
+  explicit StreamSource(std::unique_ptr<MappedFile> file) : file_(std::move(file)) {}
+
+  Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
+    pts_s.reset();
+    const std::optional<JpegExtent> picture = find_jpeg(file_->bytes(), position_);
+    if (!picture) return Read::kEnd;
+    take_jpeg(file_->bytes().subspan(picture->begin, picture->end - picture->begin), frame);
+    frame.sequence = count_++;
+    position_ = picture->end;
+    return Read::kFrame;
+  }
+  Read skip() override {
+    const std::optional<JpegExtent> picture = find_jpeg(file_->bytes(), position_);
+    if (!picture) return Read::kEnd;
+    ++count_;
+    position_ = picture->end;
+    return Read::kFrame;
+  }
+  [[nodiscard]] long frames() const override { return -1; }
+
+ private:
+  std::unique_ptr<MappedFile> file_;
+  std::size_t position_ = 0;
+  std::uint32_t count_ = 0;
+};
+
+// MJPEG in AVI by our own walk: OpenCV 4.6 gives the same bytes in raw mode (compared in the tests), but no
+// time stamps with them, and it hides the empty chunks that stand for dropped frames.
+class AviSource final : public Recording::Source {
+ public:
+  AviSource(std::unique_ptr<MappedFile> file, AviIndex index)
+      : file_(std::move(file)), index_(std::move(index)) {}
+
+  Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
+    if (skip_dropped() == Read::kEnd) return Read::kEnd;
+    const AviChunk chunk = index_.chunks[position_];
+    pts_s = index_.fps > 0 ? std::optional(static_cast<double>(position_) / index_.fps) : std::nullopt;
+    take_jpeg(file_->bytes().subspan(chunk.offset, chunk.size), frame);
+    frame.sequence = static_cast<std::uint32_t>(position_++);
+    return Read::kFrame;
+  }
+  Read skip() override {
+    if (skip_dropped() == Read::kEnd) return Read::kEnd;
+    ++position_;
+    return Read::kFrame;
+  }
+  [[nodiscard]] long frames() const override {
+    return std::count_if(index_.chunks.begin(), index_.chunks.end(), [](AviChunk c) { return c.size > 0; });
+  }
+  [[nodiscard]] double fps() const override { return index_.fps; }
+
+ private:
+  Read skip_dropped() {
+    while (position_ < index_.chunks.size() && index_.chunks[position_].size == 0) ++position_;
+    return position_ < index_.chunks.size() ? Read::kFrame : Read::kEnd;
+  }
+
+  std::unique_ptr<MappedFile> file_;
+  AviIndex index_;
+  std::size_t position_ = 0;
+};
+
+// Everything else through OpenCV. In raw mode (MJPEG in MP4, Matroska, ...) OpenCV 4.6 gives packets without
+// time stamps, so a second capture that decodes runs beside it for them.
+class VideoSource final : public Recording::Source {
+ public:
+  enum class Mode : std::uint8_t { kDecoded, kPackets };
+
+  VideoSource(fs::path path, Mode mode) : path_(std::move(path)), mode_(mode) {
+    try {
+      silence_libraries();
+      // An absolute path cannot be taken for a protocol ("a:b.avi").
+      const std::string name = fs::absolute(path_).string();
+      // Not CAP_ANY: it also looks for USB photo cameras (gphoto2), slowly and with leaks.
+      for (const int backend : {cv::CAP_FFMPEG, cv::CAP_GSTREAMER, cv::CAP_OPENCV_MJPEG}) {
+        if (capture_.open(name, backend)) break;
+      }
+      if (!capture_.isOpened()) return;
+      announced_ = count_from(capture_.get(cv::CAP_PROP_FRAME_COUNT));
+      fps_ = capture_.get(cv::CAP_PROP_FPS);
+      if (mode_ == Mode::kPackets) {
+        if (!capture_.set(cv::CAP_PROP_FORMAT, -1)) capture_.release();
+        stamps_.open(name, cv::CAP_FFMPEG);
+      }
+    } catch (const cv::Exception&) {
+      capture_.release();
+    }
+  }
+
+  [[nodiscard]] bool is_open() const { return capture_.isOpened(); }
+
+  Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
+    try {
+      pts_s.reset();
+      if (skip() == Read::kEnd) return check_end();
+      cv::VideoCapture& clock = mode_ == Mode::kPackets ? stamps_ : capture_;
+      const double pts_ms = clock.isOpened() ? clock.get(cv::CAP_PROP_POS_MSEC) : 0;
+      if (pts_ms > 0 || count_ == 1) pts_s = pts_ms / 1000;
+      cv::Mat picture;
+      if (!capture_.retrieve(picture) || picture.empty()) return check_end();
+      frame.sequence = static_cast<std::uint32_t>(count_ - 1);
+      last_s_ = pts_s.value_or(0);
+      if (count_ == 1) first_s_ = last_s_;
+      if (mode_ == Mode::kPackets) {
+        take_jpeg({picture.data, picture.total() * picture.elemSize()}, frame);
+        return Read::kFrame;
+      }
+      if (picture.depth() != CV_8U || (picture.channels() != 1 && picture.channels() != 3)) {
+        return fail(fail_line(path_, "has more than 8 bits per channel, or alpha",
+                              "a scientific or edited video", "convert it to 8 bit, for instance to MJPEG"));
+      }
+      reduce_to(to_grey(picture), smallest_fitting_factor(picture.cols, picture.rows), frame);
+      return Read::kFrame;
+    } catch (const cv::Exception& problem) {
+      return fail(fail_line(path_, "stops after " + std::to_string(count_) + " frames", problem.err,
+                            "play it in a video player; convert it to MJPEG"));
+    }
+  }
+  Read skip() override {
+    try {
+      if (!capture_.grab()) return Read::kEnd;
+      if (stamps_.isOpened() && !stamps_.grab()) stamps_.release();
+    } catch (const cv::Exception&) {
+      return Read::kEnd;
+    }
+    ++count_;
+    return Read::kFrame;
+  }
+  [[nodiscard]] long frames() const override { return announced_; }
+  [[nodiscard]] double fps() const override { return fps_; }
+
+ private:
+  static long count_from(double value) { return value >= 1 && value < 1e9 ? std::lround(value) : -1; }
+
+  // Some containers announce an estimate (duration x rate), so the time covered is compared, not the count;
+  // two frames and 1 % are left for rounding and for frames that the codec holds back.
+  Read check_end() {
+    if (announced_ < 0 || count_ == 0) return Read::kEnd;
+    const double by_time = (last_s_ - first_s_) * fps_ + 1;
+    const double covered = std::max(static_cast<double>(count_), by_time);
+    if (covered >= static_cast<double>(announced_) * 0.99 - 2) return Read::kEnd;
+    return fail(fail_line(
+        path_,
+        "stops after " + std::to_string(count_) + " of " + std::to_string(announced_) + " announced frames",
+        "the file is truncated or damaged", "copy it again, or record it again"));
+  }
+
+  fs::path path_;
+  Mode mode_;
+  cv::VideoCapture capture_;
+  cv::VideoCapture stamps_;
+  long announced_ = -1;
+  long count_ = 0;
+  double fps_ = 0;
+  double first_s_ = 0;
+  double last_s_ = 0;
+};
+
+SourceResult open_folder(const fs::path& path) {
+  std::vector<fs::path> files;
+  std::error_code ec;
+  bool any = false;
+  for (fs::directory_iterator it(path, ec), end; !ec && it != end; it.increment(ec)) {
+    any = true;
+    std::error_code ignored;
+    if (is_image_name(it->path()) && it->is_regular_file(ignored)) files.push_back(it->path());
+  }
+  if (ec) return fail_line(path, "the folder cannot be read", ec.message(), "check its permissions");
+  if (files.empty()) {
+    return fail_line(path, any ? "the folder holds no images" : "the folder is empty",
+                     any ? "its files are of other kinds" : "wrong folder, or the export failed",
+                     "give a folder of PNG, JPEG, BMP, TIFF, PNM or WebP files");
+  }
+  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
+    return natural_less(a.filename().string(), b.filename().string());
+  });
+  return std::make_unique<ImageSource>(std::move(files));
+}
+
+SourceResult open_video(const fs::path& path) {
+  auto packets = std::make_unique<VideoSource>(path, VideoSource::Mode::kPackets);
+  if (packets->is_open()) {
+    RecordedFrame first;
+    std::optional<double> pts_s;
+    if (packets->next(first, pts_s) == Read::kFrame && starts_like_jpeg(first.bytes) && !first.damaged) {
+      return std::make_unique<VideoSource>(path, VideoSource::Mode::kPackets);
+    }
+  }
+  auto decoded = std::make_unique<VideoSource>(path, VideoSource::Mode::kDecoded);
+  if (!decoded->is_open()) {
+    return fail_line(path, "is not a video that can be opened",
+                     "not a video, a damaged header, or an unknown codec",
+                     "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");
+  }
+  return decoded;
+}
+
+SourceResult open_avi(const fs::path& path, std::unique_ptr<MappedFile> file, AviIndex index) {
+  const auto found = static_cast<long>(index.chunks.size());
+  if (index.truncated) {
+    return fail_line(path,
+                     "the AVI is truncated: it holds " + std::to_string(found) + " whole frames of " +
+                         (index.announced > found ? std::to_string(index.announced) : "an unknown number"),
+                     "an interrupted copy, a full disk, or a recorder that was killed",
+                     "copy or record it again, or save the rest with 'ffmpeg -i IN.avi -c copy OUT.avi'");
+  }
+  const auto first =
+      std::find_if(index.chunks.begin(), index.chunks.end(), [](AviChunk c) { return c.size > 0; });
+  if (first == index.chunks.end()) return open_video(path);  // chunks of a kind that only a codec knows
+  if (!starts_like_jpeg(file->bytes().subspan(first->offset, first->size))) return open_video(path);
+  return std::make_unique<AviSource>(std::move(file), std::move(index));
+}
+
+SourceResult open_source(const fs::path& path) {
+  silence_libraries();
+  std::error_code ec;
+  const fs::file_status status = fs::status(path, ec);
+  if (!fs::exists(status)) {
+    return fail_line(path, "cannot be read", ec ? ec.message() : "no such file", "check the path");
+  }
+  if (fs::is_directory(status)) return open_folder(path);
+  if (!fs::is_regular_file(status)) {
+    return fail_line(path, "cannot be read", "neither a file nor a folder",
+                     "save the stream to a file first");
+  }
+  if (fs::file_size(path, ec) == 0 && !ec) {
+    return fail_line(path, "holds no frames", "the file is empty (0 bytes)", "copy or record it again");
+  }
+  auto file = std::make_unique<MappedFile>(path);
+  if (file->bytes().empty())
+    return fail_line(path, "cannot be read", "no permission", "check its permissions");
+  if (starts_like_jpeg(file->bytes()) || has_extension(path, {".mjpg", ".mjpeg"})) {
+    return std::make_unique<StreamSource>(std::move(file));
+  }
+  if (is_image_name(path)) return std::make_unique<ImageSource>(std::vector<fs::path>{path});
+  if (auto index = index_avi(file->bytes())) return open_avi(path, std::move(file), std::move(*index));
+  return open_video(path);
+}
+
+// Reads up to the first frame that tells the size: the first one, unless it is a damaged JPEG.
+Result<RecordingInfo> probe(const fs::path& path, Recording::Source& source, RecordingOptions options) {
+  RecordedFrame frame;
+  std::optional<double> pts_s;
+  bool mjpeg = false;
+  for (;;) {
+    const Read read = source.next(frame, pts_s);
+    if (read == Read::kError) return Error{source.error()};
+    if (read == Read::kEnd) {
+      return mjpeg
+                 ? fail_line(path, "holds no whole JPEG picture", "damaged, or not an MJPEG stream",
+                             "record it again")
+                 : fail_line(path, "holds no frames", "an empty recording, or a codec that cannot be decoded",
+                             "play it in a video player; convert it to MJPEG");
+    }
+    mjpeg = frame.format == hal::PixelFormat::kMjpeg;
+    if (!mjpeg || (!frame.damaged && frame.width > 0)) break;
+  }
+  RecordingInfo info;
+  info.mjpeg = mjpeg;
+  info.frames = source.frames();
+  const double fps = source.fps();
+  info.fps = std::isfinite(fps) && fps >= 0.5 && fps <= 1000 ? fps : 0;
+  const double wanted = options.fps > 0 ? options.fps : kDefaultFps;
+  info.time_base_fps = info.fps > 0 ? info.fps : wanted;
+  info.width = frame.input_width;
+  info.height = frame.input_height;
+  if (auto error = refuse_small(path, info.width, info.height)) return *error;
+  if (auto error = refuse_small(path, frame.width, frame.height)) return *error;
+  if (!mjpeg) info.scale = info.width / frame.width;
+  return info;
+}
+
+enum class Until : std::uint8_t { kFirst, kEnd };
+
+struct Walk {
+  long frames = 0;                     // how many there were until the walk ended
+  std::optional<RecordedFrame> frame;  // the last one read
+};
+
+// Skips `from` frames, then reads one, or all up to the end.
+Result<Walk> walk(const fs::path& path, long from, Until until) {
+  SourceResult opened = open_source(path);
+  if (auto* error = std::get_if<Error>(&opened)) return *error;
+  Recording::Source& source = *std::get<0>(opened);
+  Walk walked;
+  RecordedFrame frame;
+  std::optional<double> pts_s;
+  for (;; ++walked.frames) {
+    const bool fetch = walked.frames >= from;
+    const Read read = fetch ? source.next(frame, pts_s) : source.skip();
+    if (read == Read::kError) return Error{source.error()};
+    if (read == Read::kEnd) return walked;
+    if (!fetch) continue;
+    frame.index = walked.frames;
+    walked.frame = frame;
+    if (until == Until::kFirst) return walked;
+  }
+}
+
+}  // namespace
+
+Recording::Recording(fs::path path, RecordingOptions options, RecordingInfo info,
+                     std::unique_ptr<Source> source)
+    : path_(std::move(path)), options_(options), info_(info), source_(std::move(source)) {}
+Recording::Recording(Recording&&) noexcept = default;
+Recording& Recording::operator=(Recording&&) noexcept = default;
+Recording::~Recording() = default;
+
+Result<Recording> Recording::open(const fs::path& path, RecordingOptions options) {
+  SourceResult probed = open_source(path);
+  if (auto* error = std::get_if<Error>(&probed)) return *error;
+  Result<RecordingInfo> info = probe(path, *std::get<0>(probed), options);
+  if (auto* error = std::get_if<Error>(&info)) return *error;
+  Recording recording(path, options, std::get<RecordingInfo>(info), nullptr);
+  if (!recording.rewind()) return Error{recording.error_};
+  return recording;
+}
+
+bool Recording::rewind() {
+  SourceResult source = open_source(path_);
+  if (auto* error = std::get_if<Error>(&source)) {
+    error_ = error->line;
+    return false;
+  }
+  source_ = std::move(std::get<0>(source));
+  error_.clear();
+  count_ = 0;
+  last_time_ = Micros{};
+  first_pts_s_ = 0;
+  return true;
+}
+
+Read Recording::next(RecordedFrame& frame) {
+  if (!error_.empty()) return Read::kError;
+  std::optional<double> pts_s;
+  const Read read = source_->next(frame, pts_s);
+  if (read == Read::kError) error_ = source_->error();
+  if (read != Read::kFrame) return read;
+  // A container's stamp is believed while it moves forward by less than an hour; otherwise the time base
+  // decides.
+  if (count_ == 0) {
+    first_pts_s_ = pts_s.value_or(0);
+    frame.time = Micros{};
+  } else {
+    const double since_first_s = pts_s.value_or(0) - first_pts_s_;
+    const Micros stamped{since_first_s < 1e9 ? std::llround(since_first_s * 1e6) : 0};
+    const bool plausible = stamped > last_time_ && stamped - last_time_ < std::chrono::hours(1);
+    // n / fps is rounded once, not summed up: 18.75 fps must not drift.
+    const double step_us = 1e6 / info_.time_base_fps;
+    const Micros step{std::llround(step_us)};
+    const Micros counted{std::llround(static_cast<double>(frame.sequence) * step_us)};
+    const bool in_step = counted - last_time_ >= step - Micros{1};
+    frame.time = plausible ? stamped : in_step ? counted : last_time_ + step;
+  }
+  last_time_ = frame.time;
+  frame.index = count_++;
+  return Read::kFrame;
+}
+
+Result<RecordedFrame> Recording::at(std::string_view which) const {
+  const auto no_frame = [&](const std::string& cause, long frames) {
+    const std::string range = frames > 0 ? " to " + std::to_string(frames - 1) : "";
+    return fail_line(path_, "no frame '" + std::string(which) + "'", cause,
+                     "give first, last or a number from 0" + range);
+  };
+  if (which == "last") {
+    // All but the announced end is skipped; when the end comes earlier, a second walk knows where.
+    Result<Walk> walked = walk(path_, std::max(info_.frames - 1, 0L), Until::kEnd);
+    if (auto* walk_result = std::get_if<Walk>(&walked); walk_result != nullptr && !walk_result->frame) {
+      walked = walk(path_, std::max(walk_result->frames - 1, 0L), Until::kFirst);
+    }
+    if (auto* error = std::get_if<Error>(&walked)) return *error;
+    Walk& result = std::get<Walk>(walked);
+    if (!result.frame) return no_frame("the recording has no frames", 0);
+    return std::move(*result.frame);
+  }
+  long wanted = 0;
+  if (which != "first") {
+    const auto [end, ec] = std::from_chars(which.data(), which.data() + which.size(), wanted);
+    if (ec != std::errc{} || end != which.data() + which.size() || wanted < 0) {
+      return no_frame("not a name or number of a frame", info_.frames);
+    }
+  }
+  Result<Walk> walked = walk(path_, wanted, Until::kFirst);
+  if (auto* error = std::get_if<Error>(&walked)) return *error;
+  Walk& result = std::get<Walk>(walked);
+  if (!result.frame) {
+    return no_frame("the recording has " + std::to_string(result.frames) + " frames", result.frames);
+  }
+  return std::move(*result.frame);
+}
+
+Result<RecordedFrame> read_picture(const fs::path& path, int reduce) {
+  RecordedFrame frame;
+  if (auto error = load_image(path, reduce, frame)) return *error;
+  if (frame.format == hal::PixelFormat::kMjpeg && frame.damaged) {
+    return fail_line(path, "the JPEG picture is cut off", "an interrupted copy or a full disk",
+                     "save it again");
+  }
+  return frame;
+}
+
+}  // namespace holdfast::sim

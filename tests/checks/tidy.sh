@@ -1,0 +1,84 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# clang-tidy over every source of ours that the sim board compiles, as .clang-tidy says; any finding is an error.
+#   tests/checks/tidy.sh [BUILD_DIR]      default build/sim, configured and built
+# A file that passed is not looked at again until it, a header of ours that it includes, its compile command, the
+# tool or a .clang-tidy changes: each pass leaves a stamp named by the hash of all these in BUILD_DIR/tidy.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+# shellcheck source=tests/checks/sources.sh
+source tests/checks/sources.sh
+
+root=$PWD
+build=${1:-build/sim}
+[[ -f $build/compile_commands.json ]] || {
+  echo "error: no $build/compile_commands.json (not configured). Next: cmake --preset sim, or tests/run.sh" >&2
+  exit 1
+}
+tool=$(command -v clang-tidy-14 || command -v clang-tidy) || {
+  echo "error: no clang-tidy (not installed). Next: apt-get install clang-tidy, or run tests/run.sh" >&2
+  exit 1
+}
+stamps=$build/tidy
+mkdir -p "$stamps"
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+# CMake writes one key a line. A file that is compiled twice is checked with its first command.
+awk -v root="$root/" '
+  { key = $1; value = $0; sub(/^ *"[a-z]*": "/, "", value); sub(/",?$/, "", value) }
+  key == "\"command\":" { command = value }
+  key == "\"file\":" {
+    if (index(value, root) == 1 && !seen[value]++) print substr(value, length(root) + 1) "\t" command
+  }' "$build/compile_commands.json" | sort >"$work/commands"
+# object file -> our headers and sources that it was made of, as ninja recorded them.
+ninja -C "$build" -t deps 2>/dev/null | awk -v root="$root/" '
+  /^[^ ].*: #deps/ { object = $1; sub(/:$/, "", object) }
+  /^ / { if (index($1, root) == 1) print object "\t" substr($1, length(root) + 1) }' >"$work/deps"
+rules=$({ "$tool" --version; find . -name .clang-tidy -not -path './build/*' -exec cat {} +; } | sha256sum)
+
+total=0 known=0
+our_sources '*.cpp' | while read -r file; do
+  command=$(awk -F '\t' -v file="$file" '$1 == file { print $2; exit }' "$work/commands")
+  [[ -n $command ]] || continue
+  object=$(sed -n 's/.* -o \([^ ]*\) .*/\1/p' <<<"$command")
+  mapfile -t made_of < <(awk -F '\t' -v object="$object" '$1 == object { print $2 }' "$work/deps")
+  key=none
+  if ((${#made_of[@]} > 0)); then
+    key=$({ echo "$rules $command" && cat "$file" "${made_of[@]}"; } 2>/dev/null | sha256sum | cut -d ' ' -f 1) || key=none
+  fi
+  printf '%s\t%s\n' "$file" "$key"
+done >"$work/files"
+
+while IFS=$'\t' read -r file key; do
+  total=$((total + 1))
+  if [[ $key != none && -e $stamps/$key ]]; then
+    known=$((known + 1))
+  else
+    printf '%s\n%s\n' "$file" "$key"
+  fi
+done <"$work/files" >"$work/todo"
+
+# check FILE KEY: one file; its findings only when there are any. Run by xargs below.
+# shellcheck disable=SC2317
+check() {
+  local log=$work/log.$$
+  if "$tool" -p "$build" --quiet --warnings-as-errors='*' --extra-arg=-Wno-unknown-warning-option "$1" \
+    >"$log" 2>&1; then
+    [[ $2 == none ]] || : >"$stamps/$2"
+  else
+    grep -vE '^[0-9]+ warnings? (generated|treated as error)' "$log" || true
+    return 1
+  fi
+}
+export -f check
+export tool build stamps work
+
+status=0
+if [[ -s $work/todo ]]; then
+  xargs -d '\n' -n 2 -P "$(nproc)" bash -c 'check "$@"' check <"$work/todo" || status=1
+fi
+left_out=$(comm -23 <(our_sources '*.cpp') <(cut -f 1 "$work/files" | sort) | tr '\n' ' ')
+[[ -z $left_out ]] || echo "tidy: not compiled for this board, so not checked: $left_out"
+echo "tidy: $total files, $known of them unchanged since they passed$( ((status == 0)) || echo ', findings above')"
+exit "$status"

@@ -1,0 +1,374 @@
+// SPDX-License-Identifier: Apache-2.0
+// Oracles: quadrature of Boussinesq's and Cerruti's point-load solutions over the textbook tractions, force
+// balance, finite differences, and the limits where the answer is known without a formula.
+#include "drivers/sim/scene/contact_closed.hpp"
+
+#include <array>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast::scene;
+using std::numbers::pi;
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr Gel kGel{0.1, 0.49};
+constexpr double kSphere_mm = 8.0;
+constexpr double kPress_n = 8.0;
+constexpr double kFriction = 0.6;
+
+FrictionContact contact_of(double friction = kFriction) {
+  return {kGel, press_sphere(kGel, kSphere_mm, kPress_n), friction};
+}
+
+// Cerruti: surface motion under a tangential point load q dA along x at distance s, direction phi:
+//   ux = q dA / (2 pi G s) ((1 - nu) + nu cos^2 phi),  uy = q dA / (2 pi G s) nu cos phi sin phi.
+// Polar around the field point: the 1/s goes with the area element s ds dphi. `traction` depends on r alone
+// and is 0 outside `radius`; nodes gather at the ends of each ray, where a dome's slope is infinite.
+Vec2 cerruti(const Gel& gel, double radius, const std::function<double(double)>& traction, Vec2 at) {
+  constexpr int kRays = 2000;
+  constexpr int kNodes = 300;
+  Vec2 u;
+  for (int i = 0; i < kRays; ++i) {
+    const double phi = (i + 0.5) * 2.0 * pi / kRays;
+    const double c = std::cos(phi);
+    const double s = std::sin(phi);
+    const double along = at.x * c + at.y * s;
+    const double chord2 = along * along - (at.x * at.x + at.y * at.y - radius * radius);
+    if (chord2 <= 0.0) continue;
+    const double near = std::max(0.0, -along - std::sqrt(chord2));
+    const double far = std::max(0.0, -along + std::sqrt(chord2));
+    double ray = 0.0;
+    for (int k = 0; k < kNodes; ++k) {
+      const double angle = (k + 0.5) * pi / kNodes;
+      const double way = near + (far - near) * 0.5 * (1.0 - std::cos(angle));
+      ray += traction(std::hypot(at.x + way * c, at.y + way * s)) * std::sin(angle);
+    }
+    ray *= (far - near) * 0.5 * pi / kNodes;
+    u.x += ((1.0 - gel.poisson) + gel.poisson * c * c) * ray;
+    u.y += gel.poisson * c * s * ray;
+  }
+  const double scale = 2.0 * pi / kRays / (2.0 * pi * gel.shear_modulus_mpa);
+  return {u.x * scale, u.y * scale};
+}
+
+// Traction as the textbook writes it, with p0 and both square roots.
+double textbook_traction(const FrictionContact& contact, double c, double r) {
+  const double a = contact.press.contact_radius_mm;
+  const double limit = contact.friction * contact.press.peak_pressure_mpa;
+  double q = r < a ? limit * std::sqrt(1.0 - r * r / (a * a)) : 0.0;
+  if (r < c) q -= limit * (c / a) * std::sqrt(1.0 - r * r / (c * c));
+  return q;
+}
+
+void check_finite(Vec2 u) {
+  CHECK(std::isfinite(u.x));
+  CHECK(std::isfinite(u.y));
+}
+
+constexpr std::array<Vec2, 8> kPoints{
+    {{0, 0}, {1, 0.5}, {2, -1.5}, {3.6, 0.2}, {0.4, 4.3}, {5, 2}, {-7, 1}, {1, 11}}};
+
+}  // namespace
+
+TEST_GROUP(Contact){};
+
+TEST(Contact, HertzCarriesTheForceAndMeetsTheSphere) {
+  const Press press = press_sphere(kGel, kSphere_mm, kPress_n);
+  const double a = press.contact_radius_mm;
+  // Sum of the pressure over rings, and Boussinesq's sinking (1 - nu) / G * integral of p dr in the centre.
+  double force = 0.0;
+  double sinking = 0.0;
+  constexpr int kRings = 200000;
+  for (int i = 0; i < kRings; ++i) {
+    const double r = (i + 0.5) * a / kRings;
+    const double p = press.peak_pressure_mpa * std::sqrt(1.0 - r * r / (a * a));
+    force += 2.0 * pi * r * p * a / kRings;
+    sinking += (1.0 - kGel.poisson) / kGel.shear_modulus_mpa * p * a / kRings;
+  }
+  DOUBLES_EQUAL(kPress_n, force, 1e-6 * kPress_n);  // N; quadrature error of the rim's infinite slope
+  DOUBLES_EQUAL(press.depth_mm, sinking, 1e-6 * press.depth_mm);
+  DOUBLES_EQUAL(a * a / kSphere_mm, press.depth_mm, 1e-12);
+  DOUBLES_EQUAL(2.0 * 0.1 / 0.51, effective_modulus_mpa(kGel), 1e-12);
+}
+
+TEST(Contact, StickRadiusBalancesTheForce) {
+  const FrictionContact contact = contact_of();
+  const double a = contact.press.contact_radius_mm;
+  for (const double load : {0.1, 0.5, 0.9, 0.999}) {
+    const double force = load * kFriction * kPress_n;
+    const double c = shear_by_force(contact, force).stick_radius_mm;
+    double sum = 0.0;
+    constexpr int kRings = 200000;
+    for (int i = 0; i < kRings; ++i) {
+      const double r = (i + 0.5) * a / kRings;
+      sum += 2.0 * pi * r * textbook_traction(contact, c, r) * a / kRings;
+    }
+    DOUBLES_EQUAL(force, sum, 1e-5 * force);
+  }
+}
+
+TEST(Contact, FieldAgreesWithCerrutisIntegral) {
+  const FrictionContact contact = contact_of();
+  for (const double load : {0.3, 0.9, 1.0}) {
+    const Shear shear = shear_by_force(contact, load * kFriction * kPress_n);
+    for (const Vec2 at : kPoints) {
+      // Two integrals, one per dome: each has its infinite slope at the end of its own rays.
+      const double a = contact.press.contact_radius_mm;
+      const double c = shear.stick_radius_mm;
+      const Vec2 full = cerruti(
+          kGel, a, [&](double r) { return textbook_traction(contact, 0.0, r); }, at);
+      Vec2 stick;
+      if (c > 0.0) {
+        stick = cerruti(
+            kGel, c,
+            [&](double r) { return textbook_traction(contact, 0.0, r) - textbook_traction(contact, c, r); },
+            at);
+      }
+      const Vec2 u = shear_field_mm(contact, shear, at);
+      // 1e-4 of the largest motion in the field: the quadrature's own error.
+      DOUBLES_EQUAL(full.x - stick.x, u.x, 1e-4 * shear.displacement_mm);
+      DOUBLES_EQUAL(full.y - stick.y, u.y, 1e-4 * shear.displacement_mm);
+    }
+  }
+}
+
+TEST(Contact, StickZoneMovesAsOneByDelta) {
+  const FrictionContact contact = contact_of();
+  for (const double load : {0.1, 0.5, 0.9, 0.999}) {
+    const Shear shear = shear_by_force(contact, load * kFriction * kPress_n);
+    for (const double r : {0.0, 0.3, 0.7, 0.99, 1.0}) {
+      for (double angle = 0.0; angle < 6.0; angle += 0.7) {
+        const Vec2 at{r * shear.stick_radius_mm * std::cos(angle),
+                      r * shear.stick_radius_mm * std::sin(angle)};
+        const Vec2 u = shear_field_mm(contact, shear, at);
+        // The two domes cancel digits as 1 / load; the point on the circle itself may round to outside.
+        const double tolerance = (r < 1.0 ? 1e-12 : 1e-7) * shear.displacement_mm;
+        DOUBLES_EQUAL(shear.displacement_mm, u.x, tolerance);
+        DOUBLES_EQUAL(0.0, u.y, tolerance);
+      }
+    }
+    // In the annulus the gel lags behind the object.
+    const double between = 0.5 * (shear.stick_radius_mm + contact.press.contact_radius_mm);
+    CHECK(shear_field_mm(contact, shear, {between, 0.0}).x < shear.displacement_mm);
+  }
+}
+
+TEST(Contact, GrossDisplacementIsWhereTheStickDiscVanishes) {
+  const FrictionContact contact = contact_of();
+  const double gross = gross_displacement_mm(contact);
+  // The centre of a contact whose traction is mu p everywhere.
+  const Vec2 u = cerruti(kGel, contact.press.contact_radius_mm,
+                         [&](double r) { return textbook_traction(contact, 0.0, r); }, {});
+  DOUBLES_EQUAL(u.x, gross, 1e-5 * gross);
+  CHECK_FALSE(shear_by_displacement(contact, gross * (1.0 - 1e-12)).sliding);
+  CHECK_TRUE(shear_by_displacement(contact, gross).sliding);
+  DOUBLES_EQUAL(kFriction * kPress_n, shear_by_displacement(contact, 3.0 * gross).force_n, 1e-15);
+}
+
+TEST(Contact, TangentStiffnessIsTheSlope) {
+  const FrictionContact contact = contact_of();
+  const double gross = gross_displacement_mm(contact);
+  for (const double share : {0.01, 0.3, 0.7, 0.95}) {
+    const double step = 1e-5 * gross;
+    const double slope = (shear_by_displacement(contact, share * gross + step).force_n -
+                          shear_by_displacement(contact, share * gross - step).force_n) /
+                         (2.0 * step);
+    const Shear shear = shear_by_displacement(contact, share * gross);
+    // Central difference: error of the third derivative and of 1e-16 / 1e-5, both below 1e-7.
+    DOUBLES_EQUAL(slope, tangent_stiffness_n_per_mm(contact, shear), 1e-7 * slope);
+  }
+  DOUBLES_EQUAL(0.0, tangent_stiffness_n_per_mm(contact, shear_by_displacement(contact, 2.0 * gross)), 0.0);
+}
+
+TEST(Contact, ForceAndDisplacementUndoEachOther) {
+  const FrictionContact contact = contact_of();
+  for (const double load : {1e-300, 1e-15, 1e-9, 1e-3, 0.2, 0.7, 0.99, 0.999999}) {
+    for (const double sign : {1.0, -1.0}) {
+      const double force = sign * load * kFriction * kPress_n;
+      const Shear there = shear_by_force(contact, force);
+      const Shear back = shear_by_displacement(contact, there.displacement_mm);
+      // Near gross slip dQ/ddelta -> 0, so the way back loses nothing; 1e-14 is a few roundings.
+      DOUBLES_EQUAL(force, back.force_n, 1e-14 * std::abs(force));
+      DOUBLES_EQUAL(there.stick_radius_mm, back.stick_radius_mm, 1e-10);
+    }
+  }
+}
+
+TEST(Contact, SmallLoadsKeepAllDigits) {
+  const FrictionContact contact = contact_of();
+  const double a = contact.press.contact_radius_mm;
+  for (const double force : {1e-300, 1e-30, 1e-18, 1e-12, 1e-9}) {
+    const double rigid = force * (2.0 - kGel.poisson) / (8.0 * kGel.shear_modulus_mpa * a);
+    const Shear shear = shear_by_force(contact, force);
+    // Next term of the series: load / 6.
+    DOUBLES_EQUAL(rigid, shear.displacement_mm, (1e-14 + force) * rigid);
+    for (const Vec2 at : kPoints) {
+      // 1e-5: what the switch between the two forms of the field costs at its worst.
+      const Vec2 u = shear_field_mm(contact, shear, at);
+      const Vec2 stuck = stuck_field_mm(kGel, a, force, at);
+      DOUBLES_EQUAL(stuck.x, u.x, 1e-5 * rigid);
+      DOUBLES_EQUAL(stuck.y, u.y, 1e-5 * rigid);
+    }
+  }
+}
+
+TEST(Contact, BondedIsTheLimitOfHighFriction) {
+  const FrictionContact bonded = contact_of(kInfinity);
+  const FrictionContact rough = contact_of(1e6);
+  const Shear a = shear_by_force(bonded, 2.0);
+  const Shear b = shear_by_force(rough, 2.0);
+  DOUBLES_EQUAL(b.displacement_mm, a.displacement_mm, 1e-6 * a.displacement_mm);
+  DOUBLES_EQUAL(2.0, shear_by_displacement(bonded, a.displacement_mm).force_n, 1e-14);
+  DOUBLES_EQUAL(0.0, slip_fraction(bonded, a), 0.0);
+  CHECK_FALSE(a.sliding);
+  CHECK(std::isinf(gross_displacement_mm(bonded)));
+  for (const Vec2 at : kPoints) {
+    const Vec2 u = shear_field_mm(bonded, a, at);
+    const Vec2 v = shear_field_mm(rough, b, at);
+    DOUBLES_EQUAL(v.x, u.x, 1e-6 * a.displacement_mm);
+    DOUBLES_EQUAL(v.y, u.y, 1e-6 * a.displacement_mm);
+  }
+}
+
+TEST(Contact, FarAwayTheContactIsAPointLoad) {
+  const FrictionContact contact = contact_of();
+  const double a = contact.press.contact_radius_mm;
+  for (const double load : {0.4, 1.0}) {
+    const double force = load * kFriction * kPress_n;
+    const Shear shear = shear_by_force(contact, force);
+    for (const double distance : {1e3, 1e6, 1e12}) {
+      for (const double angle : {0.0, 0.6, pi / 2.0, 4.0}) {
+        const double r = distance * a;
+        const Vec2 u = shear_field_mm(contact, shear, {r * std::cos(angle), r * std::sin(angle)});
+        const double point = force / (2.0 * pi * kGel.shear_modulus_mpa * r);
+        const double c = std::cos(angle);
+        // The contact's size enters with (a/r)^2 = 1e-6 at most.
+        DOUBLES_EQUAL(point * (1.0 - kGel.poisson + kGel.poisson * c * c), u.x, 1e-6 * point);
+        DOUBLES_EQUAL(point * kGel.poisson * c * std::sin(angle), u.y, 1e-6 * point);
+      }
+    }
+  }
+}
+
+TEST(Contact, FieldIsContinuousAcrossEverySwitch) {
+  const FrictionContact contact = contact_of();
+  const double a = contact.press.contact_radius_mm;
+  const Shear shear = shear_by_force(contact, 0.6 * kFriction * kPress_n);
+  // Rims of contact and stick disc, and where the series takes over for either.
+  for (const double edge : {a, shear.stick_radius_mm, 30.0 * a, 30.0 * shear.stick_radius_mm}) {
+    for (const double angle : {0.0, 1.0, pi / 2.0}) {
+      const double step = 1e-12 * edge;
+      const Vec2 in{(edge - step) * std::cos(angle), (edge - step) * std::sin(angle)};
+      const Vec2 out{(edge + step) * std::cos(angle), (edge + step) * std::sin(angle)};
+      const Vec2 u = shear_field_mm(contact, shear, in);
+      const Vec2 v = shear_field_mm(contact, shear, out);
+      // Series and closed form agree to 1e-11 of the field there, which is 0.03 of delta.
+      DOUBLES_EQUAL(u.x, v.x, 1e-11 * shear.displacement_mm);
+      DOUBLES_EQUAL(u.y, v.y, 1e-11 * shear.displacement_mm);
+    }
+  }
+}
+
+TEST(Contact, VanishingStickDiscLeavesTheSlidingField) {
+  const FrictionContact contact = contact_of();
+  const double limit = kFriction * kPress_n;
+  const Shear almost = shear_by_force(contact, std::nextafter(limit, 0.0));
+  const Shear over = shear_by_force(contact, 2.0 * limit);
+  CHECK_FALSE(almost.sliding);
+  CHECK_TRUE(over.sliding);
+  DOUBLES_EQUAL(limit, over.force_n, 0.0);
+  DOUBLES_EQUAL(0.0, over.stick_radius_mm, 0.0);
+  DOUBLES_EQUAL(1.0, slip_fraction(contact, over), 0.0);
+  for (const Vec2 at : kPoints) {
+    const Vec2 u = shear_field_mm(contact, almost, at);
+    const Vec2 v = shear_field_mm(contact, over, at);
+    // c/a = 1e-5 here, and the field differs by its square.
+    DOUBLES_EQUAL(v.x, u.x, 1e-9);
+    DOUBLES_EQUAL(v.y, u.y, 1e-9);
+  }
+}
+
+TEST(Contact, NothingGivesNothing) {
+  struct Case {
+    Gel gel;
+    double sphere_mm, force_n, friction;
+  };
+  for (const Case& c : {Case{kGel, 8.0, 0.0, 0.6}, Case{kGel, 0.0, 8.0, 0.6}, Case{kGel, kInfinity, 8.0, 0.6},
+                        Case{kGel, 8.0, 8.0, 0.0}, Case{kGel, 8.0, 0.0, kInfinity},
+                        Case{kGel, 1e-300, 1e-300, 0.6}, Case{kGel, 8.0, -1.0, 0.6}}) {
+    const FrictionContact contact{c.gel, press_sphere(c.gel, c.sphere_mm, c.force_n), c.friction};
+    for (const double load : {0.0, 1.0, -1.0}) {
+      const Shear by_force = shear_by_force(contact, load);
+      const Shear by_way = shear_by_displacement(contact, load);
+      for (const Shear& shear : {by_force, by_way}) {
+        DOUBLES_EQUAL(0.0, shear.force_n, 0.0);
+        DOUBLES_EQUAL(0.0, shear.displacement_mm, 0.0);
+        CHECK(std::isfinite(shear.stick_radius_mm));
+        CHECK(std::isfinite(slip_fraction(contact, shear)));
+        for (const Vec2 at : kPoints) CHECK((shear_field_mm(contact, shear, at) == Vec2{}));
+      }
+    }
+  }
+}
+
+TEST(Contact, StiffnessScalesOutAndPoissonZeroHasNoSideways) {
+  for (const double g : {1e-6, 1.0, 1e6}) {
+    // The same contact radius: force scales with G.
+    const Gel gel{g, 0.49};
+    const FrictionContact contact{gel, press_sphere(gel, kSphere_mm, kPress_n * g / 0.1), kFriction};
+    const Shear shear = shear_by_force(contact, 0.5 * kFriction * kPress_n * g / 0.1);
+    const Shear expected = shear_by_force(contact_of(), 0.5 * kFriction * kPress_n);
+    DOUBLES_EQUAL(expected.displacement_mm, shear.displacement_mm, 1e-12);
+    // The same radius and force: delta goes as 1 / G.
+    FrictionContact other = contact_of();
+    other.gel.shear_modulus_mpa = g;
+    DOUBLES_EQUAL(expected.displacement_mm * 0.1 / g,
+                  shear_by_force(other, 0.5 * kFriction * kPress_n).displacement_mm,
+                  1e-12 * expected.displacement_mm * 0.1 / g);
+  }
+  const Gel cork{0.1, 0.0};
+  const FrictionContact contact{cork, press_sphere(cork, kSphere_mm, kPress_n), kFriction};
+  for (const Vec2 at : kPoints) {
+    DOUBLES_EQUAL(0.0, shear_field_mm(contact, shear_by_force(contact, 2.0), at).y, 0.0);
+  }
+}
+
+TEST(Contact, EveryPlaceAndLoadIsFinite) {
+  for (const double poisson : {0.0, 0.3, 0.5}) {
+    for (const double modulus : {1e-6, 0.1, 1e6}) {
+      const Gel gel{modulus, poisson};
+      for (const double friction : {0.0, 0.6, 1e12, kInfinity}) {
+        const FrictionContact contact{gel, press_sphere(gel, kSphere_mm, kPress_n), friction};
+        const double a = contact.press.contact_radius_mm;
+        for (const double force : {0.0, 1e-300, 1e-12, 4.0, 4.8, 1e9, -4.0}) {
+          const Shear shear = shear_by_force(contact, force);
+          for (const double r :
+               {0.0, 1e-300, a, std::nextafter(a, 2.0 * a), shear.stick_radius_mm, 1e9, 1e150}) {
+            check_finite(shear_field_mm(contact, shear, {r, 0.0}));
+            check_finite(shear_field_mm(contact, shear, {0.0, -r}));
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(Contact, ReversedLoadReversesTheField) {
+  const FrictionContact contact = contact_of();
+  for (const double force : {1e-12, 2.0, 9.0}) {
+    const Shear shear = shear_by_force(contact, force);
+    const Shear back = shear_by_force(contact, -force);
+    for (const Vec2 at : kPoints) {
+      const Vec2 u = shear_field_mm(contact, shear, at);
+      const Vec2 v = shear_field_mm(contact, back, at);
+      DOUBLES_EQUAL(-u.x, v.x, 0.0);
+      DOUBLES_EQUAL(-u.y, v.y, 0.0);
+    }
+  }
+}

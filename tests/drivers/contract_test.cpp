@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every backend of the HAL owes the firmware, run on each of them. A new backend adds a row to its
+// table.
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "drivers/sim/camera_faults.hpp"
+#include "drivers/sim/camera_memory.hpp"
+#include "drivers/sim/clock.hpp"
+#include "drivers/sim/gpio.hpp"
+#include "drivers/sim/serial.hpp"
+#include "hal/camera.hpp"
+#include "hal/clock.hpp"
+#include "hal/gpio.hpp"
+#include "hal/serial.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+namespace sim = holdfast::sim;
+namespace hal = holdfast::hal;
+using hal::Capture;
+using hal::Level;
+using hal::Line;
+using std::chrono::microseconds;
+using namespace std::chrono_literals;
+
+namespace {
+
+// A device with all that keeps it alive.
+template <typename Device>
+struct Rig {
+  virtual ~Rig() = default;
+  virtual Device& device() = 0;
+};
+
+template <typename Device>
+struct Backend {
+  const char* name;
+  std::unique_ptr<Rig<Device>> (*make)();
+};
+
+template <typename Concrete, typename Device>
+std::unique_ptr<Rig<Device>> make_rig() {
+  return std::make_unique<Concrete>();
+}
+
+struct SimClockRig final : Rig<hal::Clock> {
+  sim::Clock clock;
+  hal::Clock& device() override { return clock; }
+};
+
+struct SimGpioRig final : Rig<hal::Gpio> {
+  sim::Clock clock;
+  sim::Gpio gpio{clock};
+  hal::Gpio& device() override { return gpio; }
+};
+
+struct SimSerialRig final : Rig<hal::Serial> {
+  sim::Serial serial;
+  hal::Serial& device() override { return serial; }
+};
+
+// A stream of at least five frames that ends, and the clock of its time stamps.
+struct CameraRig : Rig<hal::Camera> {
+  virtual hal::Clock& clock() = 0;
+};
+
+struct SimCameraRig : CameraRig {
+  std::array<std::uint8_t, 64 * 48> pixels{};
+  sim::Clock sim_clock;
+  sim::CameraMemory camera{
+      sim_clock, {{pixels.data(), 64, 48, 64}, {pixels.data(), 64, 48, 64}}, {.cycles = 5}};
+  hal::Clock& clock() override { return sim_clock; }
+  hal::Camera& device() override { return camera; }
+};
+
+struct SimFaultyCameraRig final : SimCameraRig {
+  sim::FaultyCamera faulty{camera, sim_clock, {}, pixels.size()};
+  hal::Camera& device() override { return faulty; }
+};
+
+struct CameraBackend {
+  const char* name;
+  std::unique_ptr<CameraRig> (*make)();
+};
+
+constexpr Backend<hal::Clock> kClocks[] = {{"sim::Clock", make_rig<SimClockRig, hal::Clock>}};
+constexpr Backend<hal::Gpio> kGpios[] = {{"sim::Gpio", make_rig<SimGpioRig, hal::Gpio>}};
+constexpr Backend<hal::Serial> kSerials[] = {{"sim::Serial", make_rig<SimSerialRig, hal::Serial>}};
+const CameraBackend kCameras[] = {
+    {"sim::CameraMemory", []() -> std::unique_ptr<CameraRig> { return std::make_unique<SimCameraRig>(); }},
+    {"sim::FaultyCamera",
+     []() -> std::unique_ptr<CameraRig> { return std::make_unique<SimFaultyCameraRig>(); }},
+};
+
+constexpr microseconds kPatience = 2s;  // more than any camera needs for a frame
+
+}  // namespace
+
+TEST_GROUP(HalContract){};
+
+TEST(HalContract, ClockNeverStepsBack) {
+  for (const auto& backend : kClocks) {
+    const auto rig = backend.make();
+    microseconds last = rig->device().now();
+    for (int i = 0; i < 1000; ++i) {
+      const microseconds now = rig->device().now();
+      CHECK_TEXT(now >= last, backend.name);
+      last = now;
+    }
+  }
+}
+
+TEST(HalContract, GpioTakesBothLevelsOnEveryLineAgainAndAgain) {
+  for (const auto& backend : kGpios) {
+    const auto rig = backend.make();
+    for (const Level level : {Level::kHigh, Level::kHigh, Level::kLow, Level::kLow, Level::kHigh}) {
+      for (const Line line : {Line::kGripOk, Line::kAlive})
+        CHECK_TEXT(rig->device().set(line, level), backend.name);
+    }
+  }
+}
+
+TEST(HalContract, SerialWritesAllOrNothingAndReadsOnlyWhatIsThere) {
+  for (const auto& backend : kSerials) {
+    const auto rig = backend.make();
+    std::array<std::uint8_t, 64> buffer{};
+    CHECK_TEXT(rig->device().write({}), backend.name);
+    CHECK_TEXT(rig->device().write(buffer), backend.name);
+    LONGS_EQUAL_TEXT(0, rig->device().read(buffer), backend.name);  // nothing waits: returns at once
+    LONGS_EQUAL_TEXT(0, rig->device().read({}), backend.name);
+  }
+}
+
+TEST(HalContract, CameraIsGoneUntilStarted) {
+  for (const auto& backend : kCameras) {
+    const auto rig = backend.make();
+    hal::Frame frame;
+    CHECK_TEXT(Capture::kGone == rig->device().next(frame, kPatience), backend.name);
+    rig->device().stop();  // allowed at any time
+    CHECK_TEXT(Capture::kGone == rig->device().next(frame, kPatience), backend.name);
+  }
+}
+
+TEST(HalContract, CameraFramesAreWholeAndMoveForward) {
+  for (const auto& backend : kCameras) {
+    const auto rig = backend.make();
+    hal::Camera& camera = rig->device();
+    CHECK_TEXT(camera.start(), backend.name);
+    hal::Frame last;
+    for (int i = 0; i < 5; ++i) {
+      hal::Frame frame;
+      CHECK_TEXT(Capture::kFrame == camera.next(frame, kPatience), backend.name);
+      CHECK_TEXT(!frame.bytes.empty(), backend.name);
+      if (frame.format == hal::PixelFormat::kLuma8) {
+        CHECK_TEXT(frame.stride >= frame.width && frame.width > 0 && frame.height > 0, backend.name);
+        CHECK_TEXT(frame.bytes.size() ==
+                       static_cast<std::size_t>(frame.stride) * static_cast<std::size_t>(frame.height),
+                   backend.name);
+      }
+      CHECK_TEXT(frame.timestamp <= rig->clock().now(), backend.name);  // exposed before it is here
+      if (i > 0)
+        CHECK_TEXT(frame.timestamp > last.timestamp && frame.sequence != last.sequence, backend.name);
+      last = frame;
+      camera.release(frame);
+    }
+    camera.stop();
+  }
+}
+
+TEST(HalContract, CameraWaitsNoLongerThanAskedAndLosesNothingByIt) {
+  for (const auto& backend : kCameras) {
+    const auto rig = backend.make();
+    hal::Camera& camera = rig->device();
+    CHECK_TEXT(camera.start(), backend.name);
+    hal::Frame frame;
+    int timeouts = 0;
+    for (std::uint32_t frames = 0; frames < 5;) {
+      const microseconds before = rig->clock().now();
+      const Capture capture = camera.next(frame, 3ms);
+      if (capture == Capture::kTimeout) {
+        ++timeouts;
+        CHECK_TEXT(rig->clock().now() >= before + 3ms, backend.name);
+        CHECK_TEXT(timeouts < 1'000'000, backend.name);
+        continue;
+      }
+      CHECK_TEXT(capture == Capture::kFrame, backend.name);
+      LONGS_EQUAL_TEXT(frames, frame.sequence, backend.name);
+      camera.release(frame);
+      ++frames;
+    }
+    CHECK_TEXT(timeouts > 0, backend.name);  // no camera sends a frame every 3 ms
+    camera.stop();
+  }
+}
+
+TEST(HalContract, CameraEndsStaysGoneAndCanBeStartedAgain) {
+  for (const auto& backend : kCameras) {
+    const auto rig = backend.make();
+    hal::Camera& camera = rig->device();
+    hal::Frame frame;
+    for (int round = 0; round < 2; ++round) {
+      CHECK_TEXT(camera.start(), backend.name);
+      int frames = 0;
+      while (camera.next(frame, kPatience) == Capture::kFrame) {
+        camera.release(frame);
+        ++frames;
+      }
+      CHECK_TEXT(frames >= 5, backend.name);
+      CHECK_TEXT(Capture::kGone == camera.next(frame, kPatience), backend.name);
+      camera.stop();
+      camera.stop();
+      CHECK_TEXT(Capture::kGone == camera.next(frame, kPatience), backend.name);
+    }
+  }
+}

@@ -1,0 +1,382 @@
+// SPDX-License-Identifier: Apache-2.0
+// Registration on rendered pictures of known truth: detector and lattice together, as the tracker uses them.
+//
+// "Named right" means: every valid marker lies within 0.35 px (times the detector's reduction) of the dot that was
+// printed under that name, so a shift by one row is 90 times the tolerance. A missing dot must be invalid.
+#include "vision/grid.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <random>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "tests/support/reference.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using reference_model::Grid;
+using reference_model::Picture;
+using reference_model::Point;
+
+namespace {
+
+constexpr GridSize kGrid{7, 9};
+
+double px(PixelsQ8 q) { return q.raw() / 256.0; }
+
+GridSize size_of(const Grid& grid) {
+  return {static_cast<std::uint8_t>(grid.rows), static_cast<std::uint8_t>(grid.cols)};
+}
+
+void reason_is(Reason want, Status got) { LONGS_EQUAL(static_cast<int>(want), static_cast<int>(got.reason)); }
+
+// Room around the grid, as in the raw camera picture (the grid fills 70 %).
+scene::PictureConfig wide_view(int width = 320) {
+  scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), width);
+  config.px_per_mm *= 0.7;
+  config.edge_softness_px = std::max(0.5, config.edge_softness_px * 0.7);
+  return config;
+}
+
+}  // namespace
+
+TEST_GROUP(Grid) {
+  std::unique_ptr<dots::State> dots_state = std::make_unique<dots::State>();
+  std::unique_ptr<grid::State> state = std::make_unique<grid::State>();
+  dots::Dots found;
+  grid::Lattice lattice;
+  int step = 1;
+  std::mt19937 random{60};
+
+  Status look(const Picture& picture, GridSize size = kGrid, bool auto_size = false, const MarkerField* prior = nullptr) {
+    step = std::max((picture.width + 511) / 512, (picture.height + 399) / 400);
+    grid::Config config;
+    config.size = size;
+    config.auto_size = auto_size;
+    if (const Status s = dots::detect(*dots_state, {}, picture.view(), found); !s.ok()) return s;
+    return grid::register_dots(*state, config, found, prior, lattice);
+  }
+
+  // Every marker whose dot was printed is valid and right; the others are invalid and predicted within `reach_px`.
+  void named_right(const std::vector<Point>& truth, const std::set<std::size_t>& missing, const std::string& what,
+                   double predicted_within_px = 1e9) {
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+      const Marker& m = lattice.field.markers[i];
+      const double off = reference_model::distance(truth[i], {px(m.x), px(m.y)});
+      const SimpleString text = StringFromFormat("%s: marker %d, off %.2f px, valid %d", what.c_str(), static_cast<int>(i), off, m.valid);
+      if (missing.count(i) != 0) {
+        CHECK_TRUE_TEXT(!m.valid && off <= predicted_within_px, text.asCharString());
+      } else {
+        CHECK_TRUE_TEXT(m.valid && off <= 0.35 * step, text.asCharString());
+      }
+    }
+  }
+
+  static Picture without(const scene::PictureConfig& config, const std::vector<Point>& truth, const std::set<std::size_t>& missing) {
+    std::vector<Point> left;
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+      if (missing.count(i) == 0) left.push_back(truth[i]);
+    }
+    return reference_model::picture_of(config, left, 4);
+  }
+
+  // A dark disc of any size, drawn over the picture.
+  static void blot(Picture& picture, Point centre, double radius) {
+    for (int y = 0; y < picture.height; ++y) {
+      for (int x = 0; x < picture.width; ++x) {
+        if (reference_model::distance(centre, {static_cast<double>(x), static_cast<double>(y)}) <= radius) {
+          picture.pixels[static_cast<std::size_t>(y * picture.width + x)] = 45;
+        }
+      }
+    }
+  }
+};
+
+// The smallest picture that works is 80x60 when it is cropped to the grid (pitch 8 px, dots 4.1 px), see the last test
+// for what happens below. 1640x1232 is the largest working image.
+TEST(Grid, NamesTheMarkersAtEveryScale) {
+  for (const int width : {80, 96, 112, 128, 160, 200, 256, 300, 320, 410, 500, 512, 513, 640, 820, 1024, 1280, 1640}) {
+    const scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), width);
+    const auto truth = reference_model::lattice_px({}, config, reference_model::shifted(0.1, 0.05));
+    reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+    named_right(truth, {}, "columns " + std::to_string(width));
+    DOUBLES_EQUAL(2.02 * config.px_per_mm, px(lattice.pitch), 0.02 * 2.02 * config.px_per_mm);
+    CHECK_TRUE(lattice.found == kGrid);
+    LONGS_EQUAL(0, lattice.strays);
+  }
+}
+
+TEST(Grid, NamesTheMarkersInTheUncroppedView) {
+  for (const int width : {128, 205, 320, 410, 820, 1640}) {
+    const scene::PictureConfig config = wide_view(width);
+    const auto truth = reference_model::lattice_px({}, config);
+    reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+    named_right(truth, {}, "columns " + std::to_string(width));
+  }
+}
+
+TEST(Grid, NamesTheMarkersAtEveryAngleUpTo35Degrees) {
+  for (int degrees = -35; degrees <= 35; ++degrees) {
+    const scene::PictureConfig config = wide_view();
+    const auto truth = reference_model::lattice_px({}, config, reference_model::rotated(degrees));
+    reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+    named_right(truth, {}, "degrees " + std::to_string(degrees));
+  }
+}
+
+TEST(Grid, NamesEveryPrintedLatticeGivenOrFound) {
+  for (const Grid& printed : {Grid{7, 9, 2.02}, Grid{8, 10, 1.8}, Grid{7, 10, 1.9}, Grid{3, 3, 2.02}, Grid{8, 16, 1.15}, Grid{16, 8, 0.85},
+                              Grid{10, 8, 1.45}, Grid{3, 16, 1.15}, Grid{4, 4, 2.02}}) {
+    for (const bool auto_size : {false, true}) {
+      scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), 640);
+      config.dot_diameter_mm = printed.pitch_mm * 0.52;
+      const auto truth = reference_model::lattice_px(printed, config);
+      reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5), size_of(printed), auto_size));
+      CHECK_TRUE(lattice.field.grid == size_of(printed));
+      named_right(truth, {}, std::to_string(printed.rows) + "x" + std::to_string(printed.cols));
+    }
+  }
+}
+
+TEST(Grid, FollowsShearTwistAndBulge) {
+  using namespace reference_model;
+  const std::vector<std::pair<std::string, Warp>> warps{
+      {"shear x", sheared(0.2, 0.0)},
+      {"shear -x", sheared(-0.2, 0.0)},
+      {"shear y", sheared(0.0, 0.2)},
+      {"shear both", sheared(0.15, -0.15)},
+      {"bulge", bulged(0.15, 5.0)},
+      {"pinch", bulged(-0.15, 5.0)},
+      {"drag", gaussian({0.4, -0.3}, 3.5, 1.2, 0.5)},
+      {"drag at the corner", gaussian({-6.0, -4.0}, 3.0, 1.0, 1.0)},
+      {"turn and drag", chained(gaussian({1.0, 1.0}, 3.5, -1.0, 0.8), rotated(12.0))},
+      {"turn, shear, bulge", chained(bulged(0.1, 5.0), chained(sheared(0.1, 0.0), rotated(-15.0)))},
+  };
+  for (const auto& [name, warp] : warps) {
+    const scene::PictureConfig config = wide_view();
+    const auto truth = lattice_px({}, config, warp);
+    reason_is(Reason::kNone, look(picture_of(config, truth, 5)));
+    named_right(truth, {}, name);
+  }
+}
+
+// A hole is predicted from its neighbours: within a tenth of a pitch on a flat lattice.
+TEST(Grid, ToleratesOneMissingDotAnywhere) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  const auto truth = reference_model::lattice_px({}, config, reference_model::rotated(3.0));
+  for (std::size_t i = 0; i < 63; ++i) {
+    for (const bool auto_size : {false, true}) {
+      reason_is(Reason::kNone, look(without(config, truth, {i}), kGrid, auto_size));
+      named_right(truth, {i}, "missing " + std::to_string(i), 3.2);
+    }
+  }
+}
+
+TEST(Grid, ToleratesTwoMissingDotsAnywhere) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  const auto truth = reference_model::lattice_px({}, config, reference_model::rotated(-2.0));
+  for (int round = 0; round < 200; ++round) {
+    const std::size_t a = random() % 63;
+    // Every other pair is two dots side by side, which is where holes hurt.
+    const std::size_t b = round % 2 == 0 ? random() % 63 : (a % 9 < 8 ? a + 1 : a - 1);
+    if (a == b) continue;
+    reason_is(Reason::kNone, look(without(config, truth, {a, b})));
+    named_right(truth, {a, b}, "missing " + std::to_string(a) + " and " + std::to_string(b), 3.2);
+  }
+}
+
+// The corner's two neighbours gone, or the whole corner: nothing joins it to the rest but what lies across the hole.
+TEST(Grid, ToleratesHolesAroundACorner) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  const auto truth = reference_model::lattice_px({}, config);
+  const std::vector<std::set<std::size_t>> holes{{1, 9}, {7, 17}, {45, 55}, {53, 61}, {0, 1}, {0, 9}, {61, 62}, {31, 32}};
+  for (const auto& hole : holes) {
+    reason_is(Reason::kNone, look(without(config, truth, hole)));
+    named_right(truth, hole, "hole at " + std::to_string(*hole.begin()));
+  }
+}
+
+// Dots that dirt joins: those two may be lost, no other, and none may carry a wrong name.
+TEST(Grid, ToleratesMergedDots) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  const auto truth = reference_model::lattice_px({}, config);
+  for (const auto& [a, b] : {std::pair<std::size_t, std::size_t>{30, 31}, {0, 1}, {0, 9}, {61, 62}, {31, 40}}) {
+    Picture picture = reference_model::picture_of(config, truth, 4);
+    for (int k = 0; k <= 8; ++k) {
+      blot(picture, {truth[a].x + (truth[b].x - truth[a].x) * k / 8, truth[a].y + (truth[b].y - truth[a].y) * k / 8}, 5.0);
+    }
+    reason_is(Reason::kNone, look(picture));
+    for (const std::size_t i : {a, b}) {
+      if (lattice.field.markers[i].valid) {
+        CHECK_TRUE(reference_model::distance(truth[i], {px(lattice.field.markers[i].x), px(lattice.field.markers[i].y)}) <= 6.0);
+      }
+      lattice.field.markers[i].valid = false;
+    }
+    named_right(truth, {a, b}, "merged");
+  }
+}
+
+// Blobs as large as dots, anywhere between and around them, at least 1.3 dot diameters from each dot's centre.
+TEST(Grid, ToleratesStrayBlobs) {
+  const scene::PictureConfig config = wide_view();
+  const auto truth = reference_model::lattice_px({}, config);
+  const double dot_px = config.dot_diameter_mm * config.px_per_mm;
+  for (int round = 0; round < 100; ++round) {
+    Picture picture = reference_model::picture_of(config, truth, 4);
+    for (int blob = 0; blob < 5;) {
+      const Point at{8.0 + static_cast<double>(random() % 304), 8.0 + static_cast<double>(random() % 224)};
+      if (std::any_of(truth.begin(), truth.end(), [&](Point t) { return reference_model::distance(t, at) < 1.3 * dot_px; })) continue;
+      blot(picture, at, dot_px * (0.35 + 0.02 * static_cast<double>(random() % 10)));
+      ++blob;
+    }
+    reason_is(Reason::kNone, look(picture));
+    named_right(truth, {}, "round " + std::to_string(round));
+  }
+}
+
+// Dirt that touches a dot pulls its blob: that one may be off by its radius or missing; the others must be right.
+TEST(Grid, ToleratesDirtBesideADot) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  const auto truth = reference_model::lattice_px({}, config);
+  for (std::size_t i = 0; i < 63; i += 2) {
+    Picture picture = reference_model::picture_of(config, truth, 4);
+    blot(picture, {truth[i].x + 9.0, truth[i].y + 4.0}, 4.0);
+    reason_is(Reason::kNone, look(picture));
+    Marker& dirty = lattice.field.markers[i];
+    if (dirty.valid) CHECK_TRUE(reference_model::distance(truth[i], {px(dirty.x), px(dirty.y)}) <= 8.3);
+    dirty.valid = false;
+    named_right(truth, {i}, "dirt at " + std::to_string(i));
+  }
+}
+
+// The lattice seen is smaller than configured: a mismatch, and what was seen is told.
+TEST(Grid, SaysMismatchWhenTheLatticeIsSmaller) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  const auto truth = reference_model::lattice_px({}, config);
+  const Picture picture = reference_model::picture_of(config, truth, 5);
+  for (const GridSize wrong : {GridSize{8, 10}, {9, 7}, {7, 11}, {9, 9}, {16, 8}, {10, 12}}) {
+    reason_is(Reason::kGridMismatch, look(picture, wrong));
+    CHECK_TRUE(lattice.found == kGrid);
+  }
+}
+
+// A whole row or column cut off by the picture's edge is nothing else.
+TEST(Grid, SaysMismatchWhenTheEdgeCutsALine) {
+  scene::PictureConfig config = scene::cropped_320x240();
+  config.center_x_px -= 48.0;
+  const auto truth = reference_model::lattice_px({}, config);
+  const Status status = look(reference_model::picture_of(config, truth, 5));
+  CHECK_FALSE(status.ok());
+  LONGS_EQUAL(7, lattice.found.rows);
+  CHECK_TRUE(lattice.found.cols < 9);
+}
+
+TEST(Grid, SaysTooFewDotsWhenThereAreNone) {
+  for (const int level : {0, 127, 255}) {
+    reason_is(Reason::kTooFewDots, look(reference_model::flat(320, 240, static_cast<std::uint8_t>(level))));
+    reason_is(Reason::kTooFewDots, look(reference_model::flat(64, 48, static_cast<std::uint8_t>(level))));
+  }
+  scene::PictureConfig config;
+  reason_is(Reason::kTooFewDots, look(reference_model::picture_of(config, {}, 5)));  // shading and noise alone
+  for (const double sigma : {0.0, 6.0}) {
+    config.noise_sigma = sigma;
+    CHECK_FALSE(look(reference_model::picture_of(config, {}, 5)).ok());
+  }
+  Picture blob = reference_model::flat(320, 240, 120);
+  blot(blob, {160.0, 120.0}, 80.0);
+  reason_is(Reason::kTooFewDots, look(blob));
+}
+
+// Dots without order: no lattice, or one that fits nothing; never success.
+TEST(Grid, RefusesDotsThatAreNoLattice) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  for (int round = 0; round < 200; ++round) {
+    std::vector<Point> dots;
+    const std::size_t count = 5 + random() % 60;
+    for (int tries = 0; dots.size() < count && tries < 2000; ++tries) {
+      const Point at{10.0 + static_cast<double>(random() % 300), 10.0 + static_cast<double>(random() % 220)};
+      if (std::none_of(dots.begin(), dots.end(), [&](Point d) { return reference_model::distance(d, at) < 20.0; })) dots.push_back(at);
+    }
+    CHECK_FALSE(look(reference_model::picture_of(config, dots, 5)).ok());
+  }
+}
+
+TEST(Grid, RefusesTexturesThatAreNoGel) {
+  for (const int cell : {1, 2, 4, 8, 16, 30}) {
+    Picture picture = reference_model::flat(320, 240, 0);
+    for (std::size_t i = 0; i < picture.pixels.size(); ++i) {
+      const int x = static_cast<int>(i) % 320;
+      const int y = static_cast<int>(i) / 320;
+      picture.pixels[i] = (x / cell + y / cell) % 2 == 0 ? 40 : 200;
+    }
+    const Status status = look(picture);
+    CHECK_FALSE(status.ok());
+    CHECK_TRUE(status.reason == Reason::kTooFewDots || status.reason == Reason::kNoLattice || status.reason == Reason::kDotsOverflow);
+  }
+}
+
+// Fed with dots directly: rows and columns beyond what any gel has, coinciding dots, all dots in one line.
+TEST(Grid, SurvivesDotsThatNoDetectorWouldGive) {
+  const auto put = [&](int i, double x, double y) {
+    found.dots[static_cast<std::size_t>(i)] = {PixelsQ8::from_raw(static_cast<std::int32_t>(x * 256)),
+                                               PixelsQ8::from_raw(static_cast<std::int32_t>(y * 256)), 60, false};
+  };
+  const auto survive = [&](int count) {
+    found.count = count;
+    for (const bool auto_size : {false, true}) {
+      grid::Config config;
+      config.auto_size = auto_size;
+      const Status status = grid::register_dots(*state, config, found, nullptr, lattice);
+      if (status.ok()) CHECK_TRUE(lattice.field.grid.count() <= kMaxMarkers);
+    }
+  };
+  survive(0);
+  for (int i = 0; i < kMaxDots; ++i) put(i, 100.0, 100.0);
+  survive(kMaxDots);
+  for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * i, 50.0);
+  survive(kMaxDots);
+  for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 64), 50.0 + 8.0 * (i / 64));
+  survive(kMaxDots);
+  for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 14), 50.0 + 8.0 * (i / 14));
+  survive(kMaxDots);
+  for (int round = 0; round < 50; ++round) {
+    for (int i = 0; i < kMaxDots; ++i) put(i, static_cast<double>(random() % 1640), static_cast<double>(random() % 1232));
+    survive(1 + static_cast<int>(random() % kMaxDots));
+  }
+}
+
+// With an earlier field the same lattice keeps its names when a whole line is hidden, whichever side it is.
+TEST(Grid, KeepsTheNamesWhenALineIsHidden) {
+  const scene::PictureConfig config = scene::cropped_320x240();
+  const auto truth = reference_model::lattice_px({}, config);
+  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  const MarkerField prior = lattice.field;
+  std::vector<std::set<std::size_t>> lines(4);
+  for (std::size_t k = 0; k < 7; ++k) {
+    lines[0].insert(9 * k);
+    lines[1].insert(9 * k + 8);
+  }
+  for (const auto& line : {lines[0], lines[1]}) {
+    reason_is(Reason::kNone, look(without(config, truth, line), kGrid, false, &prior));
+    named_right(truth, line, "hidden column");
+  }
+}
+
+// Below 80 columns the dots of a cropped view are under 4 px: refusing is allowed, wrong names are not.
+TEST(Grid, RefusesRatherThanMisnamesWhenThePictureIsTooSmall) {
+  for (const int width : {64, 68, 72, 76}) {
+    const scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), width);
+    const auto truth = reference_model::lattice_px({}, config);
+    if (!look(reference_model::picture_of(config, truth, 5)).ok()) continue;
+    for (std::size_t i = 0; i < 63; ++i) {
+      const Marker& m = lattice.field.markers[i];
+      if (m.valid) CHECK_TRUE(reference_model::distance(truth[i], {px(m.x), px(m.y)}) <= 1.0);
+    }
+  }
+}

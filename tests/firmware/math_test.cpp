@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/math.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <random>
+#include <vector>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+
+TEST_GROUP(Math){};
+
+TEST(Math, RoundsQuotientsToNearestAndHalvesAwayFromZero) {
+  LONGS_EQUAL(2, div_round(3, 2));
+  LONGS_EQUAL(-2, div_round(-3, 2));
+  LONGS_EQUAL(1, div_round(1, 2));
+  LONGS_EQUAL(-1, div_round(-1, 2));
+  LONGS_EQUAL(0, div_round(0, 7));
+  LONGS_EQUAL(1, div_round(4, 3));
+  LONGS_EQUAL(2, div_round(5, 3));
+  LONGS_EQUAL(5, div_round(5, 1));
+}
+
+// long double holds every int64 exactly on x86; elsewhere the range is kept to 2^50, exact in any double.
+TEST(Math, RoundsAsLongDoubleDoes) {
+  std::mt19937_64 random(1);
+  for (int i = 0; i < 200'000; ++i) {
+    const auto numerator = static_cast<std::int64_t>(random() >> 14) - (std::int64_t{1} << 49);
+    const auto denominator = static_cast<std::int64_t>(random() >> (14 + random() % 48)) + 1;
+    const std::int64_t quotient = div_round(numerator, denominator);
+    // |n - q d| <= d / 2, in integers: no rounding in the oracle.
+    const std::int64_t rest = numerator - quotient * denominator;
+    CHECK_TRUE(2 * std::abs(rest) <= denominator);
+    if (2 * std::abs(rest) == denominator) CHECK_TRUE(std::abs(quotient * denominator) > std::abs(numerator));
+  }
+}
+
+TEST(Math, RoundsAtTheEndsOfItsRange) {
+  constexpr std::int64_t kBig = std::int64_t{1} << 62;
+  CHECK_TRUE(kBig == div_round(kBig, 1));
+  CHECK_TRUE(-kBig == div_round(-kBig, 1));
+  CHECK_TRUE(2 == div_round(kBig, std::int64_t{1} << 61));
+}
+
+TEST(Math, RootIsTheLargestWhoseSquareFits) {
+  const auto check = [](std::uint64_t value) {
+    const std::uint64_t root = isqrt(value);
+    CHECK_TRUE(root * root <= value);
+    // (root + 1)^2 > value without overflow at the top.
+    CHECK_TRUE(value - root * root <= 2 * root);
+  };
+  for (std::uint64_t value = 0; value < 70'000; ++value) check(value);
+  for (std::uint64_t root = 1; root < 0xFFFFFFFF; root = root * 3 + 1) {
+    check(root * root - 1);
+    check(root * root);
+    check(root * root + 1);
+  }
+  check(UINT64_MAX);
+  LONGS_EQUAL(0xFFFFFFFF, isqrt(UINT64_MAX));
+  std::mt19937_64 random(2);
+  for (int i = 0; i < 100'000; ++i) check(random() >> (random() % 64));
+}
+
+// Up to 768: what the grid stage sorts at most (four neighbours of each of 192 dots).
+TEST(Math, SortsAndFindsTheLowerMiddle) {
+  std::mt19937_64 random(3);
+  for (const int count : {1, 2, 3, 4, 63, 64, 192, 768}) {
+    for (int round = 0; round < 20; ++round) {
+      std::vector<std::int32_t> values(static_cast<std::size_t>(count));
+      for (auto& value : values) value = static_cast<std::int32_t>(random() % 100) - 50;
+      std::vector<std::int32_t> sorted = values;
+      std::sort(sorted.begin(), sorted.end());
+      LONGS_EQUAL(sorted[static_cast<std::size_t>((count - 1) / 2)], median_of_few(values.data(), count));
+      CHECK_TRUE(values == sorted);
+    }
+  }
+}

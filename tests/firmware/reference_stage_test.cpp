@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tactile/reference.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <random>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+
+namespace {
+
+constexpr std::int32_t kPitchQ8 = 8166;
+
+PixelsQ8 raw(std::int32_t q8) { return PixelsQ8::from_raw(q8); }
+
+MarkerField lattice(GridSize grid = {7, 9}) {
+  MarkerField field;
+  field.grid = grid;
+  for (int r = 0; r < grid.rows; ++r) {
+    for (int c = 0; c < grid.cols; ++c) {
+      field.markers[static_cast<std::size_t>(r * grid.cols + c)] = {raw(8000 + c * kPitchQ8), raw(6000 + r * kPitchQ8), true};
+    }
+  }
+  return field;
+}
+
+MarkerField moved(MarkerField field, std::size_t marker, std::int32_t dx_q8, std::int32_t dy_q8) {
+  Marker& m = field.markers[marker];
+  m.x = raw(m.x.raw() + dx_q8);
+  m.y = raw(m.y.raw() + dy_q8);
+  return field;
+}
+
+}  // namespace
+
+TEST_GROUP(ReferenceStage) {
+  reference::State state;
+  reference::Config config;
+  bool update(const MarkerField& field) { return reference::update(state, config, field); }
+};
+
+TEST(ReferenceStage, LearnsWithTheLastFrameOfTheCountAndOnlyOnce) {
+  for (const int frames : {1, 2, 10, 100}) {
+    state = {};
+    config.frames = frames;
+    for (int k = 1; k < frames; ++k) CHECK_FALSE(update(lattice()));
+    CHECK_FALSE(state.known);
+    CHECK_TRUE(update(lattice()));
+    CHECK_TRUE(state.known);
+    LONGS_EQUAL(kPitchQ8, state.pitch.raw());
+    CHECK_FALSE(update(moved(lattice(), 5, 4000, 0)));
+    LONGS_EQUAL(8000, state.rest.markers[0].x.raw());
+  }
+}
+
+// The mean in double of 10 noisy frames, to half a Q8 step.
+TEST(ReferenceStage, IsTheMeanOfItsFrames) {
+  std::mt19937 random(80);
+  for (int round = 0; round < 50; ++round) {
+    state = {};
+    std::array<double, 63> sum_x{}, sum_y{};
+    for (int k = 0; k < 10; ++k) {
+      MarkerField field = lattice();
+      for (std::size_t i = 0; i < 63; ++i) {
+        // +-80 around the lattice: no two frames are 192 apart.
+        field = moved(field, i, static_cast<std::int32_t>(random() % 161) - 80, static_cast<std::int32_t>(random() % 161) - 80);
+        sum_x[i] += field.markers[i].x.raw();
+        sum_y[i] += field.markers[i].y.raw();
+      }
+      CHECK_EQUAL(k == 9, update(field));
+    }
+    for (std::size_t i = 0; i < 63; ++i) {
+      DOUBLES_EQUAL(sum_x[i] / 10, state.rest.markers[i].x.raw(), 0.5 + 1e-9);
+      DOUBLES_EQUAL(sum_y[i] / 10, state.rest.markers[i].y.raw(), 0.5 + 1e-9);
+    }
+  }
+}
+
+// 192 / 256 px is still, one step more is touched: whichever marker, axis, sign and frame it is.
+TEST(ReferenceStage, StartsAnewWhenAnyMarkerMoves) {
+  for (const std::size_t marker : {std::size_t{0}, std::size_t{31}, std::size_t{62}}) {
+    for (const auto& [dx, dy] : {std::pair{193, 0}, {-193, 0}, {0, 193}, {0, -193}}) {
+      for (int at = 1; at < 10; ++at) {
+        state = {};
+        for (int k = 0; k < at; ++k) CHECK_FALSE(update(lattice()));
+        // The frame that moved is the first of the new mean: nine more make ten.
+        for (int k = 0; k < 9; ++k) CHECK_FALSE(update(moved(lattice(), marker, dx, dy)));
+        CHECK_TRUE(update(moved(lattice(), marker, dx, dy)));
+        LONGS_EQUAL(lattice().markers[marker].x.raw() + dx, state.rest.markers[marker].x.raw());
+      }
+    }
+    state = {};
+    for (int k = 0; k < 9; ++k) CHECK_FALSE(update(k % 2 == 0 ? lattice() : moved(lattice(), marker, 192, -192)));
+    CHECK_TRUE(update(lattice()));
+  }
+}
+
+// A gel that creeps 0.1 px a frame never rests, though no two neighbouring frames differ much.
+TEST(ReferenceStage, DoesNotLearnASlowDrift) {
+  for (int k = 0; k < 200; ++k) {
+    MarkerField field = lattice();
+    for (std::size_t i = 0; i < 63; ++i) field = moved(field, i, 26 * k, 0);
+    CHECK_FALSE(update(field));
+  }
+}
+
+TEST(ReferenceStage, LeavesMarkersOutThatWereLost) {
+  MarkerField field = lattice();
+  field.markers[7].valid = false;
+  for (int k = 0; k < 9; ++k) CHECK_FALSE(update(field));
+  CHECK_TRUE(update(field));
+  CHECK_FALSE(state.rest.markers[7].valid);
+  LONGS_EQUAL(62, state.rest.valid_count());
+  LONGS_EQUAL(kPitchQ8, state.pitch.raw());
+}
+
+TEST(ReferenceStage, StartsAnewWhenAMarkerComesOrGoes) {
+  for (int k = 0; k < 9; ++k) CHECK_FALSE(update(lattice()));
+  MarkerField field = lattice();
+  field.markers[7].valid = false;
+  for (int k = 0; k < 9; ++k) CHECK_FALSE(update(field));
+  CHECK_TRUE(update(field));
+}
+
+TEST(ReferenceStage, StartsAnewForAnotherLattice) {
+  for (int k = 0; k < 9; ++k) CHECK_FALSE(update(lattice()));
+  for (int k = 0; k < 9; ++k) CHECK_FALSE(update(lattice({8, 10})));
+  CHECK_TRUE(update(lattice({8, 10})));
+  CHECK_TRUE((GridSize{8, 10}) == state.rest.grid);
+}
+
+TEST(ReferenceStage, LearnsAgainAfterForget) {
+  config.frames = 3;
+  for (int k = 0; k < 3; ++k) (void)update(lattice());
+  CHECK_TRUE(state.known);
+  reference::forget(state);
+  CHECK_FALSE(state.known);
+  MarkerField field = lattice();
+  for (std::size_t i = 0; i < 63; ++i) field = moved(field, i, 300, 0);
+  CHECK_FALSE(update(field));
+  CHECK_FALSE(update(field));
+  CHECK_TRUE(update(field));
+  LONGS_EQUAL(8300, state.rest.markers[0].x.raw());
+}
+
+// Nothing to learn from: no markers, or none beside another. It must not claim a reference, nor divide by zero.
+TEST(ReferenceStage, LearnsNothingWithoutNeighbours) {
+  config.frames = 2;
+  MarkerField field = lattice();
+  for (std::size_t i = 0; i < 63; ++i) field.markers[i].valid = false;
+  for (int k = 0; k < 5; ++k) CHECK_FALSE(update(field));
+  field.markers[0].valid = true;
+  for (int k = 0; k < 5; ++k) CHECK_FALSE(update(field));
+  CHECK_FALSE(state.known);
+  CHECK_FALSE(update(lattice()));
+  CHECK_TRUE(update(lattice()));
+}
+
+TEST(ReferenceStage, PitchIsTheMeanOfAllLinks) {
+  std::mt19937 random(81);
+  for (int round = 0; round < 100; ++round) {
+    MarkerField field = lattice();
+    for (std::size_t i = 0; i < 63; ++i) {
+      field = moved(field, i, static_cast<std::int32_t>(random() % 1000), static_cast<std::int32_t>(random() % 1000));
+      field.markers[i].valid = random() % 10 != 0;
+    }
+    double sum = 0.0;
+    int links = 0;
+    const auto add = [&](const Marker& a, const Marker& b) {
+      if (!a.valid || !b.valid) return;
+      sum += std::hypot(a.x.raw() - b.x.raw(), a.y.raw() - b.y.raw());
+      ++links;
+    };
+    for (std::size_t r = 0; r < 7; ++r) {
+      for (std::size_t c = 0; c < 9; ++c) {
+        if (c < 8) add(field.markers[r * 9 + c], field.markers[r * 9 + c + 1]);
+        if (r < 6) add(field.markers[r * 9 + c], field.markers[r * 9 + c + 9]);
+      }
+    }
+    // The root rounds down (1 step), the mean to nearest (0.5).
+    DOUBLES_EQUAL(sum / links - 0.5, reference::pitch_of(field).raw(), 1.0);
+  }
+}

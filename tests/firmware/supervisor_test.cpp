@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every transition of the device's state, as a table written from DESIGN.md (Outputs).
+#include "app/supervisor.hpp"
+
+#include <array>
+#include <chrono>
+#include <optional>
+#include <vector>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace std::chrono_literals;
+
+namespace {
+
+enum class Input { kLearning, kGood, kAfterGap, kSlip, kFew, kSlipAndFew, kRejected, kGone };
+
+constexpr GridSize kGrid{7, 9};
+
+pipeline::Result result_of(Input input) {
+  pipeline::Result result;
+  result.grid = kGrid;
+  result.markers = 63;
+  if (input == Input::kLearning) return result;
+  result.referenced = true;
+  result.features.markers = input == Input::kFew || input == Input::kSlipAndFew ? 54 : 63;
+  result.features.rates_valid = input != Input::kAfterGap;
+  if (input == Input::kSlip || input == Input::kSlipAndFew) {
+    result.verdict = Verdict::kSlip;
+    result.request = GripRequest::kTighten;
+  }
+  if (input == Input::kRejected) result.quality = {Reason::kJpegDamaged};
+  return result;
+}
+
+// What each accepted frame must lead to, whatever the state was before.
+struct Accepted {
+  Input input;
+  DeviceState state;
+  Reason reason;
+};
+constexpr std::array<Accepted, 6> kAccepted{{
+    {Input::kLearning, DeviceState::kReference, Reason::kLearning},
+    {Input::kGood, DeviceState::kOk, Reason::kNone},
+    {Input::kAfterGap, DeviceState::kOk, Reason::kTimeGap},
+    {Input::kSlip, DeviceState::kSlip, Reason::kSlipDetected},
+    {Input::kFew, DeviceState::kDegraded, Reason::kFewMarkers},
+    {Input::kSlipAndFew, DeviceState::kSlip, Reason::kSlipDetected},  // the more urgent of the two
+}};
+
+}  // namespace
+
+TEST_GROUP(Supervisor) {
+  supervisor::State state;
+  supervisor::Config config;
+  Micros now{1s};
+
+  supervisor::Outputs feed(Input input, Micros after = 40ms) {
+    now += after;
+    if (input == Input::kGone) return supervisor::reject(state, config, Reason::kCameraGone, GripRequest::kHold, now);
+    return supervisor::update(state, config, result_of(input), now);
+  }
+
+  // Brings a fresh supervisor into `from`; nothing for states that cannot be asked for.
+  void bring(DeviceState from) {
+    state = {};
+    switch (from) {
+      case DeviceState::kBoot: break;
+      case DeviceState::kReference: (void)feed(Input::kLearning); break;
+      case DeviceState::kOk: (void)feed(Input::kGood); break;
+      case DeviceState::kSlip: (void)feed(Input::kSlip); break;
+      case DeviceState::kDegraded: (void)feed(Input::kFew); break;
+      case DeviceState::kFault: (void)feed(Input::kGone); break;
+    }
+    LONGS_EQUAL(static_cast<int>(from), static_cast<int>(state.device));
+  }
+};
+
+TEST(Supervisor, StartsInBootWithBothLinesLow) {
+  const supervisor::Outputs outputs = supervisor::outputs_of(state, false);
+  LONGS_EQUAL(static_cast<int>(DeviceState::kBoot), static_cast<int>(outputs.state));
+  CHECK_FALSE(outputs.grip_ok);
+  CHECK_FALSE(outputs.alive_high);
+}
+
+TEST(Supervisor, GoesWhereTheAcceptedFrameSaysFromEveryState) {
+  for (const StateInfo& from : kStates) {
+    for (const Accepted& want : kAccepted) {
+      bring(from.state);
+      const bool alive = state.alive_high;
+      const supervisor::Outputs got = feed(want.input);
+      LONGS_EQUAL(static_cast<int>(want.state), static_cast<int>(got.state));
+      LONGS_EQUAL(static_cast<int>(want.reason), static_cast<int>(got.reason));
+      CHECK_EQUAL(want.state == DeviceState::kOk, got.grip_ok);
+      CHECK_EQUAL(want.state == DeviceState::kSlip, got.slip);
+      CHECK_EQUAL(!alive, got.alive_high);
+    }
+  }
+}
+
+TEST(Supervisor, HoldsItsStateOverRejectedFramesFor150Milliseconds) {
+  for (const StateInfo& from : kStates) {
+    if (from.state == DeviceState::kBoot || from.state == DeviceState::kFault) continue;
+    bring(from.state);
+    const bool alive = state.alive_high;
+    for (int k = 0; k < 3; ++k) {
+      const supervisor::Outputs got = feed(Input::kRejected, 50ms);
+      LONGS_EQUAL(static_cast<int>(from.state), static_cast<int>(got.state));
+      LONGS_EQUAL(static_cast<int>(Reason::kJpegDamaged), static_cast<int>(got.reason));
+      CHECK_EQUAL(from.state == DeviceState::kOk, got.grip_ok);
+      CHECK_EQUAL(alive, got.alive_high);
+    }
+    const supervisor::Outputs late = feed(Input::kRejected, 1us);  // 150.001 ms
+    LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(late.state));
+    LONGS_EQUAL(static_cast<int>(Reason::kJpegDamaged), static_cast<int>(late.reason));
+    CHECK_FALSE(late.grip_ok);
+    CHECK_EQUAL(alive, late.alive_high);
+  }
+}
+
+TEST(Supervisor, FaultsAtOnceWhenTheCameraIsGone) {
+  for (const StateInfo& from : kStates) {
+    bring(from.state);
+    const bool alive = state.alive_high;
+    const supervisor::Outputs got = feed(Input::kGone, 1us);
+    LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(got.state));
+    LONGS_EQUAL(static_cast<int>(Reason::kCameraGone), static_cast<int>(got.reason));
+    CHECK_FALSE(got.grip_ok);
+    CHECK_EQUAL(alive, got.alive_high);
+  }
+}
+
+// Nothing was ever accepted: there is no state to hold on to.
+TEST(Supervisor, FaultsWhenTheFirstFrameIsRejected) {
+  const supervisor::Outputs got = feed(Input::kRejected, 0us);
+  LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(got.state));
+  CHECK_FALSE(got.grip_ok);
+  LONGS_EQUAL(static_cast<int>(DeviceState::kReference), static_cast<int>(feed(Input::kLearning).state));
+}
+
+// A fault does not heal by more rejected frames.
+TEST(Supervisor, StaysInFaultUntilAFrameIsAccepted) {
+  bring(DeviceState::kOk);
+  (void)feed(Input::kRejected, 151ms);
+  for (int k = 0; k < 100; ++k) {
+    const supervisor::Outputs got = feed(Input::kRejected, 1ms);
+    LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(got.state));
+    CHECK_FALSE(got.grip_ok);
+  }
+  CHECK_TRUE(feed(Input::kGood).grip_ok);
+}
+
+// Every second frame bad, at 25 fps: never 150 ms without a good one, so no fault; ALIVE shows the good ones only.
+TEST(Supervisor, LivesWithEverySecondFrameRejected) {
+  bring(DeviceState::kOk);
+  int edges = 0;
+  for (int k = 0; k < 100; ++k) {
+    const bool before = state.alive_high;
+    const supervisor::Outputs got = feed(k % 2 == 0 ? Input::kRejected : Input::kGood);
+    LONGS_EQUAL(static_cast<int>(DeviceState::kOk), static_cast<int>(got.state));
+    edges += got.alive_high != before ? 1 : 0;
+  }
+  LONGS_EQUAL(50, edges);
+}
+
+// A rejected frame keeps the request of the frame before: a slip goes on being told.
+TEST(Supervisor, KeepsTellingASlipOverRejectedFrames) {
+  bring(DeviceState::kSlip);
+  pipeline::Result bad = result_of(Input::kRejected);
+  bad.request = GripRequest::kTighten;
+  const supervisor::Outputs got = supervisor::update(state, config, bad, now + 40ms);
+  CHECK_TRUE(got.slip);
+  CHECK_FALSE(got.grip_ok);
+  LONGS_EQUAL(static_cast<int>(DeviceState::kSlip), static_cast<int>(got.state));
+}
+
+// 87 % of 63 is 54.8: 55 is enough, 54 is not. 87 % of 80 is 69.6.
+TEST(Supervisor, DegradesBelowItsShareOfMarkers) {
+  struct Case {
+    GridSize grid;
+    int markers;
+    bool ok;
+  };
+  for (const Case& c : {Case{kGrid, 63, true}, {kGrid, 55, true}, {kGrid, 54, false}, {kGrid, 0, false}, {{8, 10}, 70, true},
+                        {{8, 10}, 69, false}, {{8, 16}, 128, true}, {{8, 16}, 111, false}}) {
+    pipeline::Result result = result_of(Input::kGood);
+    result.grid = c.grid;
+    result.features.markers = c.markers;
+    state = {};
+    LONGS_EQUAL(static_cast<int>(c.ok ? DeviceState::kOk : DeviceState::kDegraded),
+                static_cast<int>(supervisor::update(state, config, result, now).state));
+  }
+}
+
+// All words of four inputs: GRIP_OK is HIGH in OK only, and ALIVE moves with accepted frames only.
+TEST(Supervisor, KeepsItsPromisesOverEverySequenceOfFour) {
+  constexpr std::array<Input, 8> kInputs{Input::kLearning, Input::kGood, Input::kAfterGap, Input::kSlip,
+                                         Input::kFew, Input::kSlipAndFew, Input::kRejected, Input::kGone};
+  for (std::size_t word = 0; word < 8 * 8 * 8 * 8; ++word) {
+    state = {};
+    std::size_t rest = word;
+    std::optional<Micros> good;  // last accepted frame that was plainly fine
+    for (int k = 0; k < 4; ++k, rest /= 8) {
+      const Input input = kInputs[rest % 8];
+      const bool accepted = input != Input::kRejected && input != Input::kGone;
+      const bool before = state.alive_high;
+      const supervisor::Outputs got = feed(input, 90ms);
+      CHECK_EQUAL(accepted, got.alive_high != before);
+      CHECK_EQUAL(got.state == DeviceState::kOk, got.grip_ok);
+      if (accepted || input == Input::kGone) good.reset();
+      if (input == Input::kGood || input == Input::kAfterGap) good = now;
+      CHECK_EQUAL(good.has_value() && now - *good <= 150ms, got.grip_ok);
+    }
+  }
+}

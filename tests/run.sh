@@ -1,0 +1,194 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Installs what is missing, builds and runs every test. Works from a clean clone on Debian 12 with git and bash; the
+# real recordings are used when they lie in ../shared/data/real beside the clone. See --help.
+# The last line is "N passed, N failed, N skipped", summed over the parts; exit status 0 only when nothing failed.
+set -uo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
+# shellcheck source=toolchain/packages.sh
+source toolchain/packages.sh
+
+parts=(packages format sim heap tidy asan rpi4)
+declare -A what=(
+  [packages]="install the Debian packages that are missing"
+  [format]="clang-format on every source"
+  [sim]="host build and its tests"
+  [heap]="heap calls from start() to stop(), counted"
+  [tidy]="clang-tidy on every source that the host build compiles"
+  [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
+  [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
+)
+
+usage() {
+  cat <<'USAGE'
+usage: tests/run.sh [--only PART]... [--long] [--system]
+Installs what is missing (apt-get, with sudo when not root), builds, and runs the tests part by part.
+  --only PART  just this part; may be given again. The parts, in order:
+USAGE
+  local part
+  for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
+  cat <<'USAGE'
+  --long       add the runs that take long: there are none yet
+  --system     add the runs on an emulated machine: there are none yet
+  --help       this
+Logs are in build/test-logs. NO_COLOR is honoured.
+Example: tests/run.sh --only sim
+USAGE
+}
+
+chosen=()
+while (($# > 0)); do
+  case $1 in
+    --only)
+      if [[ -z ${2:-} || -z ${what[$2]:-} ]]; then
+        complain "--only '${2:-}' is no part" "a typing error" "give one of: ${parts[*]}"
+        exit 2
+      fi
+      chosen+=("$2")
+      shift
+      ;;
+    --long | --system) ;;  # accepted from the first day; closing() says that they add nothing yet
+    --help | -h) usage && exit 0 ;;
+    *)
+      complain "unknown option '$1'" "a typing error" "see tests/run.sh --help"
+      exit 2
+      ;;
+  esac
+  shift
+done
+((${#chosen[@]} > 0)) || chosen=("${parts[@]}")
+
+logs=build/test-logs
+passed=0 failed=0 skipped=0
+failures=() skips=()
+
+# count_one NAME STATUS: a check that is one test.
+count_one() {
+  if (($2 == 0)); then passed=$((passed + 1)); else failed=$((failed + 1)) && failures+=("$1"); fi
+  return "$2"
+}
+
+# step NAME COMMAND...: COMMAND with its output in the log NAME and its time on the screen.
+step() {
+  local name=$1 start=$SECONDS status=0 verdict="done"
+  shift
+  quietly "$logs/${name// /-}.log" "$@" || status=$?
+  ((status == 0)) || verdict="${red}failed${plain}"
+  say "   $name: $verdict in $((SECONDS - start)) s"
+  return "$status"
+}
+
+# build PRESET: configures and builds it, once; a failure counts as one failed test, whoever asks again.
+declare -A built=()
+build() {
+  if [[ -z ${built[$1]:-} ]]; then
+    if step "$1 configure" cmake --preset "$1" && step "$1 build" cmake --build --preset "$1"; then
+      built[$1]=yes
+    else
+      built[$1]=no
+      count_one "$1: build" 1
+    fi
+  elif [[ ${built[$1]} == no ]]; then
+    say "   left out: the $1 build failed above"
+  fi
+  [[ ${built[$1]} == yes ]]
+}
+
+# run_ctest NAME PRESET CTEST-ARGUMENT...: runs the tests and counts them from ctest's own report.
+run_ctest() {
+  local name=$1 preset=$2 start=$SECONDS status=0 ok=0 bad=0 out=0 test result reason
+  shift 2
+  local report=$PWD/$logs/${name// /-}.xml log=$logs/${name// /-}.log
+  rm -f "$report"
+  ctest --preset "$preset" -j "$(nproc)" --output-junit "$report" "$@" >"$log" 2>&1 </dev/null || status=$?
+  while IFS=$'\t' read -r test result reason; do
+    case $result in
+      run) ok=$((ok + 1)) ;;
+      fail) bad=$((bad + 1)) && failures+=("$name: $test") ;;
+      *) out=$((out + 1)) && skips+=("$name: $test: ${reason:-$result}") ;;
+    esac
+  done < <(read_report "$report")
+  if ((bad == 0 && status != 0)); then
+    bad=1
+    failures+=("$name: ctest ended with status $status")
+    tail -n 20 "$log" | sed 's/^/   | /'
+  elif ((bad > 0)); then
+    say "   what failed, from $log:"
+    grep -E -A 4 'error: Failure in|runtime error:|ERROR: AddressSanitizer|\*\*\*(Failed|Timeout|Exception)|^error:' "$log" |
+      head -n 60 | sed 's/^/   | /'
+  fi
+  passed=$((passed + ok)) failed=$((failed + bad)) skipped=$((skipped + out))
+  say "   $name: $ok passed, $bad failed, $out skipped in $((SECONDS - start)) s"
+  ((bad == 0))
+}
+
+# read_report FILE: ctest's report (JUnit form) as lines of test, status (run, fail, notrun, disabled), reason to skip.
+read_report() {
+  [[ -s $1 ]] || return 0
+  awk '
+    function flush() { if (test != "") printf "%s\t%s\t%s\n", test, status, reason }
+    /<testcase / {
+      flush()
+      test = $0; sub(/.*<testcase name="/, "", test); sub(/".*/, "", test)
+      status = $0; sub(/.* status="/, "", status); sub(/".*/, "", status)
+      reason = ""
+    }
+    /SKIPPED: / && reason == "" { reason = $0; sub(/.*SKIPPED: /, "", reason); sub(/<\/system-out>.*/, "", reason) }
+    END { flush() }' "$1"
+}
+
+part_packages() {
+  local status=0
+  ensure_packages build test cross || status=1
+  count_one packages "$status"
+}
+part_format() {
+  local status=0
+  step format tests/checks/format.sh || status=1
+  count_one "format (tests/checks/format.sh --fix)" "$status"
+}
+part_sim() { build sim && run_ctest "sim tests" sim --label-exclude heap; }
+part_heap() { build sim && run_ctest "heap tests" sim --label-regex heap; }
+part_tidy() {
+  build sim || return 1
+  local status=0
+  step tidy tests/checks/tidy.sh build/sim || status=1
+  tail -n 1 "$logs/tidy.log" | sed 's/^/   /'
+  count_one "tidy (tests/checks/tidy.sh)" "$status"
+}
+part_asan() { build asan && run_ctest "asan tests" asan; }
+part_rpi4() {
+  step "rpi4 sysroot" toolchain/sysroot.sh || {
+    count_one "rpi4: sysroot" 1
+    return 1
+  }
+  build rpi4 || return 1
+  say "   integer gate: base, vision, tactile and slip compile without floating-point registers"
+  count_one "rpi4: integer gate" 0
+  local status=0
+  run_ctest "rpi4 tests" rpi4 || status=1
+  grep -oE '[a-z_]+: [0-9]+ instructions per frame \(limit [0-9]+' "$logs/rpi4-tests.xml" | sed 's/^/   /; s/$/)/'
+  return "$status"
+}
+
+closing() {
+  heading "result after $((SECONDS / 60)) min $((SECONDS % 60)) s"
+  local line
+  for line in "${skips[@]}"; do say "skipped: $line"; done
+  say "left out: long runs (--long): there are none yet"
+  say "left out: emulated machine (--system): there are none yet"
+  for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
+  say "$passed passed, $failed failed, $skipped skipped"
+}
+
+trap 'failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
+
+mkdir -p "$logs"
+for part in "${chosen[@]}"; do
+  heading "$part: ${what[$part]}"
+  start=$SECONDS
+  "part_$part"
+  say "   part $part: $((SECONDS - start)) s"
+done
+closing
+((failed == 0))

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+# Cross build for a 64-bit Raspberry Pi 4 with Debian's g++-aarch64-linux-gnu and that package's own C and C++
+# libraries. Everything else comes from build/sysroot-aarch64 (toolchain/sysroot.sh). ctest runs the tests under
+# qemu-user by itself. Units and ranges: none. Errors: a missing sysroot, compiler or emulator stops the configuration.
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR aarch64)
+set(holdfast_triplet aarch64-linux-gnu)
+set(HOLDFAST_SYSROOT ${CMAKE_CURRENT_LIST_DIR}/../build/sysroot-aarch64)
+cmake_path(NORMAL_PATH HOLDFAST_SYSROOT)
+
+if(NOT EXISTS ${HOLDFAST_SYSROOT}/packages.txt)
+  message(FATAL_ERROR "There is no sysroot at ${HOLDFAST_SYSROOT}: run toolchain/sysroot.sh first.")
+endif()
+
+set(CMAKE_C_COMPILER ${holdfast_triplet}-gcc)
+set(CMAKE_CXX_COMPILER ${holdfast_triplet}-g++)
+set(CMAKE_C_FLAGS_INIT "-mcpu=cortex-a72")
+set(CMAKE_CXX_FLAGS_INIT "-mcpu=cortex-a72")
+set(CMAKE_LIBRARY_ARCHITECTURE ${holdfast_triplet})
+
+# Not CMAKE_SYSROOT: libc and libstdc++ are the cross packages' (/usr/${holdfast_triplet}), which gcc knows by itself.
+set(CMAKE_FIND_ROOT_PATH ${HOLDFAST_SYSROOT} /usr/${holdfast_triplet})
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
+set(ENV{PKG_CONFIG_PATH} "")
+set(ENV{PKG_CONFIG_LIBDIR} ${HOLDFAST_SYSROOT}/usr/lib/${holdfast_triplet}/pkgconfig:${HOLDFAST_SYSROOT}/usr/share/pkgconfig)
+set(ENV{PKG_CONFIG_SYSROOT_DIR} ${HOLDFAST_SYSROOT})
+
+# qemu-aarch64 (package qemu-user) also takes plugins, which the instruction count needs; the static one does not.
+find_program(HOLDFAST_QEMU NAMES qemu-aarch64 qemu-aarch64-static REQUIRED)
+set(CMAKE_CROSSCOMPILING_EMULATOR ${HOLDFAST_QEMU} -L /usr/${holdfast_triplet})

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/holdfast/atomic_file.hpp"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <system_error>
+#include <utility>
+
+namespace holdfast::tool {
+
+namespace fs = std::filesystem;
+
+AtomicFile::AtomicFile(fs::path path, const fs::path& input) : path_(std::move(path)) {
+  std::error_code ignored;
+  const fs::file_status status = fs::status(path_, ignored);
+  if (fs::exists(status) && !fs::is_regular_file(status)) {
+    fail("cannot be written", fs::is_directory(status) ? "it is a folder" : "it is a device or pipe",
+         "give the name of a file");
+    return;
+  }
+  if (!input.empty() && fs::equivalent(path_, input, ignored)) {
+    fail("would overwrite the input", "the same file is given as input and as output",
+         "give another name for the output");
+    return;
+  }
+  // A link stays a link: its target is replaced.
+  if (fs::is_symlink(fs::symlink_status(path_, ignored))) {
+    const fs::path target = fs::weakly_canonical(path_, ignored);
+    if (!ignored) path_ = target;
+  }
+  temp_ = path_;
+  temp_ += ".tmp-" + std::to_string(::getpid());
+  stream_.open(temp_, std::ios::binary | std::ios::trunc);
+  if (!stream_) {
+    const std::string cause = std::generic_category().message(errno);
+    temp_.clear();
+    fail("cannot be written", cause, "check the folder and its permissions");
+  }
+}
+
+AtomicFile::~AtomicFile() {
+  stream_.close();
+  std::error_code ignored;
+  if (!temp_.empty()) fs::remove(temp_, ignored);
+}
+
+std::string AtomicFile::commit() {
+  if (!error_.empty()) return error_;
+  stream_.close();
+  if (!stream_) {
+    fail("could not be written to its end", "the disk is full, or was taken away",
+         "free some space and run again");
+    return error_;
+  }
+  std::error_code ec;
+  fs::rename(temp_, path_, ec);
+  if (ec) {
+    fail("cannot be put in its place", ec.message(), "check the folder and its permissions");
+    return error_;
+  }
+  temp_.clear();
+  return {};
+}
+
+void AtomicFile::fail(const std::string& what, const std::string& cause, const std::string& next) {
+  error_ = path_.string() + ": " + what + ": " + cause + "; " + next;
+}
+
+}  // namespace holdfast::tool

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// An output file that appears only when it is complete.
+//
+// Written as `path.tmp-PID` beside its place and renamed by commit(); without commit() nothing is left
+// behind. Refuses what a rename would destroy: the input of the same run, a folder, a device (`/dev/null`).
+// Errors are one line: file, what, likely cause, next step. Not for several writers of one path in one
+// process.
+#pragma once
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+namespace holdfast::tool {
+
+class AtomicFile {
+ public:
+  explicit AtomicFile(std::filesystem::path path, const std::filesystem::path& input = {});
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+
+  // Why the file cannot be written, as far as known; empty: good. Ask early, before a long run.
+  [[nodiscard]] const std::string& error() const { return error_; }
+  [[nodiscard]] std::ostream& stream() { return stream_; }
+  // Puts the file in its place. Empty, or the error line.
+  [[nodiscard]] std::string commit();
+
+ private:
+  void fail(const std::string& what, const std::string& cause, const std::string& next);
+
+  std::filesystem::path path_;
+  std::filesystem::path temp_;
+  std::ofstream stream_;
+  std::string error_;
+};
+
+}  // namespace holdfast::tool

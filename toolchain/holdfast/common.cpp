@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "app/modes.hpp"
+#include "base/math.hpp"
+#include "toolchain/holdfast/commands.hpp"
+#include "toolchain/treec/tree_model.hpp"
+
+namespace holdfast::tool {
+namespace {
+
+std::string known_modes() {
+  std::string names;
+  for (const Mode& mode : kModes) names += fmt::format("{}{}", names.empty() ? "" : ", ", mode.name);
+  return names;
+}
+
+std::string known_feature_sets() {
+  std::string names;
+  for (const FeatureSet& set : kFeatureSets) names += fmt::format("{}{}", names.empty() ? "" : ", ", set.name);
+  return names;
+}
+
+std::string parse_grid(const std::string& text, Params& params, bool& auto_grid) {
+  auto_grid = text == "auto";
+  if (auto_grid) return {};
+  int cols = 0, rows = 0, used = 0;
+  const bool shaped = std::sscanf(text.c_str(), "%dx%d%n", &cols, &rows, &used) == 2 &&
+                      used == static_cast<int>(text.size());
+  params.grid_cols = cols;
+  params.grid_rows = rows;
+  if (shaped && validate(params).ok()) return {};
+  return fmt::format(
+      "--grid {}: not a grid this firmware knows. Likely cause: not written as COLSxROWS, or outside 3..16 and "
+      "{} markers. Next: give the printed grid, for instance 9x7, or auto",
+      text, kMaxMarkers);
+}
+
+std::string load_model(const std::string& path, std::unique_ptr<model::Tree>& tree, std::string& model_text) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  if (!in) {
+    return fmt::format(
+        "{}: cannot be read as a model. Likely cause: no such file or no right to read it. Next: give a model text "
+        "such as toolchain/model/slip_v1.tree",
+        path);
+  }
+  treec::Model parsed;
+  if (const auto problem = treec::parse(text.str(), parsed)) return treec::describe(*problem, path);
+  if (const auto problem = treec::check(parsed)) return treec::describe(*problem, path);
+  tree = std::make_unique<model::Tree>();
+  for (const treec::Node& node : parsed.nodes) {
+    tree->nodes[idx(node.id)] = {node.threshold, static_cast<std::uint8_t>(node.feature),
+                                 static_cast<std::uint8_t>(node.child_true),
+                                 static_cast<std::uint8_t>(node.child_false), node.is_leaf, node.verdict};
+  }
+  model_text = fmt::format("{} ({})", parsed.name, path);
+  return {};
+}
+
+}  // namespace
+
+void add_common_options(CLI::App& command, CommonOptions& options) {
+  command.add_option("--grid", options.grid, "printed grid as COLSxROWS, or auto: take the lattice found")
+      ->capture_default_str();
+  command.add_option("--mode", options.mode, fmt::format("speed setting for JPEG pictures: {}", known_modes()))
+      ->capture_default_str();
+  command.add_option("--model", options.model, "model text to decide with instead of the compiled tree");
+  command.add_option("--feature-set", options.feature_set, fmt::format("features to decide on: {}", known_feature_sets()))
+      ->capture_default_str();
+  command.add_option("--features", options.paths.features, "write one row per frame: CSV");
+  command.add_option("--markers", options.paths.markers, "write one row per marker and frame: CSV");
+  command.add_option("--overlay", options.paths.overlay,
+                     "write the frame of the first slip (else of the largest entropy) with its arrows, three times "
+                     "their length: PNG");
+  command.add_option("--report", options.paths.report, "write a report that any browser shows: HTML");
+  command.add_flag("--json", options.json, "print the summary as JSON");
+}
+
+std::string settle(const CommonOptions& options, Params& params, bool& auto_grid, std::unique_ptr<model::Tree>& tree,
+                   std::string& model_text) {
+  if (std::string error = parse_grid(options.grid, params, auto_grid); !error.empty()) return error;
+  if (!parse("mode", options.mode, params).ok() || !find_mode(options.mode)) {
+    return fmt::format("--mode {}: no such mode. Likely cause: a typing error. Next: give one of {}", options.mode,
+                       known_modes());
+  }
+  bool known_set = false;
+  for (const FeatureSet& set : kFeatureSets) known_set = known_set || set.name == options.feature_set;
+  if (!known_set) {
+    return fmt::format("--feature-set {}: no such set. Likely cause: a typing error. Next: give one of {}",
+                       options.feature_set, known_feature_sets());
+  }
+  model_text = fmt::format("{} (compiled in)", slip_tree::kName);
+  return options.model.empty() ? std::string{} : load_model(options.model, tree, model_text);
+}
+
+void print_summary(const Session& session, const Summary& summary, const CommonOptions& options) {
+  if (options.json) {
+    nlohmann::json out;
+    out["frames"] = summary.frames;
+    out["accepted"] = summary.accepted;
+    out["markers_mean"] = summary.mean_markers;
+    out["markers_least"] = summary.least_markers;
+    out["searches"] = summary.searches;
+    out["saturations"] = summary.saturations;
+    out["slip_frames"] = summary.slip_frames;
+    out["slip_times_s"] = summary.slip_times_s;
+    fmt::print("{}\n", out.dump());
+    return;
+  }
+  fmt::print("frames    {} read, {} accepted\n", summary.frames, summary.accepted);
+  fmt::print("markers   {:.2f} of {} on average, {} at least\n", summary.mean_markers,
+             session.app().state().tracker.field.grid.count(), summary.least_markers);
+  if (summary.slip_frames.empty()) {
+    fmt::print("slip      never raised\n");
+  } else {
+    fmt::print("slip      raised {} times, first in frame {} at {:.3f} s\n", summary.slip_frames.size(),
+               summary.slip_frames.front(), summary.slip_times_s.front());
+  }
+  if (summary.saturations > 0) fmt::print("note      {} values were clamped to their range\n", summary.saturations);
+  for (const auto& [name, path] : {std::pair{"features", &options.paths.features}, {"markers", &options.paths.markers},
+                                   {"truth", &options.paths.truth}, {"overlay", &options.paths.overlay},
+                                   {"report", &options.paths.report}}) {
+    if (!path->empty()) fmt::print("written   {}: {}\n", name, path->string());
+  }
+}
+
+int fail(const std::string& line) {
+  fmt::print(stderr, "holdfast: {}\n", line);
+  return 1;
+}
+
+}  // namespace holdfast::tool

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs the firmware over a camera in virtual time and keeps what came out: CSV files, report, overlay, summary.
+//
+// Outputs appear together, after the last frame, or not at all. Host code: it may allocate; the firmware inside
+// does not.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <opencv2/core/mat.hpp>
+
+#include "app/app.hpp"
+#include "drivers/sim/clock.hpp"
+#include "drivers/sim/gpio.hpp"
+#include "drivers/sim/jpeg_turbo.hpp"
+#include "drivers/sim/serial.hpp"
+#include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/holdfast/report.hpp"
+
+namespace holdfast::tool {
+
+struct OutputPaths {
+  std::filesystem::path features;
+  std::filesystem::path markers;
+  std::filesystem::path overlay;
+  std::filesystem::path report;
+  std::filesystem::path truth;  // simulated grasps only
+};
+
+// What the run was, in words; goes into report and summary.
+struct SessionInfo {
+  std::string title;
+  std::filesystem::path input;  // outputs must not overwrite it; empty for a simulated grasp
+  std::string input_text;
+  std::string reference_text;
+  std::string model_text;
+  Params params;
+  bool auto_grid = false;
+};
+
+struct Summary {
+  long frames = 0;
+  long accepted = 0;
+  int least_markers = 0;
+  double mean_markers = 0;
+  std::vector<double> slip_times_s;  // of each rising edge of `slip`
+  std::vector<long> slip_frames;
+  bool grip_ok_fell_with_first_slip = true;  // within the frame that raised it
+  Reason last_rejection = Reason::kNone;
+  long searches = 0;
+  std::uint32_t saturations = 0;
+};
+
+class Session {
+ public:
+  Session(SessionInfo info, const OutputPaths& paths);
+
+  // Why an output cannot be written, as far as known before the run. Empty: good.
+  [[nodiscard]] std::string output_error() const;
+
+  // The firmware, over `camera`. The camera shares clock().
+  // `tree`: decides instead of the compiled one; outlives the session. May be null.
+  void connect(hal::Camera& camera, const model::Tree* tree);
+  [[nodiscard]] sim::Clock& clock() { return clock_; }
+  [[nodiscard]] App& app() { return *app_; }
+  [[nodiscard]] const App& app() const { return *app_; }
+
+  // After each step() that brought a frame. `scale`: pixels of the input per pixel of the working image.
+  // `bytes`: what the camera gave, for the overlay's picture.
+  void record(long frame, double t_s, double scale, const hal::Frame& given);
+  // A line of the truth file; the first call writes the header before it.
+  void record_truth(const std::string& header, const std::string& line);
+
+  [[nodiscard]] Summary summary() const;
+  // Writes everything. Empty, or one line that says what is wrong; then nothing was written.
+  [[nodiscard]] std::string commit(std::vector<TruthMark> marks, std::optional<TruthSeries> series,
+                                   std::vector<std::string> notes);
+
+  // The lines' edges as text: GRIP_OK one by one, ALIVE counted between them.
+  [[nodiscard]] std::string gpio_timeline() const;
+
+ private:
+  void keep_for_overlay(double scale, const hal::Frame& given);
+
+  SessionInfo info_;
+  OutputPaths paths_;
+  std::unique_ptr<AtomicFile> features_, markers_, truth_;
+  sim::Clock clock_;
+  sim::Gpio gpio_;
+  sim::Serial link_;
+  sim::TurboJpegDecoder jpeg_;
+  std::unique_ptr<App> app_;
+  Report report_;
+  Summary summary_;
+  long marker_sum_ = 0;
+  bool slip_before_ = false;
+  std::vector<Arrow> arrows_;
+  double best_entropy_ = -1;
+  bool slip_kept_ = false;
+  hal::PixelFormat picture_format_ = hal::PixelFormat::kLuma8;
+  std::vector<std::uint8_t> picture_bytes_;
+  int picture_width_ = 0, picture_height_ = 0;
+  double picture_scale_ = 1;
+  std::vector<Arrow> picture_arrows_;
+};
+
+// "what: cause; next" of the firmware's table, for messages. `found`: lattice seen, for grid reasons.
+[[nodiscard]] std::string explain(Reason reason, const App& app);
+
+// "OK", "9x7", ...
+[[nodiscard]] std::string grid_text(GridSize grid);
+
+}  // namespace holdfast::tool

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# The Debian packages that Holdfast needs, and ensure_packages, which installs what is missing. Sourced, not run.
+# The versions are those of Debian 12 (bookworm) that the project is known to work with. Another version is a note,
+# never an error: point releases change them.
+
+# shellcheck source=toolchain/say.sh
+source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
+
+# GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator.
+package_table() {
+  cat <<'TABLE'
+build g++ 4:12.2.0-3
+build cmake 3.25.1-1
+build ninja-build 1.11.1-2~deb12u1
+build pkg-config 1.8.1-1
+build libopencv-core-dev 4.6.0+dfsg-12
+build libopencv-imgproc-dev 4.6.0+dfsg-12
+build libopencv-imgcodecs-dev 4.6.0+dfsg-12
+build libopencv-videoio-dev 4.6.0+dfsg-12
+build libjpeg62-turbo-dev 1:2.1.5-2
+build libcli11-dev 2.1.2+ds-1
+build libfmt-dev 9.1.0+ds1-2
+build nlohmann-json3-dev 3.11.2-2
+test libcpputest-dev 4.0-2
+test libopencv-features2d-dev 4.6.0+dfsg-12
+test libopencv-video-dev 4.6.0+dfsg-12
+test clang-format 1:14.0-55.7~deb12u1
+test clang-tidy 1:14.0-55.7~deb12u1
+test valgrind 1:3.19.0-1
+cross g++-aarch64-linux-gnu 4:12.2.0-3
+cross qemu-user 1:7.2+dfsg-7+deb12u18+b3
+cross qemu-user-static 1:7.2+dfsg-7+deb12u18+b3
+TABLE
+}
+
+# ensure_packages GROUP...: installs the packages of the groups that are missing; touches nothing when none is.
+ensure_packages() {
+  local groups=" $* " group package wanted installed
+  local -a missing=() others=()
+  if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
+    complain "cannot look for packages" "this is not a Debian machine: apt-get or dpkg-query is not here" \
+      "use Debian 12, or install what $(basename "${BASH_SOURCE[0]}") lists by hand"
+    return 1
+  fi
+  while read -r group package wanted; do
+    [[ $groups == *" $group "* ]] || continue
+    # shellcheck disable=SC2016  # dpkg-query's own fields
+    installed=$(dpkg-query -W -f '${db:Status-Status} ${Version}\n' "$package" 2>/dev/null |
+      awk '$1 == "installed" { print $2; exit }')
+    if [[ -z $installed ]]; then
+      missing+=("$package")
+    elif [[ $installed != "$wanted" ]]; then
+      others+=("$package $installed (known to work: $wanted)")
+    fi
+  done < <(package_table)
+
+  for package in "${others[@]}"; do note "$package"; done
+  if ((${#missing[@]} == 0)); then
+    say "packages ($*): all installed"
+    return 0
+  fi
+  say "packages ($*): installing ${missing[*]}"
+
+  local -a root=()
+  if ((EUID != 0)); then
+    if ! command -v sudo >/dev/null; then
+      complain "cannot install ${missing[*]}" "not root, and sudo is not here" \
+        "as root: apt-get install --no-install-recommends ${missing[*]}"
+      return 1
+    fi
+    root=(sudo)
+    [[ -t 0 ]] || root=(sudo -n)
+  fi
+  local -a apt=("${root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=600 -y)
+  local -a install=("${apt[@]}" --no-install-recommends install "${missing[@]}")
+  local log
+  log=$(mktemp)
+  # A fresh machine has no package lists and an old one has stale lists: both show as a failed first try.
+  if ! "${install[@]}" >"$log" 2>&1 </dev/null; then
+    say "packages: refreshing the package lists"
+    if ! "${apt[@]}" update >"$log" 2>&1 </dev/null || ! "${install[@]}" >>"$log" 2>&1 </dev/null; then
+      tail -n 15 "$log" | sed 's/^/   | /' >&2
+      rm -f "$log"
+      complain "apt-get could not install ${missing[*]}" "no network, no rights, or no Debian 12 package source" \
+        "see the lines above, then: apt-get update && apt-get install --no-install-recommends ${missing[*]}"
+      return 1
+    fi
+  fi
+  rm -f "$log"
+  say "packages ($*): installed ${#missing[@]}"
+}

@@ -1,0 +1,57 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Fetches what the rpi4 tests need beyond Debian's cross packages - CppUTest for arm64 - into build/sysroot-aarch64.
+# The host's package database and architectures stay as they are: apt runs on a state directory of its own, and the
+# package is only unpacked. Does nothing when the sysroot is complete. Needs apt, network, no root.
+# --force builds it again.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+# shellcheck source=toolchain/say.sh
+source toolchain/say.sh
+
+packages=(libcpputest-dev)
+sysroot=build/sysroot-aarch64
+stamp=$sysroot/packages.txt
+
+case ${1:-} in
+  '') ;;
+  --force) rm -rf "$sysroot" ;;
+  *) say "usage: toolchain/sysroot.sh [--force]" && exit 2 ;;
+esac
+
+if [[ -f $stamp && $(head -n 1 "$stamp") == "${packages[*]}" ]]; then
+  say "sysroot: $sysroot is complete"
+  exit 0
+fi
+if ! command -v apt-get >/dev/null || ! command -v dpkg-deb >/dev/null; then
+  complain "cannot fetch arm64 packages" "this is not a Debian machine: apt-get or dpkg-deb is not here" \
+    "use Debian 12, or unpack ${packages[*]} for arm64 into $sysroot by hand"
+  exit 1
+fi
+
+mkdir -p build
+work=$(mktemp -d build/sysroot.XXXXXX)
+trap 'rm -rf "$work"' EXIT
+trap 'exit 130' INT TERM
+mkdir -p "$work"/{state/lists/partial,cache/archives/partial,root}
+: >"$work/state/status"
+apt=(apt-get -q -o "Dir::State=$PWD/$work/state" -o "Dir::State::status=$PWD/$work/state/status"
+  -o "Dir::Cache=$PWD/$work/cache" -o APT::Architecture=arm64 -o APT::Architectures=arm64
+  -o "APT::Sandbox::User=$(id -un)")
+
+say "sysroot: fetching ${packages[*]} for arm64"
+if ! quietly "$work/update.log" "${apt[@]}" update ||
+  ! (cd "$work/root" && quietly ../download.log "${apt[@]}" download "${packages[@]}"); then
+  complain "cannot fetch ${packages[*]} for arm64" "no network, or the package source has no arm64" \
+    "see the lines above, then run toolchain/sysroot.sh again"
+  exit 1
+fi
+for deb in "$work"/root/*.deb; do
+  printf '%s\n' "$(basename "$deb")" >>"$work/fetched"
+  dpkg-deb -x "$deb" "$work/root"
+  rm "$deb"
+done
+{ printf '%s\n' "${packages[*]}" && cat "$work/fetched"; } >"$work/root/packages.txt"
+rm -rf "$sysroot"
+mv "$work/root" "$sysroot"
+say "sysroot: $sysroot is ready ($(du -sh "$sysroot" | cut -f1), $(tail -n +2 "$stamp" | tr '\n' ' '))"
