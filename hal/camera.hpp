@@ -17,9 +17,9 @@ enum class PixelFormat : std::uint8_t {
 struct Frame {
   std::span<const std::uint8_t> bytes;
   PixelFormat format = PixelFormat::kMjpeg;
-  std::int32_t width = 0;   // pixels
-  std::int32_t height = 0;  // pixels
-  std::int32_t stride = 0;  // bytes from row to row (kLuma8)
+  std::int32_t width = 0;                 // pixels
+  std::int32_t height = 0;                // pixels
+  std::int32_t stride = 0;                // bytes from row to row (kLuma8)
   std::chrono::microseconds timestamp{};  // start of exposure on the HAL clock's time base
   std::uint32_t sequence = 0;             // counts what the sensor sent; a gap is a dropped frame
 };

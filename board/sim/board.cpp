@@ -47,8 +47,14 @@ Desk& desk() {
 
 }  // namespace
 
-Devices& devices() { return desk().devices; }
-hal::Serial& host() { return desk().host; }
-Params params() { return {}; }
+Devices& devices() {
+  return desk().devices;
+}
+hal::Serial& host() {
+  return desk().host;
+}
+Params params() {
+  return {};
+}
 
 }  // namespace holdfast::board

@@ -25,7 +25,7 @@ enum class CameraFault : std::uint8_t {
   kGarbage,    // random bytes of the same length
   kLate,       // arrives `by` late, with its true timestamp; what follows queues up behind it
   kBackwards,  // stamped `by` before the frame before it
-  kGone,  // the stream ends here; the next `count` calls of start() are refused, then it is plugged in again
+  kGone,       // the stream ends here; the next `count` calls of start() are refused, then it is plugged in again
 };
 
 struct FaultSpan {

@@ -49,8 +49,7 @@ void GraspCamera::film(int index) {
     return;
   }
   scene::render_rgb(picture, dots_, &contact, seed, pixels_);
-  jpeg_ = scene::encode_jpeg(pixels_, picture.width, picture.height, scene::JpegInput::kRgb,
-                             config_.jpeg_quality);
+  jpeg_ = scene::encode_jpeg(pixels_, picture.width, picture.height, scene::JpegInput::kRgb, config_.jpeg_quality);
 }
 
 }  // namespace holdfast::sim

@@ -5,8 +5,7 @@
 
 namespace holdfast::sim {
 
-CameraReplay::CameraReplay(Recording recording, Clock& clock)
-    : recording_(std::move(recording)), clock_(clock) {}
+CameraReplay::CameraReplay(Recording recording, Clock& clock) : recording_(std::move(recording)), clock_(clock) {}
 
 bool CameraReplay::do_start() {
   start_ = clock_.now();
@@ -27,8 +26,7 @@ hal::Capture CameraReplay::do_next(hal::Frame& frame, std::chrono::microseconds 
   pending_ = false;
   clock_.advance_to(due);
   const bool luma = frame_.format == hal::PixelFormat::kLuma8;
-  frame = {frame_.bytes, frame_.format,  frame_.width, frame_.height, luma ? frame_.width : 0,
-           due,          frame_.sequence};
+  frame = {frame_.bytes, frame_.format, frame_.width, frame_.height, luma ? frame_.width : 0, due, frame_.sequence};
   return hal::Capture::kFrame;
 }
 

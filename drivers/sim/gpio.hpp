@@ -25,8 +25,7 @@ class Gpio final : public hal::Gpio {
  public:
   static constexpr std::size_t kDefaultEvents = 4096;
 
-  explicit Gpio(const hal::Clock& clock, std::size_t events = kDefaultEvents)
-      : clock_(clock), events_(events) {}
+  explicit Gpio(const hal::Clock& clock, std::size_t events = kDefaultEvents) : clock_(clock), events_(events) {}
 
   // The next `count` calls of set() are refused by the chip: false, and the line keeps its level.
   void fail_next(int count) { failures_ = count; }
@@ -49,9 +48,7 @@ class Gpio final : public hal::Gpio {
 
   [[nodiscard]] bool do_set(hal::Line line, hal::Level level) override;
   [[nodiscard]] LineState& line_of(hal::Line line) { return lines_[static_cast<std::size_t>(line)]; }
-  [[nodiscard]] const LineState& line_of(hal::Line line) const {
-    return lines_[static_cast<std::size_t>(line)];
-  }
+  [[nodiscard]] const LineState& line_of(hal::Line line) const { return lines_[static_cast<std::size_t>(line)]; }
 
   const hal::Clock& clock_;
   Ring<GpioEvent> events_;

@@ -19,8 +19,7 @@ class TurboJpegDecoder final : public JpegDecoder {
   ~TurboJpegDecoder() override;
 
  private:
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale,
-                                 LumaBuffer& out) override;
+  [[nodiscard]] Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale, LumaBuffer& out) override;
 
   struct Library;
   std::unique_ptr<Library> library_;

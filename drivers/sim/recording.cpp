@@ -53,8 +53,7 @@ namespace {
 
 using SourceResult = Result<std::unique_ptr<Recording::Source>>;
 
-Error fail_line(const fs::path& path, const std::string& what, const std::string& cause,
-                const std::string& next) {
+Error fail_line(const fs::path& path, const std::string& what, const std::string& cause, const std::string& next) {
   return {path.string() + ": " + what + ": " + cause + "; " + next};
 }
 
@@ -112,8 +111,7 @@ bool has_extension(const fs::path& path, std::initializer_list<std::string_view>
 
 bool is_image_name(const fs::path& path) {
   return path.filename().string().front() != '.' &&
-         has_extension(path,
-                       {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".webp"});
+         has_extension(path, {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".webp"});
 }
 
 // Numbers inside names count as numbers: img2 < img10; img02 and img2 are then told apart by their text.
@@ -321,8 +319,7 @@ class StreamSource final : public Recording::Source {
 // time stamps with them, and it hides the empty chunks that stand for dropped frames.
 class AviSource final : public Recording::Source {
  public:
-  AviSource(std::unique_ptr<MappedFile> file, AviIndex index)
-      : file_(std::move(file)), index_(std::move(index)) {}
+  AviSource(std::unique_ptr<MappedFile> file, AviIndex index) : file_(std::move(file)), index_(std::move(index)) {}
 
   Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
     if (skip_dropped() == Read::kEnd) return Read::kEnd;
@@ -399,8 +396,8 @@ class VideoSource final : public Recording::Source {
         return Read::kFrame;
       }
       if (picture.depth() != CV_8U || (picture.channels() != 1 && picture.channels() != 3)) {
-        return fail(fail_line(path_, "has more than 8 bits per channel, or alpha",
-                              "a scientific or edited video", "convert it to 8 bit, for instance to MJPEG"));
+        return fail(fail_line(path_, "has more than 8 bits per channel, or alpha", "a scientific or edited video",
+                              "convert it to 8 bit, for instance to MJPEG"));
       }
       reduce_to(to_grey(picture), smallest_fitting_factor(picture.cols, picture.rows), frame);
       return Read::kFrame;
@@ -433,8 +430,7 @@ class VideoSource final : public Recording::Source {
     const double covered = std::max(static_cast<double>(count_), by_time);
     if (covered >= static_cast<double>(announced_) * 0.99 - 2) return Read::kEnd;
     return fail(fail_line(
-        path_,
-        "stops after " + std::to_string(count_) + " of " + std::to_string(announced_) + " announced frames",
+        path_, "stops after " + std::to_string(count_) + " of " + std::to_string(announced_) + " announced frames",
         "the file is truncated or damaged", "copy it again, or record it again"));
   }
 
@@ -481,8 +477,7 @@ SourceResult open_video(const fs::path& path) {
   }
   auto decoded = std::make_unique<VideoSource>(path, VideoSource::Mode::kDecoded);
   if (!decoded->is_open()) {
-    return fail_line(path, "is not a video that can be opened",
-                     "not a video, a damaged header, or an unknown codec",
+    return fail_line(path, "is not a video that can be opened", "not a video, a damaged header, or an unknown codec",
                      "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");
   }
   return decoded;
@@ -497,8 +492,7 @@ SourceResult open_avi(const fs::path& path, std::unique_ptr<MappedFile> file, Av
                      "an interrupted copy, a full disk, or a recorder that was killed",
                      "copy or record it again, or save the rest with 'ffmpeg -i IN.avi -c copy OUT.avi'");
   }
-  const auto first =
-      std::find_if(index.chunks.begin(), index.chunks.end(), [](AviChunk c) { return c.size > 0; });
+  const auto first = std::find_if(index.chunks.begin(), index.chunks.end(), [](AviChunk c) { return c.size > 0; });
   if (first == index.chunks.end()) return open_video(path);  // chunks of a kind that only a codec knows
   if (!starts_like_jpeg(file->bytes().subspan(first->offset, first->size))) return open_video(path);
   return std::make_unique<AviSource>(std::move(file), std::move(index));
@@ -513,15 +507,13 @@ SourceResult open_source(const fs::path& path) {
   }
   if (fs::is_directory(status)) return open_folder(path);
   if (!fs::is_regular_file(status)) {
-    return fail_line(path, "cannot be read", "neither a file nor a folder",
-                     "save the stream to a file first");
+    return fail_line(path, "cannot be read", "neither a file nor a folder", "save the stream to a file first");
   }
   if (fs::file_size(path, ec) == 0 && !ec) {
     return fail_line(path, "holds no frames", "the file is empty (0 bytes)", "copy or record it again");
   }
   auto file = std::make_unique<MappedFile>(path);
-  if (file->bytes().empty())
-    return fail_line(path, "cannot be read", "no permission", "check its permissions");
+  if (file->bytes().empty()) return fail_line(path, "cannot be read", "no permission", "check its permissions");
   if (starts_like_jpeg(file->bytes()) || has_extension(path, {".mjpg", ".mjpeg"})) {
     return std::make_unique<StreamSource>(std::move(file));
   }
@@ -540,8 +532,7 @@ Result<RecordingInfo> probe(const fs::path& path, Recording::Source& source, Rec
     if (read == Read::kError) return Error{source.error()};
     if (read == Read::kEnd) {
       return mjpeg
-                 ? fail_line(path, "holds no whole JPEG picture", "damaged, or not an MJPEG stream",
-                             "record it again")
+                 ? fail_line(path, "holds no whole JPEG picture", "damaged, or not an MJPEG stream", "record it again")
                  : fail_line(path, "holds no frames", "an empty recording, or a codec that cannot be decoded",
                              "play it in a video player; convert it to MJPEG");
     }
@@ -592,8 +583,7 @@ Result<Walk> walk(const fs::path& path, long from, Until until) {
 
 }  // namespace
 
-Recording::Recording(fs::path path, RecordingOptions options, RecordingInfo info,
-                     std::unique_ptr<Source> source)
+Recording::Recording(fs::path path, RecordingOptions options, RecordingInfo info, std::unique_ptr<Source> source)
     : path_(std::move(path)), options_(options), info_(info), source_(std::move(source)) {}
 Recording::Recording(Recording&&) noexcept = default;
 Recording& Recording::operator=(Recording&&) noexcept = default;
@@ -687,8 +677,7 @@ Result<RecordedFrame> read_picture(const fs::path& path, int reduce) {
   RecordedFrame frame;
   if (auto error = load_image(path, reduce, frame)) return *error;
   if (frame.format == hal::PixelFormat::kMjpeg && frame.damaged) {
-    return fail_line(path, "the JPEG picture is cut off", "an interrupted copy or a full disk",
-                     "save it again");
+    return fail_line(path, "the JPEG picture is cut off", "an interrupted copy or a full disk", "save it again");
   }
   return frame;
 }

@@ -55,7 +55,7 @@ struct RecordedFrame {
   long index = 0;              // counts the frames of the recording from 0
   std::uint32_t sequence = 0;  // counts what the camera sent: jumps where the container marks a dropped frame
   Micros time{};               // since the first frame; strictly increasing
-  bool damaged = false;  // the JPEG bytes have no end: cut off by the end of the file or by the next picture
+  bool damaged = false;        // the JPEG bytes have no end: cut off by the end of the file or by the next picture
 };
 
 enum class Read : std::uint8_t {
@@ -66,8 +66,7 @@ enum class Read : std::uint8_t {
 
 class Recording {
  public:
-  [[nodiscard]] static Result<Recording> open(const std::filesystem::path& path,
-                                              RecordingOptions options = {});
+  [[nodiscard]] static Result<Recording> open(const std::filesystem::path& path, RecordingOptions options = {});
   Recording(Recording&&) noexcept;
   Recording& operator=(Recording&&) noexcept;
   ~Recording();
@@ -89,8 +88,7 @@ class Recording {
   class Source;
 
  private:
-  Recording(std::filesystem::path path, RecordingOptions options, RecordingInfo info,
-            std::unique_ptr<Source> source);
+  Recording(std::filesystem::path path, RecordingOptions options, RecordingInfo info, std::unique_ptr<Source> source);
 
   std::filesystem::path path_;
   RecordingOptions options_;

@@ -20,8 +20,7 @@ struct Mode {
 
 // Index = value of the parameter `mode`. From fast to precise.
 inline constexpr std::array<Mode, 3> kModes{{
-    {"fast", DecodeScale::kEighth,
-     "decode at 1/8 (410x308 of the camera's 3280x2464): least time and memory"},
+    {"fast", DecodeScale::kEighth, "decode at 1/8 (410x308 of the camera's 3280x2464): least time and memory"},
     {"balanced", DecodeScale::kQuarter, "decode at 1/4 (820x616): four times the pixels of fast"},
     {"precise", DecodeScale::kHalf, "decode at 1/2 (1640x1232): sixteen times the pixels of fast"},
 }};

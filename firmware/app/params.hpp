@@ -67,8 +67,7 @@ inline constexpr std::array<ParamInfo, 11> kParams{{
      "frames of the empty gel that are averaged to the rest position",
      "one frame of start-up each; noise of the rest position falls with the root"},
     {&Params::grid_rows, "grid_rows", "", 3, 16, "rows of the printed grid", "none: give the printed number"},
-    {&Params::grid_cols, "grid_cols", "", 3, 16, "columns of the printed grid",
-     "none: give the printed number"},
+    {&Params::grid_cols, "grid_cols", "", 3, 16, "columns of the printed grid", "none: give the printed number"},
     {&Params::mode, "mode", "", 0, static_cast<std::int32_t>(kModes.size()) - 1,
      "speed setting: 0 fast, 1 balanced, 2 precise", "see the modes table"},
 }};
@@ -107,8 +106,7 @@ constexpr Status validate(const Params& params, ParamProblem* problem = nullptr)
     return refuse(problem, find_param("fault_markers_pct"), "above degraded_markers_pct");
   }
   if (params.grid_rows * params.grid_cols > kMaxMarkers) {
-    return refuse(problem, find_param("grid_cols"),
-                  "times grid_rows is more than the 128 markers of the fixed memory");
+    return refuse(problem, find_param("grid_cols"), "times grid_rows is more than the 128 markers of the fixed memory");
   }
   return kOkStatus;
 }
@@ -118,8 +116,7 @@ static_assert(kMaxMarkers == 128, "named in validate()");
 
 // Sets one parameter from its text, a decimal integer (or a mode's name for `mode`). Checks the row's own
 // range only; validate() judges the whole. `params` changes only on success.
-inline Status parse(std::string_view name, std::string_view text, Params& params,
-                    ParamProblem* problem = nullptr) {
+inline Status parse(std::string_view name, std::string_view text, Params& params, ParamProblem* problem = nullptr) {
   using params_detail::refuse;
   const ParamInfo* row = find_param(name);
   if (row == nullptr) return refuse(problem, nullptr, "no parameter of that name");
@@ -129,8 +126,7 @@ inline Status parse(std::string_view name, std::string_view text, Params& params
   } else {
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error == std::errc::result_out_of_range) return refuse(problem, row, "outside its range");
-    if (error != std::errc{} || end != text.data() + text.size())
-      return refuse(problem, row, "not an integer");
+    if (error != std::errc{} || end != text.data() + text.size()) return refuse(problem, row, "not an integer");
   }
   if (value < row->min || value > row->max) return refuse(problem, row, "outside its range");
   params.*row->member = value;

@@ -48,8 +48,8 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
 
   displacement::update(config.displacement, field, state.reference.rest, state.reference.pitch, state.saturations,
                        state.displacement);
-  out.features = features::update(state.features, config.features, state.displacement, frame.timestamp,
-                                  state.saturations);
+  out.features =
+      features::update(state.features, config.features, state.displacement, frame.timestamp, state.saturations);
   out.verdict = classifier::classify(config.classifier, out.features);
   out.request = decision::update(state.decision, config.decision, out.verdict, frame.timestamp);
   return out;

@@ -72,7 +72,7 @@ struct Outputs {
     state.reason = Reason::kFewMarkers;
   } else {
     state.device = DeviceState::kOk;
-    state.reason = result.features.rates_valid ? Reason::kNone : Reason::kTimeGap;
+    state.reason = result.features.gap ? Reason::kTimeGap : Reason::kNone;
   }
   return outputs_of(state, result.request == GripRequest::kTighten);
 }

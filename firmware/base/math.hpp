@@ -24,10 +24,14 @@ namespace holdfast {
   return static_cast<std::uint32_t>(root);
 }
 
-[[nodiscard]] constexpr std::int64_t square(std::int64_t value) { return value * value; }
+[[nodiscard]] constexpr std::int64_t square(std::int64_t value) {
+  return value * value;
+}
 
 // Array index of a non-negative int; spares a static_cast at each use.
-[[nodiscard]] constexpr std::size_t idx(std::int32_t i) { return static_cast<std::size_t>(i); }
+[[nodiscard]] constexpr std::size_t idx(std::int32_t i) {
+  return static_cast<std::size_t>(i);
+}
 
 // Sorts a handful of integers in place: insertion sort, because std::sort recurses.
 // Range: count <= 192 in this firmware, so at most 18 432 moves.

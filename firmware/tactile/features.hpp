@@ -81,6 +81,7 @@ inline constexpr Micros kMinStep{1'000};  // no camera is faster than 1000 fps; 
       out.rates_valid = true;
     }
   }
+  out.gap = state.known && step > config.max_gap;
   state.known = true;
   state.last = now;
   state.entropy_q24 = entropy_q24;
@@ -88,6 +89,8 @@ inline constexpr Micros kMinStep{1'000};  // no camera is faster than 1000 fps; 
   return out;
 }
 
-inline void forget(State& state) { state.known = false; }
+inline void forget(State& state) {
+  state.known = false;
+}
 
 }  // namespace holdfast::features

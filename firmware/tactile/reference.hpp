@@ -16,7 +16,7 @@
 namespace holdfast::reference {
 
 struct Config {
-  int frames = 10;  // 1..100. Price: 40 ms of start-up time each at 25 Hz
+  int frames = 10;                           // 1..100. Price: 40 ms of start-up time each at 25 Hz
   PixelsQ8 still = PixelsQ8::from_raw(192);  // a marker that moved further was touched: 0.75 px, 12 sigma of rest noise
 };
 
@@ -25,7 +25,7 @@ struct State {
   MarkerField rest;  // valid = this marker has a rest position
   PixelsQ8 pitch;    // mean spacing of neighbours at rest, working image
   int count = 0;
-  MarkerField first;  // of the frames being averaged
+  MarkerField first;                                    // of the frames being averaged
   std::array<std::int32_t, kMaxMarkers> sum_x_px_q8{};  // of offsets from `first`: 100 frames * 192 fits 16 bits
   std::array<std::int32_t, kMaxMarkers> sum_y_px_q8{};
 };

@@ -30,8 +30,9 @@ struct Features {
   MicrometresPerSec vy;
   NatsQ16 entropy;
   NatsPerSecQ8 entropy_rate;
-  std::int32_t markers = 0;    // how many markers the figures stand on
-  bool rates_valid = false;    // false on the first frame and after a gap: vx, vy and entropy_rate are 0
+  std::int32_t markers = 0;  // how many markers the figures stand on
+  bool rates_valid = false;  // false on the first frame and after a gap: vx, vy and entropy_rate are 0
+  bool gap = false;          // too long since the frame before
   std::array<std::uint8_t, kHistogramBins> histogram{};
 };
 

@@ -172,8 +172,8 @@ bool looks_like_disc(const Blob& blob) {
 
 Status detect(State& state, const Config& config, const LumaView& luma, Dots& out) {
   out.count = 0;
-  const std::int32_t step = std::max((luma.width + kMaxWidth - 1) / kMaxWidth,
-                                     (luma.height + kMaxHeight - 1) / kMaxHeight);
+  const std::int32_t step =
+      std::max((luma.width + kMaxWidth - 1) / kMaxWidth, (luma.height + kMaxHeight - 1) / kMaxHeight);
   const Size size = shrink(state, luma, step);
   subtract_from_local_mean(state, size, std::max(3, size.width / config.box_divisor));
   const std::int32_t threshold = threshold_of(state, size);

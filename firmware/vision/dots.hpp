@@ -29,8 +29,8 @@ struct Config {
 };
 
 struct Dot {
-  PixelsQ8 x;  // working image
-  PixelsQ8 y;  // working image
+  PixelsQ8 x;             // working image
+  PixelsQ8 y;             // working image
   std::int32_t area = 0;  // pixels of the shrunken picture above the threshold
   bool cut = false;       // touches the edge of the picture: centre biased inwards
 };

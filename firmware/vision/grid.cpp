@@ -18,12 +18,22 @@ Vector between(const dots::Dot& from, const dots::Dot& to) {
 }
 
 // Range: components below 2^21, squares below 2^42.
-std::int64_t length2(Vector v) { return square(v.x_px_q8) + square(v.y_px_q8); }
+std::int64_t length2(Vector v) {
+  return square(v.x_px_q8) + square(v.y_px_q8);
+}
 
-Vector plus(Vector a, Vector b) { return {a.x_px_q8 + b.x_px_q8, a.y_px_q8 + b.y_px_q8}; }
-Vector minus(Vector a, Vector b) { return {a.x_px_q8 - b.x_px_q8, a.y_px_q8 - b.y_px_q8}; }
-Vector mean(Vector a, Vector b) { return {(a.x_px_q8 + b.x_px_q8) / 2, (a.y_px_q8 + b.y_px_q8) / 2}; }
-Vector times(Vector v, std::int32_t k) { return {v.x_px_q8 * k, v.y_px_q8 * k}; }
+Vector plus(Vector a, Vector b) {
+  return {a.x_px_q8 + b.x_px_q8, a.y_px_q8 + b.y_px_q8};
+}
+Vector minus(Vector a, Vector b) {
+  return {a.x_px_q8 - b.x_px_q8, a.y_px_q8 - b.y_px_q8};
+}
+Vector mean(Vector a, Vector b) {
+  return {(a.x_px_q8 + b.x_px_q8) / 2, (a.y_px_q8 + b.y_px_q8) / 2};
+}
+Vector times(Vector v, std::int32_t k) {
+  return {v.x_px_q8 * k, v.y_px_q8 * k};
+}
 
 struct Basis {
   Vector along_row;  // mostly +x

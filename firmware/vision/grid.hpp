@@ -17,18 +17,18 @@
 namespace holdfast::grid {
 
 struct Config {
-  GridSize size;             // printed grid
-  bool auto_size = false;    // take the lattice found instead of `size`
+  GridSize size;           // printed grid
+  bool auto_size = false;  // take the lattice found instead of `size`
   // Markers that may be missing, in parts of 16 of the grid. Price of more: a wrong column is taken for a right
   // one when a whole line is hidden.
   std::int32_t missing_sixteenths = 2;
 };
 
 struct Lattice {
-  MarkerField field;         // valid = dot found and not cut by the picture's edge
-  PixelsQ8 pitch;            // mean of row and column spacing, working image
-  GridSize found;            // extent of the lattice seen, also when it does not fit `size`
-  int strays = 0;            // dots without a name
+  MarkerField field;  // valid = dot found and not cut by the picture's edge
+  PixelsQ8 pitch;     // mean of row and column spacing, working image
+  GridSize found;     // extent of the lattice seen, also when it does not fit `size`
+  int strays = 0;     // dots without a name
 };
 
 // Cells are addressed around the seed dot; a printed grid has at most 16 rows or columns.
@@ -52,7 +52,7 @@ struct State {
 
 // `prior`: where the markers were last (nullptr at start). On failure `out.found` tells what was seen.
 // kTooFewDots, kNoLattice, kGridMismatch (smaller than configured), kGridAmbiguous (larger than configured).
-[[nodiscard]] Status register_dots(State& state, const Config& config, const dots::Dots& dots,
-                                   const MarkerField* prior, Lattice& out);
+[[nodiscard]] Status register_dots(State& state, const Config& config, const dots::Dots& dots, const MarkerField* prior,
+                                   Lattice& out);
 
 }  // namespace holdfast::grid

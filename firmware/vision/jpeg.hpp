@@ -25,8 +25,7 @@ class JpegDecoder {
   }
 
  private:
-  [[nodiscard]] virtual Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale,
-                                         LumaBuffer& out) = 0;
+  [[nodiscard]] virtual Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale, LumaBuffer& out) = 0;
 };
 
 }  // namespace holdfast

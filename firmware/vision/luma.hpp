@@ -23,9 +23,7 @@ struct LumaView {
   std::int32_t height = 0;
   std::int32_t stride = 0;
 
-  [[nodiscard]] const std::uint8_t* row(std::int32_t y) const {
-    return data + static_cast<std::ptrdiff_t>(y) * stride;
-  }
+  [[nodiscard]] const std::uint8_t* row(std::int32_t y) const { return data + static_cast<std::ptrdiff_t>(y) * stride; }
 };
 
 // A picture whose memory is part of the state that holds it.

@@ -46,10 +46,10 @@ inline constexpr std::int32_t kLeastWorkingWidth = 300;
     out = state.decoded.view();
   } else {
     out = {frame.bytes.data(), frame.width, frame.height, frame.stride};
-    const bool sound = frame.width > 0 && frame.height > 0 && frame.stride >= frame.width &&
-                       frame.bytes.size() >= static_cast<std::size_t>(frame.height - 1) *
-                                                     static_cast<std::size_t>(frame.stride) +
-                                                 static_cast<std::size_t>(frame.width);
+    const bool sound =
+        frame.width > 0 && frame.height > 0 && frame.stride >= frame.width &&
+        frame.bytes.size() >= static_cast<std::size_t>(frame.height - 1) * static_cast<std::size_t>(frame.stride) +
+                                  static_cast<std::size_t>(frame.width);
     if (!sound) return {Reason::kFrameFormat};
   }
   if (out.width < kMinLumaWidth || out.height < kMinLumaHeight) return {Reason::kPictureTooSmall};

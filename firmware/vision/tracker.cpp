@@ -56,8 +56,8 @@ bool looks_like_its_dot(const Model& model, const window::Dot& dot) {
 // A dot that reaches over the picture's edge has its visible part's centre, not its own: up to half a radius off.
 // Range: distances below 2^19 in Q8, squares times 355 below 2^47.
 bool reaches_over_edge(const LumaView& luma, const window::Dot& dot, std::int32_t area) {
-  const std::int64_t nearest = std::min({dot.x.raw(), dot.y.raw(), ((luma.width - 1) << 8) - dot.x.raw(),
-                                         ((luma.height - 1) << 8) - dot.y.raw()});
+  const std::int64_t nearest = std::min(
+      {dot.x.raw(), dot.y.raw(), ((luma.width - 1) << 8) - dot.x.raw(), ((luma.height - 1) << 8) - dot.y.raw()});
   return nearest < 0 || square(nearest) * 355 < (std::int64_t{area} << 16) * 113;  // distance < sqrt(area / pi)
 }
 
@@ -138,7 +138,9 @@ void look_for_lost(State& state, const Config& config, const LumaView& luma) {
   }
 }
 
-int lost_count(const State& state) { return state.field.grid.count() - state.field.valid_count(); }
+int lost_count(const State& state) {
+  return state.field.grid.count() - state.field.valid_count();
+}
 
 // The outermost lines tell a jump by a whole pitch: one of them then finds no dots. While most of such a line is
 // hidden (dirt, edge of the picture), it cannot tell any more.
@@ -222,15 +224,18 @@ void set_home(State& state, const MarkerField& rest) {
 Status update(State& state, const Config& config, const LumaView& luma) {
   if (!state.acquired) {
     const Status status = search(state, config, luma);
-    if (status.ok()) take_lattice(state, config, luma);
-    return status;
+    if (!status.ok()) return status;
+    take_lattice(state, config, luma);
+    keep_order(state);
+    look_for_lost(state, config, luma);  // dots too faint for the search, in dark corners for instance
+    return kOkStatus;
   }
   const int lost_before = lost_count(state);
   state.before = state.field;
   for (std::int32_t i = 0; i < state.field.grid.count(); ++i) look(state, config, luma, i);
   keep_order(state);
-  const bool jumped = !state.names_sure || lost_count(state) - lost_before >= config.lost_to_search ||
-                      outer_line_lost(state);
+  const bool jumped =
+      !state.names_sure || lost_count(state) - lost_before >= config.lost_to_search || outer_line_lost(state);
   if (!jumped) look_for_lost(state, config, luma);
 
   if (!jumped && lost_count(state) == 0) {
@@ -242,7 +247,6 @@ Status update(State& state, const Config& config, const LumaView& luma) {
       take_lattice(state, config, luma);
       keep_order(state);
       look_for_lost(state, config, luma);
-      keep_order(state);
     } else if (jumped) {
       // The windows may all sit one dot further: better no marker than a wrong name.
       state.field = state.before;

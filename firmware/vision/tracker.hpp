@@ -28,7 +28,8 @@ struct Config {
   dots::Config dots;
   // Re-centrings per window. Price of each: about 500 aarch64 instructions for every marker that moved.
   int passes = 4;
-  // Markers lost from one frame to the next that start a search of the whole picture. Price of less: 3 M instructions each time.
+  // Markers lost from one frame to the next that start a search of the whole picture. Price of less: 3 M instructions
+  // each time.
   int lost_to_search = 3;
   // Frames between searches while any marker stays lost.
   int search_every = 12;

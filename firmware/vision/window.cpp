@@ -58,9 +58,9 @@ Place place(const LumaView& luma, std::int32_t size, PixelsQ8 x, PixelsQ8 y) {
 }
 
 struct Background {
-  std::int32_t level = 0;    // grey levels
-  std::int32_t tilt_x = 0;   // right side minus left side, grey levels
-  std::int32_t tilt_y = 0;   // bottom minus top
+  std::int32_t level = 0;   // grey levels
+  std::int32_t tilt_x = 0;  // right side minus left side, grey levels
+  std::int32_t tilt_y = 0;  // bottom minus top
 };
 
 // Plane through the means of the window's four sides. A side cannot be darker than the brightest one by more than a
@@ -118,13 +118,20 @@ Threshold threshold_of(const Background& background, std::int32_t size, std::int
 Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Threshold& threshold,
           std::uint8_t cap) {
   switch (size) {
-    case 16: return sums_of<16>(top_left, stride, threshold, cap);
-    case 24: return sums_of<24>(top_left, stride, threshold, cap);
-    case 32: return sums_of<32>(top_left, stride, threshold, cap);
-    case 48: return sums_of<48>(top_left, stride, threshold, cap);
-    case 64: return sums_of<64>(top_left, stride, threshold, cap);
-    case 96: return sums_of<96>(top_left, stride, threshold, cap);
-    default: return sums_of<128>(top_left, stride, threshold, cap);
+    case 16:
+      return sums_of<16>(top_left, stride, threshold, cap);
+    case 24:
+      return sums_of<24>(top_left, stride, threshold, cap);
+    case 32:
+      return sums_of<32>(top_left, stride, threshold, cap);
+    case 48:
+      return sums_of<48>(top_left, stride, threshold, cap);
+    case 64:
+      return sums_of<64>(top_left, stride, threshold, cap);
+    case 96:
+      return sums_of<96>(top_left, stride, threshold, cap);
+    default:
+      return sums_of<128>(top_left, stride, threshold, cap);
   }
 }
 
@@ -159,7 +166,8 @@ bool measure(const LumaView& luma, std::int32_t size, int passes, Dot& dot) {
     if (s.mass < least_area * cap) return false;
     // Range: s.x * 256 <= 1.4e11 in 64 bits.
     const auto centre = [&](std::int32_t origin, std::uint32_t weighted) {
-      return PixelsQ8::from_raw((origin << 8) + static_cast<std::int32_t>(div_round(std::int64_t{weighted} << 8, s.mass)));
+      return PixelsQ8::from_raw((origin << 8) +
+                                static_cast<std::int32_t>(div_round(std::int64_t{weighted} << 8, s.mass)));
     };
     now.x = centre(at.left, s.x);
     now.y = centre(at.top, s.y);

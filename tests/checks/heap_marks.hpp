@@ -46,8 +46,7 @@ class HeapMarks {
 inline void print_first_caller(const HeapCounts& counts) {
   Dl_info where{};
   if (counts.first_caller == nullptr || dladdr(counts.first_caller, &where) == 0) return;
-  const auto offset =
-      static_cast<const char*>(counts.first_caller) - static_cast<const char*>(where.dli_fbase);
+  const auto offset = static_cast<const char*>(counts.first_caller) - static_cast<const char*>(where.dli_fbase);
   std::fprintf(stderr, "first heap call: %s, in %s (addr2line -Cfe %s 0x%zx)\n",
                where.dli_sname != nullptr ? where.dli_sname : "a function without a name", where.dli_fname,
                where.dli_fname, static_cast<std::size_t>(offset));

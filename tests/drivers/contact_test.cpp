@@ -71,8 +71,7 @@ void check_finite(Vec2 u) {
   CHECK(std::isfinite(u.y));
 }
 
-constexpr std::array<Vec2, 8> kPoints{
-    {{0, 0}, {1, 0.5}, {2, -1.5}, {3.6, 0.2}, {0.4, 4.3}, {5, 2}, {-7, 1}, {1, 11}}};
+constexpr std::array<Vec2, 8> kPoints{{{0, 0}, {1, 0.5}, {2, -1.5}, {3.6, 0.2}, {0.4, 4.3}, {5, 2}, {-7, 1}, {1, 11}}};
 
 }  // namespace
 
@@ -126,8 +125,7 @@ TEST(Contact, FieldAgreesWithCerrutisIntegral) {
       Vec2 stick;
       if (c > 0.0) {
         stick = cerruti(
-            kGel, c,
-            [&](double r) { return textbook_traction(contact, 0.0, r) - textbook_traction(contact, c, r); },
+            kGel, c, [&](double r) { return textbook_traction(contact, 0.0, r) - textbook_traction(contact, c, r); },
             at);
       }
       const Vec2 u = shear_field_mm(contact, shear, at);
@@ -144,8 +142,7 @@ TEST(Contact, StickZoneMovesAsOneByDelta) {
     const Shear shear = shear_by_force(contact, load * kFriction * kPress_n);
     for (const double r : {0.0, 0.3, 0.7, 0.99, 1.0}) {
       for (double angle = 0.0; angle < 6.0; angle += 0.7) {
-        const Vec2 at{r * shear.stick_radius_mm * std::cos(angle),
-                      r * shear.stick_radius_mm * std::sin(angle)};
+        const Vec2 at{r * shear.stick_radius_mm * std::cos(angle), r * shear.stick_radius_mm * std::sin(angle)};
         const Vec2 u = shear_field_mm(contact, shear, at);
         // The two domes cancel digits as 1 / load; the point on the circle itself may round to outside.
         const double tolerance = (r < 1.0 ? 1e-12 : 1e-7) * shear.displacement_mm;
@@ -163,8 +160,8 @@ TEST(Contact, GrossDisplacementIsWhereTheStickDiscVanishes) {
   const FrictionContact contact = contact_of();
   const double gross = gross_displacement_mm(contact);
   // The centre of a contact whose traction is mu p everywhere.
-  const Vec2 u = cerruti(kGel, contact.press.contact_radius_mm,
-                         [&](double r) { return textbook_traction(contact, 0.0, r); }, {});
+  const Vec2 u =
+      cerruti(kGel, contact.press.contact_radius_mm, [&](double r) { return textbook_traction(contact, 0.0, r); }, {});
   DOUBLES_EQUAL(u.x, gross, 1e-5 * gross);
   CHECK_FALSE(shear_by_displacement(contact, gross * (1.0 - 1e-12)).sliding);
   CHECK_TRUE(shear_by_displacement(contact, gross).sliding);
@@ -300,8 +297,8 @@ TEST(Contact, NothingGivesNothing) {
     double sphere_mm, force_n, friction;
   };
   for (const Case& c : {Case{kGel, 8.0, 0.0, 0.6}, Case{kGel, 0.0, 8.0, 0.6}, Case{kGel, kInfinity, 8.0, 0.6},
-                        Case{kGel, 8.0, 8.0, 0.0}, Case{kGel, 8.0, 0.0, kInfinity},
-                        Case{kGel, 1e-300, 1e-300, 0.6}, Case{kGel, 8.0, -1.0, 0.6}}) {
+                        Case{kGel, 8.0, 8.0, 0.0}, Case{kGel, 8.0, 0.0, kInfinity}, Case{kGel, 1e-300, 1e-300, 0.6},
+                        Case{kGel, 8.0, -1.0, 0.6}}) {
     const FrictionContact contact{c.gel, press_sphere(c.gel, c.sphere_mm, c.force_n), c.friction};
     for (const double load : {0.0, 1.0, -1.0}) {
       const Shear by_force = shear_by_force(contact, load);
@@ -328,8 +325,7 @@ TEST(Contact, StiffnessScalesOutAndPoissonZeroHasNoSideways) {
     // The same radius and force: delta goes as 1 / G.
     FrictionContact other = contact_of();
     other.gel.shear_modulus_mpa = g;
-    DOUBLES_EQUAL(expected.displacement_mm * 0.1 / g,
-                  shear_by_force(other, 0.5 * kFriction * kPress_n).displacement_mm,
+    DOUBLES_EQUAL(expected.displacement_mm * 0.1 / g, shear_by_force(other, 0.5 * kFriction * kPress_n).displacement_mm,
                   1e-12 * expected.displacement_mm * 0.1 / g);
   }
   const Gel cork{0.1, 0.0};
@@ -348,8 +344,7 @@ TEST(Contact, EveryPlaceAndLoadIsFinite) {
         const double a = contact.press.contact_radius_mm;
         for (const double force : {0.0, 1e-300, 1e-12, 4.0, 4.8, 1e9, -4.0}) {
           const Shear shear = shear_by_force(contact, force);
-          for (const double r :
-               {0.0, 1e-300, a, std::nextafter(a, 2.0 * a), shear.stick_radius_mm, 1e9, 1e150}) {
+          for (const double r : {0.0, 1e-300, a, std::nextafter(a, 2.0 * a), shear.stick_radius_mm, 1e9, 1e150}) {
             check_finite(shear_field_mm(contact, shear, {r, 0.0}));
             check_finite(shear_field_mm(contact, shear, {0.0, -r}));
           }

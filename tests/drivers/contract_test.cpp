@@ -72,8 +72,7 @@ struct CameraRig : Rig<hal::Camera> {
 struct SimCameraRig : CameraRig {
   std::array<std::uint8_t, 64 * 48> pixels{};
   sim::Clock sim_clock;
-  sim::CameraMemory camera{
-      sim_clock, {{pixels.data(), 64, 48, 64}, {pixels.data(), 64, 48, 64}}, {.cycles = 5}};
+  sim::CameraMemory camera{sim_clock, {{pixels.data(), 64, 48, 64}, {pixels.data(), 64, 48, 64}}, {.cycles = 5}};
   hal::Clock& clock() override { return sim_clock; }
   hal::Camera& device() override { return camera; }
 };
@@ -93,8 +92,7 @@ constexpr Backend<hal::Gpio> kGpios[] = {{"sim::Gpio", make_rig<SimGpioRig, hal:
 constexpr Backend<hal::Serial> kSerials[] = {{"sim::Serial", make_rig<SimSerialRig, hal::Serial>}};
 const CameraBackend kCameras[] = {
     {"sim::CameraMemory", []() -> std::unique_ptr<CameraRig> { return std::make_unique<SimCameraRig>(); }},
-    {"sim::FaultyCamera",
-     []() -> std::unique_ptr<CameraRig> { return std::make_unique<SimFaultyCameraRig>(); }},
+    {"sim::FaultyCamera", []() -> std::unique_ptr<CameraRig> { return std::make_unique<SimFaultyCameraRig>(); }},
 };
 
 constexpr microseconds kPatience = 2s;  // more than any camera needs for a frame
@@ -119,8 +117,7 @@ TEST(HalContract, GpioTakesBothLevelsOnEveryLineAgainAndAgain) {
   for (const auto& backend : kGpios) {
     const auto rig = backend.make();
     for (const Level level : {Level::kHigh, Level::kHigh, Level::kLow, Level::kLow, Level::kHigh}) {
-      for (const Line line : {Line::kGripOk, Line::kAlive})
-        CHECK_TEXT(rig->device().set(line, level), backend.name);
+      for (const Line line : {Line::kGripOk, Line::kAlive}) CHECK_TEXT(rig->device().set(line, level), backend.name);
     }
   }
 }
@@ -158,13 +155,12 @@ TEST(HalContract, CameraFramesAreWholeAndMoveForward) {
       CHECK_TEXT(!frame.bytes.empty(), backend.name);
       if (frame.format == hal::PixelFormat::kLuma8) {
         CHECK_TEXT(frame.stride >= frame.width && frame.width > 0 && frame.height > 0, backend.name);
-        CHECK_TEXT(frame.bytes.size() ==
-                       static_cast<std::size_t>(frame.stride) * static_cast<std::size_t>(frame.height),
-                   backend.name);
+        CHECK_TEXT(
+            frame.bytes.size() == static_cast<std::size_t>(frame.stride) * static_cast<std::size_t>(frame.height),
+            backend.name);
       }
       CHECK_TEXT(frame.timestamp <= rig->clock().now(), backend.name);  // exposed before it is here
-      if (i > 0)
-        CHECK_TEXT(frame.timestamp > last.timestamp && frame.sequence != last.sequence, backend.name);
+      if (i > 0) CHECK_TEXT(frame.timestamp > last.timestamp && frame.sequence != last.sequence, backend.name);
       last = frame;
       camera.release(frame);
     }

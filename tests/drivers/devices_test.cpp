@@ -406,8 +406,7 @@ TEST(SimCameraFaults, GoneRefusesToStartAsOftenAsTold) {
 
 TEST(SimCameraFaults, AnIntermittentFaultIsSeveralSpans) {
   std::vector<FaultSpan> schedule;
-  for (std::uint64_t k = 1; k < 12; k += 2)
-    schedule.push_back({.first = k, .count = 1, .fault = CameraFault::kBad});
+  for (std::uint64_t k = 1; k < 12; k += 2) schedule.push_back({.first = k, .count = 1, .fault = CameraFault::kBad});
   sim::FaultyCamera camera = started(std::move(schedule));
   CHECK_TRUE(camera.start());
   const auto seen = film(camera, 12);

@@ -98,8 +98,8 @@ TEST(Grasp, SlidingObjectTravelsAtItsSpeed) {
     DOUBLES_EQUAL(later * config.speed_mm_s, truth.travel_mm, 1e-9);  // mm
     DOUBLES_EQUAL(config.friction * config.press_n, truth.shear_n, 1e-12);
     // The imprint is carried by the gel and by the slip.
-    const double way = std::hypot(truth.contact_center_mm.x - config.touch_mm.x,
-                                  truth.contact_center_mm.y - config.touch_mm.y);
+    const double way =
+        std::hypot(truth.contact_center_mm.x - config.touch_mm.x, truth.contact_center_mm.y - config.touch_mm.y);
     DOUBLES_EQUAL(truth.displacement_mm + truth.travel_mm, way, 1e-12);
   }
   // Before gross slip the object moves with the gel, whatever slips at the rim.

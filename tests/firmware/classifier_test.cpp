@@ -37,13 +37,10 @@ TEST(Classifier, HoldsOnAGelAtRest) {
 
 TEST(Classifier, AnswersAsTheTreeOnTheExtremesOfEveryFeature) {
   for (int corner = 0; corner < 16; ++corner) {
-    features.vx =
-        MicrometresPerSec::from_raw((corner & 1) != 0 ? MicrometresPerSec::kMax : MicrometresPerSec::kMin);
-    features.vy =
-        MicrometresPerSec::from_raw((corner & 2) != 0 ? MicrometresPerSec::kMax : MicrometresPerSec::kMin);
+    features.vx = MicrometresPerSec::from_raw((corner & 1) != 0 ? MicrometresPerSec::kMax : MicrometresPerSec::kMin);
+    features.vy = MicrometresPerSec::from_raw((corner & 2) != 0 ? MicrometresPerSec::kMax : MicrometresPerSec::kMin);
     features.entropy = NatsQ16::from_raw((corner & 4) != 0 ? NatsQ16::kMax : NatsQ16::kMin);
-    features.entropy_rate =
-        NatsPerSecQ8::from_raw((corner & 8) != 0 ? NatsPerSecQ8::kMax : NatsPerSecQ8::kMin);
+    features.entropy_rate = NatsPerSecQ8::from_raw((corner & 8) != 0 ? NatsPerSecQ8::kMax : NatsPerSecQ8::kMin);
     const Verdict want = holdfast::slip_tree::evaluate(
         {features.vx.raw(), features.vy.raw(), features.entropy.raw(), features.entropy_rate.raw()});
     CHECK_TRUE(want == classifier::classify({}, features));

@@ -14,7 +14,9 @@ using namespace holdfast;
 
 namespace {
 
-PixelsQ8 raw(std::int32_t q8) { return PixelsQ8::from_raw(q8); }
+PixelsQ8 raw(std::int32_t q8) {
+  return PixelsQ8::from_raw(q8);
+}
 
 }  // namespace
 
@@ -23,7 +25,9 @@ TEST_GROUP(Displacement) {
   MarkerField rest;
   DisplacementField out;
   Saturations saturations;
-  void setup() override { now.grid = rest.grid = {7, 9}; }
+  void setup() override {
+    now.grid = rest.grid = {7, 9};
+  }
 };
 
 TEST(Displacement, IsWithinHalfAMicrometreOfTheReference) {
@@ -37,8 +41,11 @@ TEST(Displacement, IsWithinHalfAMicrometreOfTheReference) {
       const auto draw = [&] { return static_cast<std::int32_t>(random() % (1640 * 256)); };
       rest.markers[i] = {raw(draw()), raw(draw()), random() % 8 != 0};
       // Up to 3 pitches away, most less: 15 mm at the largest printed pitch.
-      const auto step = [&] { return static_cast<std::int32_t>(random() % static_cast<unsigned>(6 * pitch_q8)) - 3 * pitch_q8; };
-      now.markers[i] = {raw(rest.markers[i].x.raw() + step()), raw(rest.markers[i].y.raw() + step()), random() % 8 != 0};
+      const auto step = [&] {
+        return static_cast<std::int32_t>(random() % static_cast<unsigned>(6 * pitch_q8)) - 3 * pitch_q8;
+      };
+      now.markers[i] = {raw(rest.markers[i].x.raw() + step()), raw(rest.markers[i].y.raw() + step()),
+                        random() % 8 != 0};
       if (rest.markers[i].valid) want_rest[i] = {rest.markers[i].x.raw() / 256.0, rest.markers[i].y.raw() / 256.0};
       if (now.markers[i].valid) want_now[i] = {now.markers[i].x.raw() / 256.0, now.markers[i].y.raw() / 256.0};
     }

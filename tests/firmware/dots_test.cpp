@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The full-frame detector against rendered truth: it must see every dot and little else, at every size of picture, and
-// survive pictures that show no gel at all.
+// The full-frame detector against rendered truth: it must see every dot and little else, at every size of
+// picture, and survive pictures that show no gel at all.
 #include "vision/dots.hpp"
 
 #include <algorithm>
@@ -21,7 +21,9 @@ using reference_model::Point;
 
 namespace {
 
-double px(PixelsQ8 q) { return q.raw() / 256.0; }
+double px(PixelsQ8 q) {
+  return q.raw() / 256.0;
+}
 
 // How many of `truth` have a dot within `reach` px, each dot counted once.
 int seen(const std::vector<Point>& truth, const dots::Dots& found, double reach) {
@@ -38,7 +40,9 @@ int seen(const std::vector<Point>& truth, const dots::Dots& found, double reach)
 TEST_GROUP(Dots) {
   std::unique_ptr<dots::State> state = std::make_unique<dots::State>();
   dots::Dots found;
-  Status detect(const Picture& picture) { return dots::detect(*state, {}, picture.view(), found); }
+  Status detect(const Picture& picture) {
+    return dots::detect(*state, {}, picture.view(), found);
+  }
 };
 
 // Within a quarter of a pixel of the shrunken picture, plus noise: 0.3 px times the reduction.
@@ -71,8 +75,8 @@ TEST(Dots, SeesDotsOfEveryPrintedSizeLightAndNoise) {
   }
 }
 
-// Exposure and gain may differ by 3 between sensors: the threshold comes from the picture. Below about 20 levels the
-// floor of the threshold (8 levels above the local mean) begins to cost dots.
+// Exposure and gain may differ by 3 between sensors: the threshold comes from the picture. Below about 20
+// levels the floor of the threshold (8 levels above the local mean) begins to cost dots.
 TEST(Dots, SeesDotsOfWeakContrast) {
   for (const double contrast : {25.0, 40.0, 120.0, 200.0}) {
     scene::PictureConfig config;
@@ -89,7 +93,8 @@ TEST(Dots, SeesDotsOfWeakContrast) {
 TEST(Dots, MarksDotsThatTheEdgeCuts) {
   scene::PictureConfig config;
   config.noise_sigma = 0.0;
-  const std::vector<Point> truth{{0.0, 60.0}, {100.0, 0.0}, {319.0, 120.0}, {160.0, 239.0}, {160.0, 120.0}, {80.0, 80.0}};
+  const std::vector<Point> truth{{0.0, 60.0},    {100.0, 0.0},   {319.0, 120.0},
+                                 {160.0, 239.0}, {160.0, 120.0}, {80.0, 80.0}};
   CHECK_TRUE(detect(reference_model::picture_of(config, truth, 8)).ok());
   int cut = 0;
   for (int i = 0; i < found.count; ++i) cut += found.dots[static_cast<std::size_t>(i)].cut ? 1 : 0;
@@ -106,15 +111,16 @@ TEST(Dots, SeesNothingInFlatPictures) {
   }
 }
 
-// Checkerboards from 1 px to 40 px, stripes, single pixels, salt and pepper: any answer but a crash or a read outside
-// (asan), and never more dots than the fixed memory holds.
+// Checkerboards from 1 px to 40 px, stripes, single pixels, salt and pepper: any answer but a crash or a read
+// outside (asan), and never more dots than the fixed memory holds.
 TEST(Dots, SurvivesTexturesThatAreNoGel) {
   std::mt19937 random(9);
   for (const auto& [width, height] : {std::pair{64, 48}, {320, 240}, {512, 400}, {1640, 1232}}) {
     Picture picture = reference_model::flat(width, height, 0);
     const auto fill = [&](auto level) {
       for (int y = 0; y < height; ++y) {
-        for (int x = 0; x < width; ++x) picture.pixels[static_cast<std::size_t>(y * width + x)] = static_cast<std::uint8_t>(level(x, y));
+        for (int x = 0; x < width; ++x)
+          picture.pixels[static_cast<std::size_t>(y * width + x)] = static_cast<std::uint8_t>(level(x, y));
       }
       const Status status = detect(picture);
       CHECK_TRUE(status.ok() || status.reason == Reason::kDotsOverflow);
@@ -160,15 +166,16 @@ TEST(Dots, DropsBlobsUnlikeTheOthers) {
       for (int x = left; x < left + width; ++x) picture.pixels[static_cast<std::size_t>(y * 320 + x)] = 30;
     }
   };
-  blot(5, 5, 3, 3);      // a speck
-  blot(2, 100, 4, 60);   // a hair
-  blot(300, 5, 14, 3);   // a scratch
+  blot(5, 5, 3, 3);     // a speck
+  blot(2, 100, 4, 60);  // a hair
+  blot(300, 5, 14, 3);  // a scratch
   CHECK_TRUE(detect(picture).ok());
   LONGS_EQUAL(63, seen(truth, found, 1.0));
   LONGS_EQUAL(63, found.count);
 }
 
-// Two dots that touch are one blob: neither centre is right, so there is no dot of that name or it is left out.
+// Two dots that touch are one blob: neither centre is right, so there is no dot of that name or it is left
+// out.
 TEST(Dots, DoesNotSplitTouchingDots) {
   scene::PictureConfig config;
   auto truth = reference_model::lattice_px({}, config);

@@ -31,8 +31,8 @@ struct Worst {
   }
 };
 
-// -sum p ln p from a table of k ln k in long double, summed in double: for millions of histograms, also where long
-// double is software. Sums below 1000 keep 1e-13 nat, 2e-6 LSB; compared with the plain form below.
+// -sum p ln p from a table of k ln k in long double, summed in double: for millions of histograms, also where
+// long double is software. Sums below 1000 keep 1e-13 nat, 2e-6 LSB; compared with the plain form below.
 class Fast {
  public:
   Fast() {
@@ -122,8 +122,8 @@ TEST(Entropy, IsWithinItsBoundForTwoMillionHistogramsOfUpTo63Markers) {
   CHECK_TRUE(worst <= kBoundLsb);
 }
 
-// Beyond 63 no bound is promised; the table's rounding (0.5 of ln n, 0.5 of the quotient, 15 x 0.5 / n of the bins)
-// still allows no more than 1.12.
+// Beyond 63 no bound is promised; the table's rounding (0.5 of ln n, 0.5 of the quotient, 15 x 0.5 / n of the
+// bins) still allows no more than 1.12.
 TEST(Entropy, StaysExactUpTo128Markers) {
   const Fast fast;
   std::mt19937_64 random(21);

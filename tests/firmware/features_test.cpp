@@ -2,7 +2,8 @@
 // The four features against the double reference (tests/support/reference.*).
 //
 // Two comparisons:
-//  * the same integer displacements go to both: the histogram must be equal, E within its Q16 rounding, V and dE/dt
+//  * the same integer displacements go to both: the histogram must be equal, E within its Q16 rounding, V and
+//  dE/dt
 //    within one rounding of their formats;
 //  * pixel positions go to both, so that the firmware also rounds to um: bounds argued at the test.
 #include "tactile/features.hpp"
@@ -57,12 +58,16 @@ TEST_GROUP(Features) {
   DisplacementField field;
   Saturations saturations;
   std::mt19937_64 random{50};
-  void setup() override { field.grid = {7, 9}; }
+  void setup() override {
+    field.grid = {7, 9};
+  }
 
   void all(std::int32_t dx_um, std::int32_t dy_um) {
     for (int i = 0; i < field.grid.count(); ++i) field.markers[static_cast<std::size_t>(i)] = moved(dx_um, dy_um);
   }
-  Features update(Micros now) { return features::update(state, config, field, now, saturations); }
+  Features update(Micros now) {
+    return features::update(state, config, field, now, saturations);
+  }
   std::int32_t draw(std::int32_t span) {
     return static_cast<std::int32_t>(random() % static_cast<unsigned>(2 * span + 1)) - span;
   }
@@ -97,7 +102,8 @@ TEST(Features, EqualTheReferenceWith128Markers) {
   }
 }
 
-// Bin edges are at k * 1900 / 15 um: whole numbers at every third k only. |D| = 380 is the lower edge of bin 3.
+// Bin edges are at k * 1900 / 15 um: whole numbers at every third k only. |D| = 380 is the lower edge of
+// bin 3.
 TEST(Features, PutsEachLengthIntoItsBinExactly) {
   field.grid = {1, 1};
   for (std::int32_t length = 0; length <= 4000; ++length) {
@@ -127,11 +133,13 @@ TEST(Features, HistogramHoldsAtTheEndsOfItsRanges) {
 }
 
 // From pixels: both get the same positions (multiples of 1/256 px), only the firmware rounds to um. So
-//  * each displacement component is 0.5 um off at most, a length 0.71 um: a marker may change its bin only when its
+//  * each displacement component is 0.5 um off at most, a length 0.71 um: a marker may change its bin only
+//  when its
 //    true length is within 0.71 um of an edge;
-//  * V: the mean of n differences of two roundings, 2 * 0.5 um / dt at worst. For independent roundings of variance
-//    1/12 um^2 its sigma is sqrt(2 / 12 / n) / dt = 0.051 um / dt for n = 63: 6 sigma = 0.31 um / dt, asserted beside
-//    the bound. Plus 0.5 um/s of V's own format.
+//  * V: the mean of n differences of two roundings, 2 * 0.5 um / dt at worst. For independent roundings of
+//  variance
+//    1/12 um^2 its sigma is sqrt(2 / 12 / n) / dt = 0.051 um / dt for n = 63: 6 sigma = 0.31 um / dt,
+//    asserted beside the bound. Plus 0.5 um/s of V's own format.
 TEST(Features, FollowPixelPositionsWithinTheirBounds) {
   constexpr std::int32_t kPitchQ8 = 8166;  // 31.9 px: 320x240
   reference_model::Model model;
@@ -186,15 +194,18 @@ TEST(Features, FollowPixelPositionsWithinTheirBounds) {
 
 TEST(Features, HasNoRatesOnTheFirstFrameAndAfterForget) {
   all(100, 0);
-  CHECK_FALSE(update(0ms).rates_valid);
+  const Features first = update(100h);
+  CHECK_FALSE(first.rates_valid);
+  CHECK_FALSE(first.gap);
   all(140, 0);
-  Features second = update(40ms);
+  const Features second = update(100h + 40ms);
   CHECK_TRUE(second.rates_valid);
   LONGS_EQUAL(1000, second.vx.raw());
   features::forget(state);
   all(0, 0);
-  Features third = update(80ms);
+  const Features third = update(100h + 80ms);
   CHECK_FALSE(third.rates_valid);
+  CHECK_FALSE(third.gap);
   LONGS_EQUAL(0, third.vx.raw());
   LONGS_EQUAL(0, third.entropy_rate.raw());
 }
@@ -205,9 +216,19 @@ TEST(Features, UseTheTimeThatPassed) {
     Micros dt;
     bool valid;
   };
-  const std::array<Case, 13> cases{{{0us, false}, {-40ms, false}, {1us, false}, {999us, false}, {1ms, true}, {40ms, true},
-                                    {53ms, true}, {133ms, true}, {250ms, true}, {250'001us, false}, {251ms, false},
-                                    {10s, false}, {-24h, false}}};
+  const std::array<Case, 13> cases{{{0us, false},
+                                    {-40ms, false},
+                                    {1us, false},
+                                    {999us, false},
+                                    {1ms, true},
+                                    {40ms, true},
+                                    {53ms, true},
+                                    {133ms, true},
+                                    {250ms, true},
+                                    {250'001us, false},
+                                    {251ms, false},
+                                    {10s, false},
+                                    {-24h, false}}};
   for (const Case& c : cases) {
     state = {};
     all(0, 0);
@@ -215,6 +236,7 @@ TEST(Features, UseTheTimeThatPassed) {
     for (std::size_t i = 0; i < 63; i += 2) field.markers[i] = moved(300, -600);
     const Features got = update(100h + c.dt);
     CHECK_EQUAL(c.valid, got.rates_valid);
+    CHECK_EQUAL(c.dt > 250ms, got.gap);  // backwards and twice are not gaps
     const double dt_s = static_cast<double>(c.dt.count()) * 1e-6;
     // 32 of 63 markers moved: mean 300 * 32 / 63.
     DOUBLES_EQUAL(c.valid ? 300.0 * 32 / 63 / dt_s : 0.0, got.vx.raw(), 0.51);
@@ -237,7 +259,8 @@ TEST(Features, StartAgainBehindAGap) {
   LONGS_EQUAL(1000, got.vx.raw());
 }
 
-// The HAL's clock counts in 64 bits; drivers that pass on 32-bit microseconds or milliseconds have nothing special here.
+// The HAL's clock counts in 64 bits; drivers that pass on 32-bit microseconds or milliseconds have nothing
+// special here.
 TEST(Features, AreNotTroubledByTheWrapOf32BitCounters) {
   for (const std::int64_t wrap : {std::int64_t{1} << 31, std::int64_t{1} << 32, std::int64_t{1} << 53}) {
     state = {};
@@ -251,7 +274,8 @@ TEST(Features, AreNotTroubledByTheWrapOf32BitCounters) {
   }
 }
 
-// Fastest of all: the ends of the displacement's range within 1 ms is 131 m/s; V clamps at 10 m/s and says so.
+// Fastest of all: the ends of the displacement's range within 1 ms is 131 m/s; V clamps at 10 m/s and says
+// so.
 TEST(Features, CountsWhatItClamps) {
   all(Micrometres::kMin, Micrometres::kMin);
   (void)update(0ms);
@@ -262,7 +286,8 @@ TEST(Features, CountsWhatItClamps) {
   LONGS_EQUAL(1, saturations.count);
 }
 
-// E from 0 to ln 15 within 1 ms, the steepest rise there is, with 120 markers: inside the format, nothing clamped.
+// E from 0 to ln 15 within 1 ms, the steepest rise there is, with 120 markers: inside the format, nothing
+// clamped.
 TEST(Features, HoldTheSteepestRiseOfEntropy) {
   field.grid = {8, 15};
   all(0, 0);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Registration on rendered pictures of known truth: detector and lattice together, as the tracker uses them.
 //
-// "Named right" means: every valid marker lies within 0.35 px (times the detector's reduction) of the dot that was
-// printed under that name, so a shift by one row is 90 times the tolerance. A missing dot must be invalid.
+// "Named right" means: every valid marker lies within 0.35 px (times the detector's reduction) of the dot
+// that was printed under that name, so a shift by one row is 90 times the tolerance. A missing dot must be
+// invalid.
 #include "vision/grid.hpp"
 
 #include <algorithm>
@@ -28,13 +29,17 @@ namespace {
 
 constexpr GridSize kGrid{7, 9};
 
-double px(PixelsQ8 q) { return q.raw() / 256.0; }
+double px(PixelsQ8 q) {
+  return q.raw() / 256.0;
+}
 
 GridSize size_of(const Grid& grid) {
   return {static_cast<std::uint8_t>(grid.rows), static_cast<std::uint8_t>(grid.cols)};
 }
 
-void reason_is(Reason want, Status got) { LONGS_EQUAL(static_cast<int>(want), static_cast<int>(got.reason)); }
+void reason_is(Reason want, Status got) {
+  LONGS_EQUAL(static_cast<int>(want), static_cast<int>(got.reason));
+}
 
 // Room around the grid, as in the raw camera picture (the grid fills 70 %).
 scene::PictureConfig wide_view(int width = 320) {
@@ -54,7 +59,8 @@ TEST_GROUP(Grid) {
   int step = 1;
   std::mt19937 random{60};
 
-  Status look(const Picture& picture, GridSize size = kGrid, bool auto_size = false, const MarkerField* prior = nullptr) {
+  Status look(const Picture& picture, GridSize size = kGrid, bool auto_size = false,
+              const MarkerField* prior = nullptr) {
     step = std::max((picture.width + 511) / 512, (picture.height + 399) / 400);
     grid::Config config;
     config.size = size;
@@ -63,13 +69,15 @@ TEST_GROUP(Grid) {
     return grid::register_dots(*state, config, found, prior, lattice);
   }
 
-  // Every marker whose dot was printed is valid and right; the others are invalid and predicted within `reach_px`.
+  // Every marker whose dot was printed is valid and right; the others are invalid and predicted within
+  // `reach_px`.
   void named_right(const std::vector<Point>& truth, const std::set<std::size_t>& missing, const std::string& what,
                    double predicted_within_px = 1e9) {
     for (std::size_t i = 0; i < truth.size(); ++i) {
       const Marker& m = lattice.field.markers[i];
       const double off = reference_model::distance(truth[i], {px(m.x), px(m.y)});
-      const SimpleString text = StringFromFormat("%s: marker %d, off %.2f px, valid %d", what.c_str(), static_cast<int>(i), off, m.valid);
+      const SimpleString text =
+          StringFromFormat("%s: marker %d, off %.2f px, valid %d", what.c_str(), static_cast<int>(i), off, m.valid);
       if (missing.count(i) != 0) {
         CHECK_TRUE_TEXT(!m.valid && off <= predicted_within_px, text.asCharString());
       } else {
@@ -78,7 +86,8 @@ TEST_GROUP(Grid) {
     }
   }
 
-  static Picture without(const scene::PictureConfig& config, const std::vector<Point>& truth, const std::set<std::size_t>& missing) {
+  static Picture without(const scene::PictureConfig& config, const std::vector<Point>& truth,
+                         const std::set<std::size_t>& missing) {
     std::vector<Point> left;
     for (std::size_t i = 0; i < truth.size(); ++i) {
       if (missing.count(i) == 0) left.push_back(truth[i]);
@@ -87,7 +96,7 @@ TEST_GROUP(Grid) {
   }
 
   // A dark disc of any size, drawn over the picture.
-  static void blot(Picture& picture, Point centre, double radius) {
+  static void blot(Picture & picture, Point centre, double radius) {
     for (int y = 0; y < picture.height; ++y) {
       for (int x = 0; x < picture.width; ++x) {
         if (reference_model::distance(centre, {static_cast<double>(x), static_cast<double>(y)}) <= radius) {
@@ -98,8 +107,8 @@ TEST_GROUP(Grid) {
   }
 };
 
-// The smallest picture that works is 80x60 when it is cropped to the grid (pitch 8 px, dots 4.1 px), see the last test
-// for what happens below. 1640x1232 is the largest working image.
+// The smallest picture that works is 80x60 when it is cropped to the grid (pitch 8 px, dots 4.1 px), see the
+// last test for what happens below. 1640x1232 is the largest working image.
 TEST(Grid, NamesTheMarkersAtEveryScale) {
   for (const int width : {80, 96, 112, 128, 160, 200, 256, 300, 320, 410, 500, 512, 513, 640, 820, 1024, 1280, 1640}) {
     const scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), width);
@@ -131,8 +140,8 @@ TEST(Grid, NamesTheMarkersAtEveryAngleUpTo35Degrees) {
 }
 
 TEST(Grid, NamesEveryPrintedLatticeGivenOrFound) {
-  for (const Grid& printed : {Grid{7, 9, 2.02}, Grid{8, 10, 1.8}, Grid{7, 10, 1.9}, Grid{3, 3, 2.02}, Grid{8, 16, 1.15}, Grid{16, 8, 0.85},
-                              Grid{10, 8, 1.45}, Grid{3, 16, 1.15}, Grid{4, 4, 2.02}}) {
+  for (const Grid& printed : {Grid{7, 9, 2.02}, Grid{8, 10, 1.8}, Grid{7, 10, 1.9}, Grid{3, 3, 2.02}, Grid{8, 16, 1.15},
+                              Grid{16, 8, 0.85}, Grid{10, 8, 1.45}, Grid{3, 16, 1.15}, Grid{4, 4, 2.02}}) {
     for (const bool auto_size : {false, true}) {
       scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), 640);
       config.dot_diameter_mm = printed.pitch_mm * 0.52;
@@ -191,11 +200,13 @@ TEST(Grid, ToleratesTwoMissingDotsAnywhere) {
   }
 }
 
-// The corner's two neighbours gone, or the whole corner: nothing joins it to the rest but what lies across the hole.
+// The corner's two neighbours gone, or the whole corner: nothing joins it to the rest but what lies across
+// the hole.
 TEST(Grid, ToleratesHolesAroundACorner) {
   const scene::PictureConfig config = scene::cropped_320x240();
   const auto truth = reference_model::lattice_px({}, config);
-  const std::vector<std::set<std::size_t>> holes{{1, 9}, {7, 17}, {45, 55}, {53, 61}, {0, 1}, {0, 9}, {61, 62}, {31, 32}};
+  const std::vector<std::set<std::size_t>> holes{{1, 9}, {7, 17}, {45, 55}, {53, 61},
+                                                 {0, 1}, {0, 9},  {61, 62}, {31, 32}};
   for (const auto& hole : holes) {
     reason_is(Reason::kNone, look(without(config, truth, hole)));
     named_right(truth, hole, "hole at " + std::to_string(*hole.begin()));
@@ -209,12 +220,14 @@ TEST(Grid, ToleratesMergedDots) {
   for (const auto& [a, b] : {std::pair<std::size_t, std::size_t>{30, 31}, {0, 1}, {0, 9}, {61, 62}, {31, 40}}) {
     Picture picture = reference_model::picture_of(config, truth, 4);
     for (int k = 0; k <= 8; ++k) {
-      blot(picture, {truth[a].x + (truth[b].x - truth[a].x) * k / 8, truth[a].y + (truth[b].y - truth[a].y) * k / 8}, 5.0);
+      blot(picture, {truth[a].x + (truth[b].x - truth[a].x) * k / 8, truth[a].y + (truth[b].y - truth[a].y) * k / 8},
+           5.0);
     }
     reason_is(Reason::kNone, look(picture));
     for (const std::size_t i : {a, b}) {
       if (lattice.field.markers[i].valid) {
-        CHECK_TRUE(reference_model::distance(truth[i], {px(lattice.field.markers[i].x), px(lattice.field.markers[i].y)}) <= 6.0);
+        CHECK_TRUE(reference_model::distance(truth[i],
+                                             {px(lattice.field.markers[i].x), px(lattice.field.markers[i].y)}) <= 6.0);
       }
       lattice.field.markers[i].valid = false;
     }
@@ -222,7 +235,8 @@ TEST(Grid, ToleratesMergedDots) {
   }
 }
 
-// Blobs as large as dots, anywhere between and around them, at least 1.3 dot diameters from each dot's centre.
+// Blobs as large as dots, anywhere between and around them, at least 1.3 dot diameters from each dot's
+// centre.
 TEST(Grid, ToleratesStrayBlobs) {
   const scene::PictureConfig config = wide_view();
   const auto truth = reference_model::lattice_px({}, config);
@@ -231,7 +245,9 @@ TEST(Grid, ToleratesStrayBlobs) {
     Picture picture = reference_model::picture_of(config, truth, 4);
     for (int blob = 0; blob < 5;) {
       const Point at{8.0 + static_cast<double>(random() % 304), 8.0 + static_cast<double>(random() % 224)};
-      if (std::any_of(truth.begin(), truth.end(), [&](Point t) { return reference_model::distance(t, at) < 1.3 * dot_px; })) continue;
+      if (std::any_of(truth.begin(), truth.end(),
+                      [&](Point t) { return reference_model::distance(t, at) < 1.3 * dot_px; }))
+        continue;
       blot(picture, at, dot_px * (0.35 + 0.02 * static_cast<double>(random() % 10)));
       ++blob;
     }
@@ -240,7 +256,8 @@ TEST(Grid, ToleratesStrayBlobs) {
   }
 }
 
-// Dirt that touches a dot pulls its blob: that one may be off by its radius or missing; the others must be right.
+// Dirt that touches a dot pulls its blob: that one may be off by its radius or missing; the others must be
+// right.
 TEST(Grid, ToleratesDirtBesideADot) {
   const scene::PictureConfig config = scene::cropped_320x240();
   const auto truth = reference_model::lattice_px({}, config);
@@ -301,7 +318,8 @@ TEST(Grid, RefusesDotsThatAreNoLattice) {
     const std::size_t count = 5 + random() % 60;
     for (int tries = 0; dots.size() < count && tries < 2000; ++tries) {
       const Point at{10.0 + static_cast<double>(random() % 300), 10.0 + static_cast<double>(random() % 220)};
-      if (std::none_of(dots.begin(), dots.end(), [&](Point d) { return reference_model::distance(d, at) < 20.0; })) dots.push_back(at);
+      if (std::none_of(dots.begin(), dots.end(), [&](Point d) { return reference_model::distance(d, at) < 20.0; }))
+        dots.push_back(at);
     }
     CHECK_FALSE(look(reference_model::picture_of(config, dots, 5)).ok());
   }
@@ -317,7 +335,8 @@ TEST(Grid, RefusesTexturesThatAreNoGel) {
     }
     const Status status = look(picture);
     CHECK_FALSE(status.ok());
-    CHECK_TRUE(status.reason == Reason::kTooFewDots || status.reason == Reason::kNoLattice || status.reason == Reason::kDotsOverflow);
+    CHECK_TRUE(status.reason == Reason::kTooFewDots || status.reason == Reason::kNoLattice ||
+               status.reason == Reason::kDotsOverflow);
   }
 }
 
@@ -346,7 +365,8 @@ TEST(Grid, SurvivesDotsThatNoDetectorWouldGive) {
   for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 14), 50.0 + 8.0 * (i / 14));
   survive(kMaxDots);
   for (int round = 0; round < 50; ++round) {
-    for (int i = 0; i < kMaxDots; ++i) put(i, static_cast<double>(random() % 1640), static_cast<double>(random() % 1232));
+    for (int i = 0; i < kMaxDots; ++i)
+      put(i, static_cast<double>(random() % 1640), static_cast<double>(random() % 1232));
     survive(1 + static_cast<int>(random() % kMaxDots));
   }
 }

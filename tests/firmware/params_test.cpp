@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "app/params.hpp"
 
+#include <algorithm>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <string>
 #include <string_view>
@@ -44,8 +46,10 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"mode", 0}};
   LONGS_EQUAL(std::size(want), kParams.size());
   for (const Row& row : want) {
-    const ParamInfo* info = holdfast::find_param(row.name);
-    if (info == nullptr) FAIL(row.name.data());
+    const auto* const info =
+        std::find_if(kParams.begin(), kParams.end(), [&](const ParamInfo& p) { return p.name == row.name; });
+    CHECK_TEXT(info != kParams.end(), row.name.data());
+    POINTERS_EQUAL(&*info, holdfast::find_param(row.name));
     LONGS_EQUAL_TEXT(row.value, info->default_value, row.name.data());
     LONGS_EQUAL_TEXT(row.value, params.*info->member, row.name.data());
   }
@@ -76,8 +80,7 @@ TEST(Params, EachEndOfEachRangeIsAcceptedAndOneBeyondIsNamed) {
       params.*row.member += low ? -1 : 1;
       CHECK_TRUE(holdfast::validate(params, &problem).reason == Reason::kConfig);
       CHECK_TRUE(failed_name() == row.name);
-      params.*row.member =
-          low ? std::numeric_limits<std::int32_t>::min() : std::numeric_limits<std::int32_t>::max();
+      params.*row.member = low ? std::numeric_limits<std::int32_t>::min() : std::numeric_limits<std::int32_t>::max();
       CHECK_FALSE(holdfast::validate(params).ok());
     }
   }
@@ -107,10 +110,9 @@ TEST(Params, ParseSetsTheNamedOneAndNothingElse) {
 }
 
 TEST(Params, ParseRefusesWhatIsNotAnIntegerInRangeAndChangesNothing) {
-  for (const std::string_view text : {"", " 3", "3 ", "+3", "3.0", "0x3", "three", "fast", "0", "11", "-1",
-                                      "2147483648", "99999999999999999999"}) {
-    CHECK_TEXT(holdfast::parse("raise_frames", text, params, &problem).reason == Reason::kConfig,
-               text.data());
+  for (const std::string_view text :
+       {"", " 3", "3 ", "+3", "3.0", "0x3", "three", "fast", "0", "11", "-1", "2147483648", "99999999999999999999"}) {
+    CHECK_TEXT(holdfast::parse("raise_frames", text, params, &problem).reason == Reason::kConfig, text.data());
     CHECK_TRUE(failed_name() == "raise_frames");
     CHECK_TRUE(params == Params{});
   }

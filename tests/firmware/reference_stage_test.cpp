@@ -14,14 +14,17 @@ namespace {
 
 constexpr std::int32_t kPitchQ8 = 8166;
 
-PixelsQ8 raw(std::int32_t q8) { return PixelsQ8::from_raw(q8); }
+PixelsQ8 raw(std::int32_t q8) {
+  return PixelsQ8::from_raw(q8);
+}
 
 MarkerField lattice(GridSize grid = {7, 9}) {
   MarkerField field;
   field.grid = grid;
   for (int r = 0; r < grid.rows; ++r) {
     for (int c = 0; c < grid.cols; ++c) {
-      field.markers[static_cast<std::size_t>(r * grid.cols + c)] = {raw(8000 + c * kPitchQ8), raw(6000 + r * kPitchQ8), true};
+      field.markers[static_cast<std::size_t>(r * grid.cols + c)] = {raw(8000 + c * kPitchQ8), raw(6000 + r * kPitchQ8),
+                                                                    true};
     }
   }
   return field;
@@ -39,7 +42,9 @@ MarkerField moved(MarkerField field, std::size_t marker, std::int32_t dx_q8, std
 TEST_GROUP(ReferenceStage) {
   reference::State state;
   reference::Config config;
-  bool update(const MarkerField& field) { return reference::update(state, config, field); }
+  bool update(const MarkerField& field) {
+    return reference::update(state, config, field);
+  }
 };
 
 TEST(ReferenceStage, LearnsWithTheLastFrameOfTheCountAndOnlyOnce) {
@@ -66,7 +71,8 @@ TEST(ReferenceStage, IsTheMeanOfItsFrames) {
       MarkerField field = lattice();
       for (std::size_t i = 0; i < 63; ++i) {
         // +-80 around the lattice: no two frames are 192 apart.
-        field = moved(field, i, static_cast<std::int32_t>(random() % 161) - 80, static_cast<std::int32_t>(random() % 161) - 80);
+        field = moved(field, i, static_cast<std::int32_t>(random() % 161) - 80,
+                      static_cast<std::int32_t>(random() % 161) - 80);
         sum_x[i] += field.markers[i].x.raw();
         sum_y[i] += field.markers[i].y.raw();
       }
@@ -146,7 +152,8 @@ TEST(ReferenceStage, LearnsAgainAfterForget) {
   LONGS_EQUAL(8300, state.rest.markers[0].x.raw());
 }
 
-// Nothing to learn from: no markers, or none beside another. It must not claim a reference, nor divide by zero.
+// Nothing to learn from: no markers, or none beside another. It must not claim a reference, nor divide by
+// zero.
 TEST(ReferenceStage, LearnsNothingWithoutNeighbours) {
   config.frames = 2;
   MarkerField field = lattice();

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Following the markers through rendered motion of known truth.
 //
-// The one thing that must never happen is a swap: a marker that is valid and more than 2 px (320-px scale) from the dot
-// printed under its name. Losing a marker is allowed where the test says so.
+// The one thing that must never happen is a swap: a marker that is valid and more than 2 px (320-px scale)
+// from the dot printed under its name. Losing a marker is allowed where the test says so.
 #include "vision/tracker.hpp"
 
 #include <algorithm>
@@ -24,7 +24,9 @@ using namespace holdfast::reference_model;
 
 namespace {
 
-double px(PixelsQ8 q) { return q.raw() / 256.0; }
+double px(PixelsQ8 q) {
+  return q.raw() / 256.0;
+}
 
 // The grid with room around it, as the raw camera shows it: large jumps stay in the picture.
 scene::PictureConfig wide_view() {
@@ -66,8 +68,12 @@ TEST_GROUP(Tracker) {
     return picture_of(view, seen, ++seed);
   }
 
-  Status show(const Warp& warp) { return tracker::update(*state, config, picture(warp).view()); }
-  Status show(const Picture& other) { return tracker::update(*state, config, other.view()); }
+  Status show(const Warp& warp) {
+    return tracker::update(*state, config, picture(warp).view());
+  }
+  Status show(const Picture& other) {
+    return tracker::update(*state, config, other.view());
+  }
 
   double off(std::size_t i) const {
     const Marker& m = state->field.markers[i];
@@ -78,7 +84,8 @@ TEST_GROUP(Tracker) {
   void nobody_swapped(const std::string& what) {
     for (std::size_t i = 0; i < truth.size(); ++i) {
       if (!state->field.markers[i].valid) continue;
-      const SimpleString text = StringFromFormat("%s: marker %d is %.2f px off", what.c_str(), static_cast<int>(i), off(i));
+      const SimpleString text =
+          StringFromFormat("%s: marker %d is %.2f px off", what.c_str(), static_cast<int>(i), off(i));
       CHECK_TRUE_TEXT(off(i) <= 2.0 * view.width / 320.0 && hidden.count(i) == 0, text.asCharString());
     }
   }
@@ -96,7 +103,9 @@ TEST_GROUP(Tracker) {
     }
   }
 
-  int lost() const { return grid.rows * grid.cols - state->field.valid_count(); }
+  int lost() const {
+    return grid.rows * grid.cols - state->field.valid_count();
+  }
 
   // Lost though the whole dot and 2 px around it are in the picture.
   int lost_in_sight() const {
@@ -120,7 +129,8 @@ TEST_GROUP(Tracker) {
       const double t = frame * 0.1;
       const Warp warp = chained(gaussian({0.4, -0.3}, 4.0, 0.4 * std::sin(0.7 * t), 0.4 * std::cos(0.9 * t) - 0.4),
                                 chained(sheared(0.03 * std::sin(t), 0.02 * std::sin(1.3 * t)),
-                                        chained(rotated(3.0 * std::sin(0.8 * t)), shifted(0.5 * std::sin(1.1 * t), 0.3 * std::sin(1.7 * t)))));
+                                        chained(rotated(3.0 * std::sin(0.8 * t)),
+                                                shifted(0.5 * std::sin(1.1 * t), 0.3 * std::sin(1.7 * t)))));
       CHECK_TRUE(show(warp).ok());
       LONGS_EQUAL(0, lost());
       for (std::size_t i = 0; i < truth.size(); ++i) {
@@ -141,7 +151,9 @@ TEST(Tracker, CentresAreWithinTheBudgetForEveryDotAndLight) {
       picture.dot_diameter_mm = diameter;
       picture.shading = shading;
       const double error_px = rms(picture, 60);
-      CHECK_TRUE_TEXT(error_px <= 0.029, StringFromFormat("dot %.2f mm, shading %.0f: %.4f px", diameter, shading, error_px).asCharString());
+      CHECK_TRUE_TEXT(
+          error_px <= 0.029,
+          StringFromFormat("dot %.2f mm, shading %.0f: %.4f px", diameter, shading, error_px).asCharString());
     }
   }
 }
@@ -155,8 +167,8 @@ TEST(Tracker, CentresAreWithinTheBudgetAtLargerScales) {
   }
 }
 
-// sigma 6 is what a dark exposure looks like: the error grows (0.058 px measured for windows of this kind), nothing is
-// lost.
+// sigma 6 is what a dark exposure looks like: the error grows (0.058 px measured for windows of this kind),
+// nothing is lost.
 TEST(Tracker, LosesNoMarkerInHeavyNoise) {
   for (const double diameter : {0.57, 0.77, 1.05}) {
     scene::PictureConfig picture;
@@ -167,7 +179,8 @@ TEST(Tracker, LosesNoMarkerInHeavyNoise) {
 }
 
 TEST(Tracker, FollowsJumpsOfUpToHalfAMillimetreByWindowsAlone) {
-  for (const auto& [printed, picture] : {std::pair{Grid{}, scene::cropped_320x240()}, {Grid{}, scene::scaled(scene::cropped_320x240(), 640)},
+  for (const auto& [printed, picture] : {std::pair{Grid{}, scene::cropped_320x240()},
+                                         {Grid{}, scene::scaled(scene::cropped_320x240(), 640)},
                                          {Grid{8, 10, 1.8}, scene::cropped_320x240()}}) {
     begin(printed, picture);
     const std::uint32_t searches = state->searches;
@@ -176,7 +189,9 @@ TEST(Tracker, FollowsJumpsOfUpToHalfAMillimetreByWindowsAlone) {
         const double angle = direction * std::numbers::pi / 8.0;
         const double dx = jump_mm * std::cos(angle);
         const double dy = jump_mm * std::sin(angle);
-        const std::string what = StringFromFormat("%dx%d %.1f mm, direction %d", printed.rows, printed.cols, jump_mm, direction).asCharString();
+        const std::string what =
+            StringFromFormat("%dx%d %.1f mm, direction %d", printed.rows, printed.cols, jump_mm, direction)
+                .asCharString();
         // There in one frame and back in one frame: the snap-back is a jump too.
         for (const Warp& warp : {shifted(dx, dy), Warp{}, gaussian({1.0, 0.5}, 3.5, dx, dy), Warp{}}) {
           CHECK_TRUE(show(warp).ok());
@@ -189,8 +204,8 @@ TEST(Tracker, FollowsJumpsOfUpToHalfAMillimetreByWindowsAlone) {
   }
 }
 
-// Up to half a pitch the windows may end on either of two dots; the search decides. One frame may lose markers, the
-// next has all of them.
+// Up to half a pitch the windows may end on either of two dots; the search decides. One frame may lose
+// markers, the next has all of them.
 TEST(Tracker, FollowsJumpsOfUpToAMillimetreWithASearch) {
   for (const Grid& printed : {Grid{}, Grid{8, 10, 1.8}}) {
     begin(printed, scene::cropped_320x240());
@@ -199,7 +214,9 @@ TEST(Tracker, FollowsJumpsOfUpToAMillimetreWithASearch) {
         const double angle = direction * std::numbers::pi / 8.0;
         const double dx = jump_mm * std::cos(angle);
         const double dy = jump_mm * std::sin(angle);
-        const std::string what = StringFromFormat("%dx%d %.1f mm, direction %d", printed.rows, printed.cols, jump_mm, direction).asCharString();
+        const std::string what =
+            StringFromFormat("%dx%d %.1f mm, direction %d", printed.rows, printed.cols, jump_mm, direction)
+                .asCharString();
         for (const Warp& warp : {shifted(dx, dy), Warp{}, gaussian({1.0, 0.5}, 3.5, dx, dy), Warp{}}) {
           CHECK_TRUE(show(warp).ok());
           nobody_swapped(what);
@@ -213,7 +230,8 @@ TEST(Tracker, FollowsJumpsOfUpToAMillimetreWithASearch) {
   }
 }
 
-// Far beyond what a gel does between two frames, up to a whole pitch, where every inner window finds a perfect dot.
+// Far beyond what a gel does between two frames, up to a whole pitch, where every inner window finds a
+// perfect dot.
 TEST(Tracker, NeverSwapsAfterAJumpOfUpToAPitch) {
   begin({}, wide_view());
   for (double jump_mm = 1.1; jump_mm <= 2.1; jump_mm += 0.1) {
@@ -275,7 +293,8 @@ TEST(Tracker, NeverSwapsWhileAWholeLineIsHidden) {
   for (int line = 0; line < 16; ++line) {
     hidden.clear();
     for (std::size_t i = 0; i < 63; ++i) {
-      if (line < 9 ? i % 9 == static_cast<std::size_t>(line) : i / 9 == static_cast<std::size_t>(line - 9)) hidden.insert(i);
+      if (line < 9 ? i % 9 == static_cast<std::size_t>(line) : i / 9 == static_cast<std::size_t>(line - 9))
+        hidden.insert(i);
     }
     for (int k = 1; k <= 12; ++k) {
       CHECK_TRUE(show(shifted(0.3 * std::sin(0.8 * k), 0.25 * std::sin(1.1 * k))).ok());
@@ -291,7 +310,8 @@ TEST(Tracker, NeverSwapsWhileAWholeLineIsHidden) {
   }
 }
 
-// Dots go one by one, in random order, until a third is gone; no single step is large enough to look like a jump.
+// Dots go one by one, in random order, until a third is gone; no single step is large enough to look like a
+// jump.
 TEST(Tracker, NeverSwapsWhileDotsVanishOneByOne) {
   std::mt19937 random(70);
   for (int round = 0; round < 6; ++round) {
@@ -300,10 +320,13 @@ TEST(Tracker, NeverSwapsWhileDotsVanishOneByOne) {
     for (std::size_t i = 0; i < 63; ++i) order[i] = i;
     // Rounds 0 and 1 take the dots from one side: whole outer lines go.
     if (round >= 2) std::shuffle(order.begin(), order.end(), random);
-    if (round == 1) std::stable_sort(order.begin(), order.end(), [](std::size_t a, std::size_t b) { return a % 9 < b % 9; });
+    if (round == 1)
+      std::stable_sort(order.begin(), order.end(), [](std::size_t a, std::size_t b) { return a % 9 < b % 9; });
     for (std::size_t k = 0; k < 40; ++k) {
       hidden.insert(order[k]);
-      CHECK_TRUE(show(shifted(0.25 * std::sin(0.5 * static_cast<double>(k)), 0.2 * std::sin(0.8 * static_cast<double>(k)))).ok());
+      CHECK_TRUE(
+          show(shifted(0.25 * std::sin(0.5 * static_cast<double>(k)), 0.2 * std::sin(0.8 * static_cast<double>(k))))
+              .ok());
       nobody_swapped(StringFromFormat("round %d, %d gone", round, static_cast<int>(k)).asCharString());
     }
     hidden.clear();
@@ -360,7 +383,9 @@ TEST(Tracker, NeverInvertsTheOrderOnARandomWalk) {
   for (const Grid& printed : {Grid{}, Grid{8, 10, 1.8}}) {
     begin(printed, scene::cropped_320x240());
     double x = 0.0, y = 0.0, angle = 0.0, drag_x = 0.0, drag_y = 0.0, centre_x = 0.0, centre_y = 0.0;
-    const auto walk = [&](double& value, double step, double limit) { value = std::clamp(value + draw(step), -limit, limit); };
+    const auto walk = [&](double& value, double step, double limit) {
+      value = std::clamp(value + draw(step), -limit, limit);
+    };
     int seen = 0;
     for (int frame = 0; frame < 500; ++frame) {
       walk(x, 0.15, 0.4);
@@ -370,7 +395,9 @@ TEST(Tracker, NeverInvertsTheOrderOnARandomWalk) {
       walk(drag_y, 0.25, 0.85);
       walk(centre_x, 0.2, 5.0);
       walk(centre_y, 0.2, 4.0);
-      CHECK_TRUE(show(chained(gaussian({centre_x, centre_y}, 3.0, drag_x, drag_y), chained(rotated(angle), shifted(x, y)))).ok());
+      CHECK_TRUE(
+          show(chained(gaussian({centre_x, centre_y}, 3.0, drag_x, drag_y), chained(rotated(angle), shifted(x, y))))
+              .ok());
       nobody_swapped("frame " + std::to_string(frame));
       order_kept("frame " + std::to_string(frame));
       seen += state->field.valid_count();
@@ -386,7 +413,10 @@ TEST(Tracker, DeclaresMarkersLostThatLeaveThePicture) {
     const double x = 2.2 * std::sin(frame * std::numbers::pi / 30.0);  // out and back on both sides, 0.23 mm a frame
     CHECK_TRUE(show(shifted(x, 0.0)).ok());
     for (std::size_t i = 0; i < 63; ++i) {
-      if (state->field.markers[i].valid) CHECK_TRUE_TEXT(off(i) <= 2.0, StringFromFormat("frame %d marker %d: %.2f px", frame, static_cast<int>(i), off(i)).asCharString());
+      if (state->field.markers[i].valid)
+        CHECK_TRUE_TEXT(
+            off(i) <= 2.0,
+            StringFromFormat("frame %d marker %d: %.2f px", frame, static_cast<int>(i), off(i)).asCharString());
     }
   }
   CHECK_TRUE(show(Warp{}).ok());

@@ -46,8 +46,8 @@ TEST(Units, OrdersByValue) {
 // What DESIGN.md promises must fit its type: the largest picture in px, ln 15 nat, and ln 15 within 1 ms.
 TEST(Units, HoldsWhatTheDesignNeeds) {
   CHECK_TRUE(PixelsQ8::kMax >= 2 * 1640 * 256);
-  CHECK_TRUE(NatsQ16::kMax >= 177475);             // ln 15 = 2.70805 nat, times 65536
-  CHECK_TRUE(NatsPerSecQ8::kMax >= 2709 * 256);    // ln 15 nat in 1 ms
+  CHECK_TRUE(NatsQ16::kMax >= 177475);           // ln 15 = 2.70805 nat, times 65536
+  CHECK_TRUE(NatsPerSecQ8::kMax >= 2709 * 256);  // ln 15 nat in 1 ms
   CHECK_TRUE(NatsPerSecQ8::kMin <= -2709 * 256);
-  CHECK_TRUE(Micrometres::kMax >= 18'600);         // the gel is 18.6 mm wide
+  CHECK_TRUE(Micrometres::kMax >= 18'600);  // the gel is 18.6 mm wide
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Window sums against plain double loops, centres against pictures of known truth, and every edge of the picture.
+// Window sums against plain double loops, centres against pictures of known truth, and every edge of the
+// picture.
 #include "vision/window.hpp"
 
 #include <algorithm>
@@ -25,11 +26,15 @@ namespace {
 
 constexpr std::array<std::int32_t, 7> kSizes{16, 24, 32, 48, 64, 96, 128};
 
-PixelsQ8 q8(double px) { return PixelsQ8::from_raw(static_cast<std::int32_t>(std::lround(px * 256.0))); }
-double px(PixelsQ8 q) { return q.raw() / 256.0; }
+PixelsQ8 q8(double px) {
+  return PixelsQ8::from_raw(static_cast<std::int32_t>(std::lround(px * 256.0)));
+}
+double px(PixelsQ8 q) {
+  return q.raw() / 256.0;
+}
 
-// A picture that ends exactly where its heap block ends: the address sanitizer sees a read of one byte more, and
-// memory before it belongs to the same exactly sized block.
+// A picture that ends exactly where its heap block ends: the address sanitizer sees a read of one byte more,
+// and memory before it belongs to the same exactly sized block.
 struct TightPicture {
   std::unique_ptr<std::uint8_t[]> block;
   LumaView view;
@@ -124,8 +129,8 @@ TEST(Window, SumsEqualPlainLoopsAtTheExtremes) {
   }
 }
 
-// Against the pixel-exact truth of the renderer without noise. 0.012 px: quantisation of luma (0.3 levels over a rim
-// of 75 levels) and of the position (1/512 px) leave less.
+// Against the pixel-exact truth of the renderer without noise. 0.012 px: quantisation of luma (0.3 levels
+// over a rim of 75 levels) and of the position (1/512 px) leave less.
 TEST(Window, FindsTheCentreOfACleanDot) {
   const scene::PictureConfig config = clean();
   std::mt19937_64 random(32);
@@ -150,8 +155,8 @@ TEST(Window, PicksASizeOfAboutThreeQuartersOfThePitch) {
   for (double pitch = 4.0; pitch < 400.0; pitch += 0.37) {
     const std::int32_t size = window::size_for(q8(pitch));
     CHECK_TRUE(std::find(kSizes.begin(), kSizes.end(), size) != kSizes.end());
-    // No other size lies nearer to 25/32 of the pitch. 2 px: the wanted size is rounded down by up to 1 px, which
-    // changes the difference of two distances by twice as much.
+    // No other size lies nearer to 25/32 of the pitch. 2 px: the wanted size is rounded down by up to 1 px,
+    // which changes the difference of two distances by twice as much.
     const double wanted = pitch * 25.0 / 32.0;
     for (const std::int32_t other : kSizes) CHECK_TRUE(std::abs(size - wanted) <= std::abs(other - wanted) + 2.0);
   }
@@ -199,8 +204,9 @@ TEST(Window, FindsDotsInSaturatedPictures) {
   }
 }
 
-// Every size, in pictures hardly larger, at places on, beyond and far beyond each edge, over noise, flat and stripes.
-// Any read outside the block is an error under the asan preset; everywhere the result must lie inside the picture.
+// Every size, in pictures hardly larger, at places on, beyond and far beyond each edge, over noise, flat and
+// stripes. Any read outside the block is an error under the asan preset; everywhere the result must lie
+// inside the picture.
 TEST(Window, NeverReadsOutsideThePicture) {
   std::mt19937_64 random(33);
   const std::array<double, 9> places{-4096.0, -300.0, -1.0, -0.5, 0.0, 0.5, 1.0, 300.0, 4096.0};
@@ -230,10 +236,12 @@ TEST(Window, NeverReadsOutsideThePicture) {
   }
 }
 
-// A dot at the picture's edge is seen in part: its centre may be pulled inwards, never outside or to another place.
+// A dot at the picture's edge is seen in part: its centre may be pulled inwards, never outside or to another
+// place.
 TEST(Window, StaysAtADotThatTheEdgeCuts) {
   const scene::PictureConfig config = clean();
-  for (const Point truth : {Point{0.0, 100.0}, Point{319.0, 100.0}, Point{100.0, 0.0}, Point{100.0, 239.0}, Point{2.0, 2.0}}) {
+  for (const Point truth :
+       {Point{0.0, 100.0}, Point{319.0, 100.0}, Point{100.0, 0.0}, Point{100.0, 239.0}, Point{2.0, 2.0}}) {
     const std::array<Point, 1> dots{truth};
     const Picture picture = reference_model::picture_of(config, dots, 1);
     window::Dot dot{q8(truth.x), q8(truth.y), 75, 0};

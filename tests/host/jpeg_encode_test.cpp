@@ -33,8 +33,7 @@ Header parse(const Bytes& jpeg) {
       header.sof = marker - 0xc0;
       header.height = jpeg[i + 5] * 256 + jpeg[i + 6];
       header.width = jpeg[i + 7] * 256 + jpeg[i + 8];
-      for (int c = 0; c < jpeg[i + 9]; ++c)
-        header.sampling.push_back(jpeg[i + 11 + static_cast<std::size_t>(c) * 3]);
+      for (int c = 0; c < jpeg[i + 9]; ++c) header.sampling.push_back(jpeg[i + 11 + static_cast<std::size_t>(c) * 3]);
     }
     if (marker == 0xdd) header.restarts = true;
     if (marker == 0xda) break;
@@ -105,8 +104,7 @@ TEST(JpegEncode, GreyIsOneComponent) {
 TEST(JpegEncode, PictureThatDoesNotCompressStillFits) {
   Bytes pixels(std::size_t{3} * 640 * 480);
   std::uint32_t state = 1;
-  for (std::uint8_t& p : pixels)
-    p = static_cast<std::uint8_t>((state = state * 1664525u + 1013904223u) >> 24);
+  for (std::uint8_t& p : pixels) p = static_cast<std::uint8_t>((state = state * 1664525u + 1013904223u) >> 24);
   const Bytes jpeg = encode_jpeg(pixels, 640, 480, JpegInput::kRgb, 100);
   CHECK(jpeg.size() > pixels.size() / 4);
   LONGS_EQUAL(pixels.size(), decode(jpeg).size());

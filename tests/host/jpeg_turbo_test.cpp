@@ -110,11 +110,9 @@ TEST_GROUP(TurboJpegDecoder) {
 TEST(TurboJpegDecoder, EqualsAStraightDecodeAtEveryScale) {
   const cv::Mat colour = picture(1283, 963, 3), grey = picture(1283, 963, 1);
   const Bytes streams[] = {encode(colour), encode(grey), encode(colour, {cv::IMWRITE_JPEG_RST_INTERVAL, 5}),
-                           encode(colour, {cv::IMWRITE_JPEG_PROGRESSIVE, 1}),
-                           encode_as(1283, 963, 3, JCS_RGB)};
+                           encode(colour, {cv::IMWRITE_JPEG_PROGRESSIVE, 1}), encode_as(1283, 963, 3, JCS_RGB)};
   for (const Bytes& bytes : streams) {
-    for (const auto scale :
-         {DecodeScale::kFull, DecodeScale::kHalf, DecodeScale::kQuarter, DecodeScale::kEighth}) {
+    for (const auto scale : {DecodeScale::kFull, DecodeScale::kHalf, DecodeScale::kQuarter, DecodeScale::kEighth}) {
       check_equals_straight(bytes, scale);
     }
   }
@@ -133,8 +131,7 @@ TEST(TurboJpegDecoder, LumaIsThePictureItself) {
   for (int i = 0; i < 320 * 240; ++i) {
     worst = std::max(worst, std::abs(grey.data[i] - out->pixels[static_cast<std::size_t>(i)]));
   }
-  CHECK(worst <=
-        2);  // quality 100 quantises each of 64 coefficients to 1: a grey level or two in the worst pixel
+  CHECK(worst <= 2);  // quality 100 quantises each of 64 coefficients to 1: a grey level or two in the worst pixel
 }
 
 TEST(TurboJpegDecoder, RefusesTruncationAnywhere) {
@@ -143,11 +140,10 @@ TEST(TurboJpegDecoder, RefusesTruncationAnywhere) {
     const Bytes whole = encode(picture(640, 480, 3), options);
     for (const auto scale : {DecodeScale::kFull, DecodeScale::kEighth}) {
       for (std::size_t sixteenth = 0; sixteenth < 16; ++sixteenth) {
-        CHECK(decode(Bytes(whole.begin(), whole.begin() + static_cast<long>(whole.size() * sixteenth / 16)),
-                     scale) == Reason::kJpegDamaged);
+        CHECK(decode(Bytes(whole.begin(), whole.begin() + static_cast<long>(whole.size() * sixteenth / 16)), scale) ==
+              Reason::kJpegDamaged);
       }
-      CHECK(decode(Bytes(whole.begin(), whole.end() - 2), scale) ==
-            Reason::kJpegDamaged);                   // only EOI is missing
+      CHECK(decode(Bytes(whole.begin(), whole.end() - 2), scale) == Reason::kJpegDamaged);  // only EOI is missing
       CHECK(decode(whole, scale) == Reason::kNone);  // the decoder is as good as new after each failure
     }
   }

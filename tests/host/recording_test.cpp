@@ -58,13 +58,11 @@ std::string little_endian(std::uint32_t value) {
 }
 
 std::string chunk(const std::string& tag, const std::string& body) {
-  return tag + little_endian(static_cast<std::uint32_t>(body.size())) + body +
-         std::string(body.size() & 1, '\0');
+  return tag + little_endian(static_cast<std::uint32_t>(body.size())) + body + std::string(body.size() & 1, '\0');
 }
 
 // An AVI written by the book (Microsoft's AVI RIFF reference): audio stream first, video second, so "01dc".
-std::string avi(const std::vector<std::string>& frames, std::uint32_t rate, std::uint32_t scale,
-                bool in_rec = false) {
+std::string avi(const std::vector<std::string>& frames, std::uint32_t rate, std::uint32_t scale, bool in_rec = false) {
   const auto count = static_cast<std::uint32_t>(frames.size());
   const auto stream = [&](const std::string& kind, const std::string& codec, const std::string& format) {
     std::string strh = kind + codec;
@@ -74,9 +72,9 @@ std::string avi(const std::vector<std::string>& frames, std::uint32_t rate, std:
   std::string bitmap;
   for (std::uint32_t v : {40u, 320u, 240u, 0x180001u}) bitmap += little_endian(v);
   bitmap += "MJPG" + std::string(20, '\0');
-  const std::string header = chunk("LIST", "hdrl" + chunk("avih", std::string(56, '\0')) +
-                                               stream("auds", std::string(4, '\0'), std::string(18, '\0')) +
-                                               stream("vids", "MJPG", bitmap));
+  const std::string header =
+      chunk("LIST", "hdrl" + chunk("avih", std::string(56, '\0')) +
+                        stream("auds", std::string(4, '\0'), std::string(18, '\0')) + stream("vids", "MJPG", bitmap));
   std::string movi = "movi";
   for (const std::string& frame : frames) {
     const std::string pair = chunk("01wb", "abc") + chunk("01dc", frame);
@@ -87,8 +85,8 @@ std::string avi(const std::vector<std::string>& frames, std::uint32_t rate, std:
 
 void write_video(const std::filesystem::path& path, const char* fourcc, int frames, int api = cv::CAP_FFMPEG,
                  cv::Size size = {320, 240}, double fps = 25) {
-  cv::VideoWriter writer(path.string(), api,
-                         cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]), fps, size);
+  cv::VideoWriter writer(path.string(), api, cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]), fps,
+                         size);
   CHECK_TEXT(writer.isOpened(), "OpenCV cannot write this video here");
   for (int i = 0; i < frames; ++i) writer.write(picture(i, size.width, size.height));
 }
@@ -191,14 +189,12 @@ TEST(Recording, GivesMjpegInMatroskaByteForByteWithTheContainersTimes) {
 TEST(Recording, SplitsAStreamWithGarbageBetweenAndATruncatedEnd) {
   const std::string last = jpeg(4);
   const std::string cut = last.substr(0, last.size() * 2 / 3);
-  const std::string thumbnail =
-      jpeg(9, 80, 60);  // a picture inside an APP1 segment is not a picture of its own
+  const std::string thumbnail = jpeg(9, 80, 60);  // a picture inside an APP1 segment is not a picture of its own
   const std::string app1 = "\xFF\xE1" + std::string(1, static_cast<char>((thumbnail.size() + 2) >> 8)) +
                            std::string(1, static_cast<char>((thumbnail.size() + 2) & 0xFF)) + thumbnail;
   const std::string second = "\xFF\xD8" + app1 + jpeg(2).substr(2);
   const auto path = dir / "stream.mjpg";
-  write_file(path, "garbage\xFF\xD8 \xFF" + jpeg(1) + std::string("\0\xFF\0\r\n--frame", 12) + second +
-                       jpeg(3) + cut);
+  write_file(path, "garbage\xFF\xD8 \xFF" + jpeg(1) + std::string("\0\xFF\0\r\n--frame", 12) + second + jpeg(3) + cut);
   Recording recording = opened(path, {.fps = 15});
   CHECK(recording.info().mjpeg);
   LONGS_EQUAL(-1, recording.info().frames);
@@ -233,8 +229,7 @@ TEST(Recording, SplitterEndsAndStaysInsideForRandomBytes) {
   const std::string good = jpeg(1, 64, 48);
   for (int round = 0; round < 2000; ++round) {
     std::string bytes = good + good;
-    for (unsigned i = 0; i < 1 + random() % 8; ++i)
-      bytes[random() % bytes.size()] = static_cast<char>(random());
+    for (unsigned i = 0; i < 1 + random() % 8; ++i) bytes[random() % bytes.size()] = static_cast<char>(random());
     bytes.resize(random() % (bytes.size() + 1));
     const std::vector<std::uint8_t> exact(bytes.begin(), bytes.end());  // exact size: ASan sees any overrun
     std::size_t at = 0;
@@ -250,13 +245,11 @@ TEST(Recording, AviWalkEndsAndStaysInsideForRandomBytes) {
   const std::string good = avi({"abc", "", "defg"}, 25, 1, true);
   for (int round = 0; round < 20000; ++round) {
     std::string bytes = good;
-    for (unsigned i = 0; i < 1 + random() % 6; ++i)
-      bytes[random() % bytes.size()] = static_cast<char>(random());
+    for (unsigned i = 0; i < 1 + random() % 6; ++i) bytes[random() % bytes.size()] = static_cast<char>(random());
     bytes.resize(random() % (bytes.size() + 1));
     const std::vector<std::uint8_t> exact(bytes.begin(), bytes.end());
     if (const auto index = sim::index_avi(exact)) {
-      for (const auto& c : index->chunks)
-        CHECK(c.offset <= exact.size() && c.size <= exact.size() - c.offset);
+      for (const auto& c : index->chunks) CHECK(c.offset <= exact.size() && c.size <= exact.size() - c.offset);
     }
   }
 }
@@ -380,8 +373,7 @@ TEST(Recording, RefusesATruncatedAviAndSaysHowMuchIsLeft) {
     write_video(dir / "whole.avi", fourcc, 60);
     const std::string whole = read_file(dir / "whole.avi");
     for (const double part : {0.001, 0.02, 0.5, 0.9, 0.999}) {
-      write_file(dir / "cut.avi",
-                 whole.substr(0, static_cast<std::size_t>(static_cast<double>(whole.size()) * part)));
+      write_file(dir / "cut.avi", whole.substr(0, static_cast<std::size_t>(static_cast<double>(whole.size()) * part)));
       check_refused(Recording::open(dir / "cut.avi"), dir / "cut.avi", part > 0.001 ? "truncated" : "");
     }
     write_file(dir / "half.avi", whole.substr(0, whole.size() / 2));

@@ -97,7 +97,8 @@ std::vector<Point> lattice_px(const Grid& grid, const scene::PictureConfig& conf
   std::vector<Point> dots;
   for (int row = 0; row < grid.rows; ++row) {
     for (int col = 0; col < grid.cols; ++col) {
-      const scene::Vec2 rest{(col - 0.5 * (grid.cols - 1)) * grid.pitch_mm, (row - 0.5 * (grid.rows - 1)) * grid.pitch_mm};
+      const scene::Vec2 rest{(col - 0.5 * (grid.cols - 1)) * grid.pitch_mm,
+                             (row - 0.5 * (grid.rows - 1)) * grid.pitch_mm};
       dots.push_back(scene::to_px(config, warp ? warp(rest) : rest));
     }
   }
@@ -149,6 +150,8 @@ Warp chained(Warp first, Warp second) {
   return [first = std::move(first), second = std::move(second)](scene::Vec2 p) { return second(first(p)); };
 }
 
-double distance(Point a, Point b) { return std::hypot(a.x - b.x, a.y - b.y); }
+double distance(Point a, Point b) {
+  return std::hypot(a.x - b.x, a.y - b.y);
+}
 
 }  // namespace holdfast::reference_model

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The oracle of the firmware's stages: pictures of known truth, and the features in plain floating point.
 //
-// Written from DESIGN.md (features) and the paper's section III, with no line shared with firmware/: double where the
-// firmware has Q formats, roots and logarithms where it has tables. Slow and allocating on purpose.
+// Written from DESIGN.md (features) and the paper's section III, with no line shared with firmware/: double
+// where the firmware has Q formats, roots and logarithms where it has tables. Slow and allocating on purpose.
 //
 // Units: px of the picture (centre of the top-left pixel = (0, 0), +x right, +y down), um on the gel, s, nat.
 #pragma once
@@ -55,7 +55,8 @@ struct Features {
 // -sum p ln p, smallest terms first; 0 of an empty histogram.
 [[nodiscard]] long double entropy_long_double(std::span<const int> counts);
 
-// The features frame by frame. Rates need a frame before, min_step_s <= dt <= max_gap_s, and a marker common to both.
+// The features frame by frame. Rates need a frame before, min_step_s <= dt <= max_gap_s, and a marker common
+// to both.
 class Model {
  public:
   explicit Model(const Config& config = {}) : config_(config) {}

@@ -107,11 +107,9 @@ Verdict run_emitted(const std::string& header, const Inputs& x) {
       if (line.ends_with("}")) --skip_depth;
     } else if (std::sscanf(text, " const std::int32_t %63s = x[%lld];", name, &number) == 2) {
       locals[name] = x.at(static_cast<std::size_t>(number));
-    } else if (std::sscanf(text, " if (%63s <= %lld) return Verdict::k%15[A-Za-z];", name, &number,
-                           verdict) == 3) {
+    } else if (std::sscanf(text, " if (%63s <= %lld) return Verdict::k%15[A-Za-z];", name, &number, verdict) == 3) {
       if (locals.at(name) <= number) return verdict == std::string("Slip") ? Verdict::kSlip : Verdict::kHold;
-    } else if (std::sscanf(text, " if (%63s <= %lld) %15s", name, &number, tail) == 3 &&
-               tail == std::string("{")) {
+    } else if (std::sscanf(text, " if (%63s <= %lld) %15s", name, &number, tail) == 3 && tail == std::string("{")) {
       if (locals.at(name) > number) skip_depth = 1;
     } else if (std::sscanf(text, " return Verdict::k%15[A-Za-z];", verdict) == 1) {
       return verdict == std::string("Slip") ? Verdict::kSlip : Verdict::kHold;
@@ -148,8 +146,7 @@ std::vector<Inputs> probes(const treec::Model& model) {
     for (const auto value : values[feature]) {
       for (int i = 0; i < 4; ++i) {
         Inputs x{};
-        for (std::size_t other = 0; other < 4; ++other)
-          x[other] = values[other][random() % values[other].size()];
+        for (std::size_t other = 0; other < 4; ++other) x[other] = values[other][random() % values[other].size()];
         x[feature] = value;
         all.push_back(x);
       }
@@ -189,8 +186,8 @@ class RandomTree {
       }
       const std::int32_t t = std::uniform_int_distribution<std::int32_t>(o.min[f], o.max[f] - 1)(random_);
       lines_[static_cast<std::size_t>(o.id)] = "node " + id + ": " + std::string(kNames[f]) +
-                                               " <= " + std::to_string(t) + " ? " + std::to_string(next) +
-                                               " : " + std::to_string(next + 1);
+                                               " <= " + std::to_string(t) + " ? " + std::to_string(next) + " : " +
+                                               std::to_string(next + 1);
       lines_.resize(lines_.size() + 2);
       Open low = o;
       Open high = o;
@@ -224,8 +221,7 @@ TEST_GROUP(SlipModel) {
 
 TEST(SlipModel, CommittedHeaderIsWhatTheTextCompilesTo) {
   const treec::Model model = compiled(text);
-  if (header != treec::emit(model))
-    FAIL("build the target slip_tree and commit firmware/slip/slip_tree.gen.hpp");
+  if (header != treec::emit(model)) FAIL("build the target slip_tree and commit firmware/slip/slip_tree.gen.hpp");
 }
 
 TEST(SlipModel, MetadataIsThatOfTheText) {
@@ -251,8 +247,7 @@ TEST(SlipModel, RandomTreesUpToTheLimitsAnswerAsTheirText) {
   int deepest = 0;
   std::size_t largest = 0;
   for (std::uint32_t seed = 0; seed < 20; ++seed) {
-    const std::string random_text =
-        RandomTree(seed, seed < 10 ? 4 : treec::kMaxDepth, treec::kMaxNodes).text();
+    const std::string random_text = RandomTree(seed, seed < 10 ? 4 : treec::kMaxDepth, treec::kMaxNodes).text();
     const treec::Model model = compiled(random_text);
     const std::string emitted = treec::emit(model);
     const holdfast::model::Tree table = treec::to_table(model);
@@ -279,8 +274,8 @@ TEST(SlipModel, BadTextsAreRefusedWithLineAndReason) {
   std::string chain;  // one predicate deeper than allowed
   for (int i = 0; i < 17; ++i) {
     chain += "node " + std::to_string(2 * i) + ": vx_um_s <= " + std::to_string(100 - i) + " ? " +
-             std::to_string(2 * i + 2) + " : " + std::to_string(2 * i + 1) + "\nleaf " +
-             std::to_string(2 * i + 1) + ": slip\n";
+             std::to_string(2 * i + 2) + " : " + std::to_string(2 * i + 1) + "\nleaf " + std::to_string(2 * i + 1) +
+             ": slip\n";
   }
   chain += "leaf 34: hold\n";
   std::string many;
@@ -375,12 +370,11 @@ TEST(SlipModel, AThresholdMayStandAtTheEdgeOfWhatThePathLeaves) {
   // vx in 6..10000000 at node 2: 6 and 9999999 still divide it; so do the first and the last of the whole
   // range.
   for (const char* edge : {"<= 6", "<= 9999999"}) {
-    (void)compiled(with_nodes("node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nnode 2: vx_um_s " +
-                              std::string(edge) + " ? 3 : 4\nleaf 3: hold\nleaf 4: slip\n"));
+    (void)compiled(with_nodes("node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nnode 2: vx_um_s " + std::string(edge) +
+                              " ? 3 : 4\nleaf 3: hold\nleaf 4: slip\n"));
   }
   for (const char* edge : {"<= -10000000", "<= 9999999"}) {
-    (void)compiled(
-        with_nodes("node 0: vx_um_s " + std::string(edge) + " ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n"));
+    (void)compiled(with_nodes("node 0: vx_um_s " + std::string(edge) + " ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n"));
   }
 }
 

@@ -60,8 +60,7 @@ std::string xml_fault(std::string_view html) {
         if (equals == std::string_view::npos || html.substr(equals, 2) != "=\"") return "unquoted" + near();
         const std::size_t end = html.find('"', equals + 2);
         if (end == std::string_view::npos) return "open quote" + near();
-        if (html.substr(equals + 2, end - equals - 2).find('<') != std::string_view::npos)
-          return "< in value" + near();
+        if (html.substr(equals + 2, end - equals - 2).find('<') != std::string_view::npos) return "< in value" + near();
         i = end + 1;
       }
       if (!self_closed) open.push_back(name);
@@ -127,8 +126,7 @@ TEST_GROUP(Report) {
 };
 
 TEST(Report, TheCheckerOfTheseTestsSeesFaults) {
-  for (const char* bad :
-       {"<a><b></a></b>", "<a>", "a & b", "<a x=1/>", "<a x=\"1/>", "a < b", "</a>", "\x01"}) {
+  for (const char* bad : {"<a><b></a></b>", "<a>", "a & b", "<a x=1/>", "<a x=\"1/>", "a < b", "</a>", "\x01"}) {
     CHECK_TEXT(!xml_fault(bad).empty(), bad);
   }
   STRCMP_EQUAL("", xml_fault("<a x=\"1\"><b/>&amp;</a>").c_str());
@@ -142,9 +140,8 @@ TEST(Report, IsOneWellFormedFileThatNeedsNothingElse) {
   for (const char* outside : {"http:", "https:", "src=", "href=", "@import", "url("}) {
     CHECK_TEXT(html.find(outside) == std::string::npos, outside);
   }
-  for (const char* needed :
-       {"Entropy E", "(nat)", "(nat/s)", "(mm/s)", "GRIP_OK", "ALIVE", "slipping share", "shear",
-        "time of the recording (s)", "prefers-color-scheme:dark", "Largest entropy"}) {
+  for (const char* needed : {"Entropy E", "(nat)", "(nat/s)", "(mm/s)", "GRIP_OK", "ALIVE", "slipping share", "shear",
+                             "time of the recording (s)", "prefers-color-scheme:dark", "Largest entropy"}) {
     CHECK_TEXT(html.find(needed) != std::string::npos, needed);
   }
   LONGS_EQUAL(9, count(html, "<svg"));  // the plots, and two pictures for each of four moments
@@ -179,8 +176,8 @@ TEST(Report, SumsUpTheRun) {
 
 TEST(Report, EscapesEveryText) {
   const std::string evil = "<b>\"x\" & 'y'</b>\x01";
-  for (auto field : {&ReportInfo::title, &ReportInfo::input, &ReportInfo::grid, &ReportInfo::mode,
-                     &ReportInfo::model, &ReportInfo::reference})
+  for (auto field : {&ReportInfo::title, &ReportInfo::input, &ReportInfo::grid, &ReportInfo::mode, &ReportInfo::model,
+                     &ReportInfo::reference})
     info.*field = evil;
   info.facts = {{evil, evil}};
   info.notes = {evil};

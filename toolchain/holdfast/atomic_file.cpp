@@ -49,8 +49,7 @@ std::string AtomicFile::commit() {
   if (!error_.empty()) return error_;
   stream_.close();
   if (!stream_) {
-    fail("could not be written to its end", "the disk is full, or was taken away",
-         "free some space and run again");
+    fail("could not be written to its end", "the disk is full, or was taken away", "free some space and run again");
     return error_;
   }
   std::error_code ec;

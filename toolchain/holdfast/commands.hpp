@@ -24,7 +24,8 @@ struct CommonOptions {
 // Adds the options that replay and sim share.
 void add_common_options(CLI::App& command, CommonOptions& options);
 
-// Grid and mode to parameters; the model file to `tree` (false: the compiled one stays). Returns empty or an error line.
+// Grid and mode to parameters; the model file to `tree` (false: the compiled one stays). Returns empty or an
+// error line.
 [[nodiscard]] std::string settle(const CommonOptions& options, Params& params, bool& auto_grid,
                                  std::unique_ptr<model::Tree>& tree, std::string& model_text);
 

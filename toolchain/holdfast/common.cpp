@@ -31,13 +31,14 @@ std::string parse_grid(const std::string& text, Params& params, bool& auto_grid)
   auto_grid = text == "auto";
   if (auto_grid) return {};
   int cols = 0, rows = 0, used = 0;
-  const bool shaped = std::sscanf(text.c_str(), "%dx%d%n", &cols, &rows, &used) == 2 &&
-                      used == static_cast<int>(text.size());
+  const bool shaped =
+      std::sscanf(text.c_str(), "%dx%d%n", &cols, &rows, &used) == 2 && used == static_cast<int>(text.size());
   params.grid_cols = cols;
   params.grid_rows = rows;
   if (shaped && validate(params).ok()) return {};
   return fmt::format(
-      "--grid {}: not a grid this firmware knows. Likely cause: not written as COLSxROWS, or outside 3..16 and "
+      "--grid {}: not a grid this firmware knows. Likely cause: not written as COLSxROWS, or outside 3..16 "
+      "and "
       "{} markers. Next: give the printed grid, for instance 9x7, or auto",
       text, kMaxMarkers);
 }
@@ -48,19 +49,15 @@ std::string load_model(const std::string& path, std::unique_ptr<model::Tree>& tr
   text << in.rdbuf();
   if (!in) {
     return fmt::format(
-        "{}: cannot be read as a model. Likely cause: no such file or no right to read it. Next: give a model text "
+        "{}: cannot be read as a model. Likely cause: no such file or no right to read it. Next: give a "
+        "model text "
         "such as toolchain/model/slip_v1.tree",
         path);
   }
   treec::Model parsed;
   if (const auto problem = treec::parse(text.str(), parsed)) return treec::describe(*problem, path);
   if (const auto problem = treec::check(parsed)) return treec::describe(*problem, path);
-  tree = std::make_unique<model::Tree>();
-  for (const treec::Node& node : parsed.nodes) {
-    tree->nodes[idx(node.id)] = {node.threshold, static_cast<std::uint8_t>(node.feature),
-                                 static_cast<std::uint8_t>(node.child_true),
-                                 static_cast<std::uint8_t>(node.child_false), node.is_leaf, node.verdict};
-  }
+  tree = std::make_unique<model::Tree>(treec::to_table(parsed));
   model_text = fmt::format("{} ({})", parsed.name, path);
   return {};
 }
@@ -73,7 +70,8 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
   command.add_option("--mode", options.mode, fmt::format("speed setting for JPEG pictures: {}", known_modes()))
       ->capture_default_str();
   command.add_option("--model", options.model, "model text to decide with instead of the compiled tree");
-  command.add_option("--feature-set", options.feature_set, fmt::format("features to decide on: {}", known_feature_sets()))
+  command
+      .add_option("--feature-set", options.feature_set, fmt::format("features to decide on: {}", known_feature_sets()))
       ->capture_default_str();
   command.add_option("--features", options.paths.features, "write one row per frame: CSV");
   command.add_option("--markers", options.paths.markers, "write one row per marker and frame: CSV");
@@ -125,8 +123,10 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                summary.slip_frames.front(), summary.slip_times_s.front());
   }
   if (summary.saturations > 0) fmt::print("note      {} values were clamped to their range\n", summary.saturations);
-  for (const auto& [name, path] : {std::pair{"features", &options.paths.features}, {"markers", &options.paths.markers},
-                                   {"truth", &options.paths.truth}, {"overlay", &options.paths.overlay},
+  for (const auto& [name, path] : {std::pair{"features", &options.paths.features},
+                                   {"markers", &options.paths.markers},
+                                   {"truth", &options.paths.truth},
+                                   {"overlay", &options.paths.overlay},
                                    {"report", &options.paths.report}}) {
     if (!path->empty()) fmt::print("written   {}: {}\n", name, path->string());
   }

@@ -13,14 +13,17 @@ int main(int argc, char** argv) {
 
   ReplayOptions replay_options;
   CLI::App* replay_command = app.add_subcommand("replay", "run a recording through the firmware");
-  replay_command->add_option("INPUT", replay_options.input, "video file, folder of images, or raw .mjpg stream")->required();
+  replay_command->add_option("INPUT", replay_options.input, "video file, folder of images, or raw .mjpg stream")
+      ->required();
   replay_command
       ->add_option("--reference", replay_options.reference,
                    "which frame shows the empty gel: first, last, its number from 0, or another image file")
       ->capture_default_str();
-  replay_command->add_option("--fps", replay_options.fps, "time base of inputs that carry none")->check(CLI::Range(0.1, 1000.0));
+  replay_command->add_option("--fps", replay_options.fps, "time base of inputs that carry none")
+      ->check(CLI::Range(0.1, 1000.0));
   add_common_options(*replay_command, replay_options.common);
-  replay_command->footer("Example:\n  holdfast replay grasp.avi --reference last --report grasp.html --features grasp.csv");
+  replay_command->footer(
+      "Example:\n  holdfast replay grasp.avi --reference last --report grasp.html --features grasp.csv");
 
   SimOptions sim_options;
   CLI::App* sim_command = app.add_subcommand("sim", "run a simulated grasp through the firmware and check it");
@@ -28,7 +31,8 @@ int main(int argc, char** argv) {
   sim_command->add_flag("--list", sim_options.list, "list the scenes");
   sim_command->add_option("--camera", sim_options.camera, "3280x2464 (JPEG, as the sensor) or 320x240 (luma)")
       ->capture_default_str();
-  sim_command->add_option("--truth", sim_options.common.paths.truth, "write the simulated truth, one row per frame: CSV");
+  sim_command->add_option("--truth", sim_options.common.paths.truth,
+                          "write the simulated truth, one row per frame: CSV");
   add_common_options(*sim_command, sim_options.common);
   sim_command->footer("Example:\n  holdfast sim sphere_slip --report slip.html --truth truth.csv");
 

@@ -62,9 +62,7 @@ class Canvas {
 
  private:
   [[nodiscard]] cv::Point point(double x, double y) const {
-    const auto fixed = [&](double v) {
-      return cv::saturate_cast<int>(((v + 0.5) * zoom_ - 0.5) * (1 << kShift));
-    };
+    const auto fixed = [&](double v) { return cv::saturate_cast<int>(((v + 0.5) * zoom_ - 0.5) * (1 << kShift)); };
     return {fixed(x), fixed(y)};
   }
   void line(double x0, double y0, double x1, double y1, const cv::Scalar& colour, int width) {
@@ -78,8 +76,8 @@ class Canvas {
 
 }  // namespace
 
-std::string write_overlay(const std::filesystem::path& path, const cv::Mat& picture,
-                          std::span<const Arrow> arrows, double factor, const std::filesystem::path& input) {
+std::string write_overlay(const std::filesystem::path& path, const cv::Mat& picture, std::span<const Arrow> arrows,
+                          double factor, const std::filesystem::path& input) {
   AtomicFile file(path, input);
   if (!file.error().empty()) return file.error();
   try {
@@ -89,15 +87,12 @@ std::string write_overlay(const std::filesystem::path& path, const cv::Mat& pict
     }
     for (const Arrow& a : arrows) a.valid ? canvas.dot(a.x_px, a.y_px) : canvas.cross(a.x_px, a.y_px);
     const auto lost = std::count_if(arrows.begin(), arrows.end(), [](const Arrow& a) { return !a.valid; });
-    canvas.caption(fmt::format("displacement x {:g}", factor) +
-                   (lost > 0 ? fmt::format(", {} lost", lost) : ""));
+    canvas.caption(fmt::format("displacement x {:g}", factor) + (lost > 0 ? fmt::format(", {} lost", lost) : ""));
     std::vector<unsigned char> bytes;
     cv::imencode(".png", canvas.image(), bytes);
-    file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                        static_cast<std::streamsize>(bytes.size()));
+    file.stream().write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   } catch (const cv::Exception& problem) {
-    return fmt::format("{}: the picture cannot be drawn: {}; report it with the input", path.string(),
-                       problem.err);
+    return fmt::format("{}: the picture cannot be drawn: {}; report it with the input", path.string(), problem.err);
   }
   return file.commit();
 }

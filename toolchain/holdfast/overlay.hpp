@@ -18,8 +18,7 @@ struct Arrow {
   bool valid = false;
 };
 
-inline constexpr int kOverlayWidth =
-    960;  // pixels at least: smaller pictures are magnified by a whole number
+inline constexpr int kOverlayWidth = 960;  // pixels at least: smaller pictures are magnified by a whole number
 
 // Writes a PNG: each arrow from the marker's rest position, `factor` times its displacement; a dot on the
 // marker as it is now; a red cross where a marker is lost. `picture`: 8-bit grey or BGR, arrows in its

@@ -65,9 +65,10 @@ int replay(const ReplayOptions& options) {
 
   sim::CameraReplay camera(std::move(recording), session.clock());
   session.connect(camera, tree.get());
-  const std::string where = names_a_frame(options.reference)
-                                ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, options.reference)
-                                : fmt::format("{} as picture of the empty gel", options.reference);
+  const std::string where =
+      names_a_frame(options.reference)
+          ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, options.reference)
+          : fmt::format("{} as picture of the empty gel", options.reference);
   if (const Status s = session.app().learn(info.params, rest, info.auto_grid); !s.ok()) {
     return fail(fmt::format("{}: {}", where, explain(s.reason, session.app())));
   }

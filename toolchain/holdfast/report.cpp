@@ -213,8 +213,7 @@ class TimePlots {
   std::string svg() {
     y_ = info_.marks.empty() ? 6 : 22;
     top_ = y_;
-    panel("Entropy E", "nat", 128, 0,
-          {{"a", "", series(&ReportFrame::entropy_nat, &ReportFrame::features_valid)}});
+    panel("Entropy E", "nat", 128, 0, {{"a", "", series(&ReportFrame::entropy_nat, &ReportFrame::features_valid)}});
     panel("Entropy rate dE/dt", "nat/s", 96, kNone,
           {{"a", "", series(&ReportFrame::entropy_rate_nat_s, &ReportFrame::rates_valid)}});
     panel("Mean marker speed", "mm/s", 118, kNone,
@@ -334,33 +333,29 @@ class TimePlots {
     const auto y = [&](double v) { return plot_bottom - (v - axis.low) / (axis.high - axis.low) * height; };
     for (const double v : ticks(axis)) {
       const bool zero = std::fabs(v) < axis.step / 4;
-      body_ +=
-          fmt::format(R"(<path class="{}" d="M{} {}H{}"/><text x="{}" y="{}" text-anchor="end">{}</text>)",
-                      zero ? "zero" : "grid", kLeft, px(y(v)), kLeft + kColumns, kLeft - 7, px(y(v) + 4),
-                      tick_text(zero ? 0 : v, axis.decimals));
+      body_ += fmt::format(R"(<path class="{}" d="M{} {}H{}"/><text x="{}" y="{}" text-anchor="end">{}</text>)",
+                           zero ? "zero" : "grid", kLeft, px(y(v)), kLeft + kColumns, kLeft - 7, px(y(v) + 4),
+                           tick_text(zero ? 0 : v, axis.decimals));
     }
-    body_ +=
-        fmt::format(R"(<text class="name" x="{}" y="{}">{} <tspan font-weight="400">({})</tspan></text>)",
-                    kLeft, px(y_ + 13), escape(name), escape(unit));
+    body_ += fmt::format(R"(<text class="name" x="{}" y="{}">{} <tspan font-weight="400">{}</tspan></text>)", kLeft,
+                         px(y_ + 13), escape(name), unit.empty() ? "" : "(" + escape(unit) + ")");
     double legend_x = kLeft + kColumns;
     for (auto curve = curves.rbegin(); curve != curves.rend(); ++curve) {
       if (curve->label.empty()) continue;
       legend_x -= 56;
-      body_ += fmt::format(R"(<path class="{}" d="M{} {}h22"/><text x="{}" y="{}">{}</text>)", curve->css,
-                           px(legend_x), px(y_ + 9), px(legend_x + 27), px(y_ + 13), curve->label);
+      body_ += fmt::format(R"(<path class="{}" d="M{} {}h22"/><text x="{}" y="{}">{}</text>)", curve->css, px(legend_x),
+                           px(y_ + 9), px(legend_x + 27), px(y_ + 13), curve->label);
     }
     for (const Curve& curve : curves) {
       const bool dense = curve.points.size() > kColumns;
-      body_ += fmt::format(R"(<path class="{}{}" d="{}"/>)", curve.css, dense ? " dense" : "",
-                           path(curve.points, y));
+      body_ += fmt::format(R"(<path class="{}{}" d="{}"/>)", curve.css, dense ? " dense" : "", path(curve.points, y));
     }
     y_ = plot_bottom + 16;
   }
 
   void row_name(std::string_view name, double height) {
-    body_ +=
-        fmt::format(R"(<text class="name" x="{}" y="{}" text-anchor="end" style="font-size:11px">{}</text>)",
-                    kLeft - 7, px(y_ + height / 2 + 4), name);
+    body_ += fmt::format(R"(<text class="name" x="{}" y="{}" text-anchor="end" style="font-size:11px">{}</text>)",
+                         kLeft - 7, px(y_ + height / 2 + 4), name);
   }
 
   void state_band() {
@@ -395,8 +390,8 @@ class TimePlots {
              d += fmt::format("H{}", x1);
            };
            if (level == 1) {
-             body_ += fmt::format(R"(<rect class="high" x="{}" y="{}" width="{}" height="{}"/>)", x0, high,
-                                  to - from, kHeight - 1);
+             body_ += fmt::format(R"(<rect class="high" x="{}" y="{}" width="{}" height="{}"/>)", x0, high, to - from,
+                                  kHeight - 1);
              step(high);
            } else if (level == 2) {
              step(low);
@@ -427,8 +422,8 @@ class TimePlots {
       runs([](const Column& c) { return c.fresh ? 1 : 0; },
            [&](int fresh, std::size_t from, std::size_t to) {
              if (fresh == 0) return;
-             body_ += fmt::format(R"(<rect class="fresh" x="{}" y="{}" width="{}" height="{}"/>)",
-                                  kLeft + from, px(high), to - from, kHeight - 1);
+             body_ += fmt::format(R"(<rect class="fresh" x="{}" y="{}" width="{}" height="{}"/>)", kLeft + from,
+                                  px(high), to - from, kHeight - 1);
            });
     }
     y_ += kHeight + 14;
@@ -438,9 +433,9 @@ class TimePlots {
     const Axis axis = nice_axis(t0_, t0_ + kColumns / scale_, 10);
     body_ += fmt::format(R"(<path class="axis" d="M{} {}H{}"/>)", kLeft, px(bottom), kLeft + kColumns);
     for (const double t : ticks(axis)) {
-      body_ += fmt::format(
-          R"(<path class="axis" d="M{0} {1}v5"/><text x="{0}" y="{2}" text-anchor="middle">{3}</text>)",
-          px(x(t)), px(bottom), px(bottom + 18), tick_text(t, axis.decimals));
+      body_ +=
+          fmt::format(R"(<path class="axis" d="M{0} {1}v5"/><text x="{0}" y="{2}" text-anchor="middle">{3}</text>)",
+                      px(x(t)), px(bottom), px(bottom + 18), tick_text(t, axis.decimals));
     }
     body_ += fmt::format(R"(<text x="{}" y="{}" text-anchor="middle">time of the recording (s)</text>)",
                          kLeft + kColumns / 2, px(bottom + 34));
@@ -451,25 +446,32 @@ class TimePlots {
     runs([](const Column& c) { return c.slip ? 1 : 0; },
          [&](int slip, std::size_t from, std::size_t to) {
            if (slip == 0) return;
-           out += fmt::format(R"(<rect class="shade" x="{}" y="{}" width="{}" height="{}"/>)", kLeft + from,
-                              px(top_), to - from, px(bottom - top_));
+           out += fmt::format(R"(<rect class="shade" x="{}" y="{}" width="{}" height="{}"/>)", kLeft + from, px(top_),
+                              to - from, px(bottom - top_));
          });
     return out;
   }
 
+  // The onset is named first; other marks where there is room left (the line stays, the summary names it).
   [[nodiscard]] std::string marks(double bottom) const {
     std::string out;
-    double free_from = 0;
-    for (const TruthMark& mark : info_.marks) {
-      const double at = x(mark.t_s);
-      if (!(at >= kLeft && at <= kLeft + kColumns)) continue;
-      out += fmt::format(R"(<path class="truth" d="M{} {}V{}"/>)", px(at), px(top_ - 4), px(bottom));
-      const double width = 7.0 * static_cast<double>(mark.name.size());
-      const bool left = at + width > kWidth;
-      if ((left ? at - width : at) < free_from) continue;  // the line stays; the summary names it
-      out += fmt::format(R"(<text class="mark" x="{}" y="{}" text-anchor="{}">{}</text>)",
-                         px(left ? at - 3 : at + 3), px(top_ - 8), left ? "end" : "start", escape(mark.name));
-      free_from = at + width;
+    std::vector<std::pair<double, double>> taken;
+    for (const bool onset : {true, false}) {
+      for (const TruthMark& mark : info_.marks) {
+        const double at = x(mark.t_s);
+        if (mark.onset != onset || !(at >= kLeft && at <= kLeft + kColumns)) continue;
+        out += fmt::format(R"(<path class="truth" d="M{} {}V{}"/>)", px(at), px(top_ - 4), px(bottom));
+        const double width = 7.0 * static_cast<double>(mark.name.size());
+        const bool left = at + width > kWidth;
+        const std::pair<double, double> room{left ? at - width : at, left ? at : at + width};
+        const bool free = std::none_of(taken.begin(), taken.end(), [&](const auto& other) {
+          return room.first < other.second && other.first < room.second;
+        });
+        if (!free) continue;
+        taken.push_back(room);
+        out += fmt::format(R"(<text class="mark" x="{}" y="{}" text-anchor="{}">{}</text>)", px(left ? at - 3 : at + 3),
+                           px(top_ - 8), left ? "end" : "start", escape(mark.name));
+      }
     }
     return out;
   }
@@ -527,8 +529,8 @@ std::string quiver(const Report::Moment& moment, const ReportInfo& info, double 
                                 px(height * k), px(height * k - 1));
   for (const Arrow& a : moment.arrows) {
     if (!a.valid) {
-      out += fmt::format(R"(<path class="lost" stroke-width="1.6" d="M{0} {1}l8 8m0 -8l-8 8"/>)",
-                         px(at_x(a.x_px) - 4), px(at_y(a.y_px) - 4));
+      out += fmt::format(R"(<path class="lost" stroke-width="1.6" d="M{0} {1}l8 8m0 -8l-8 8"/>)", px(at_x(a.x_px) - 4),
+                         px(at_y(a.y_px) - 4));
       continue;
     }
     const double x0 = at_x(a.x_px - a.dx_px), y0 = at_y(a.y_px - a.dy_px);
@@ -552,15 +554,14 @@ std::string histogram(const ReportFrame& frame, const ReportInfo& info) {
   const Axis axis = nice_axis(0, most * 1.04, 3);
   for (const double v : ticks(axis)) {
     const double y = kBottom - v / axis.high * kHigh;
-    out +=
-        fmt::format(R"(<path class="grid" d="M{} {}H296"/><text x="{}" y="{}" text-anchor="end">{}</text>)",
-                    kX0, px(y), kX0 - 4, px(y + 4), tick_text(v, axis.decimals));
+    out += fmt::format(R"(<path class="grid" d="M{} {}H296"/><text x="{}" y="{}" text-anchor="end">{}</text>)", kX0,
+                       px(y), kX0 - 4, px(y + 4), tick_text(v, axis.decimals));
   }
   for (int i = 0; i < kHistogramBins; ++i) {
     const double height = frame.histogram[static_cast<std::size_t>(i)] / axis.high * kHigh;
     if (height > 0) {
-      out += fmt::format(R"(<rect class="bar" x="{}" y="{}" width="{}" height="{}"/>)",
-                         px(kX0 + i * kBar + 1), px(kBottom - height), kBar - 2, px(height));
+      out += fmt::format(R"(<rect class="bar" x="{}" y="{}" width="{}" height="{}"/>)", px(kX0 + i * kBar + 1),
+                         px(kBottom - height), kBar - 2, px(height));
     }
   }
   const double range = info.histogram_range_mm > 0 ? info.histogram_range_mm : kHistogramBins;
@@ -568,9 +569,8 @@ std::string histogram(const ReportFrame& frame, const ReportInfo& info) {
     out += fmt::format(R"(<text x="{}" y="110" text-anchor="middle">{:.2g}{}</text>)", px(kX0 + bin * kBar),
                        range * bin / kHistogramBins, bin == kHistogramBins ? "+" : "");
   }
-  return out +
-         fmt::format(R"(<text x="{}" y="126" text-anchor="middle">displacement ({}), markers</text></svg>)",
-                     px(kX0 + kBar * kHistogramBins / 2), info.histogram_range_mm > 0 ? "mm" : "bin");
+  return out + fmt::format(R"(<text x="{}" y="126" text-anchor="middle">displacement ({}), markers</text></svg>)",
+                           px(kX0 + kBar * kHistogramBins / 2), info.histogram_range_mm > 0 ? "mm" : "bin");
 }
 
 // Frames in which `slip` begins.
@@ -593,8 +593,7 @@ struct Delay {
 // From the first frame that could show the onset to the first frame that says slip.
 Delay delay_from(const std::vector<ReportFrame>& frames, double onset_s) {
   Delay delay;
-  const auto first =
-      std::find_if(frames.begin(), frames.end(), [&](const auto& f) { return f.t_s >= onset_s; });
+  const auto first = std::find_if(frames.begin(), frames.end(), [&](const auto& f) { return f.t_s >= onset_s; });
   const auto raised = std::find_if(first, frames.end(), [](const ReportFrame& f) { return f.slip; });
   if (raised == frames.end()) return delay;
   delay.raised = true;
@@ -608,8 +607,7 @@ Delay delay_from(const std::vector<ReportFrame>& frames, double onset_s) {
 std::string delay_text(const Delay& delay, const std::string& mark) {
   if (!delay.raised) return fmt::format("Slip was not raised after {}", mark);
   if (delay.early) return fmt::format("Slip was already raised at {}", mark);
-  if (delay.frames == 0)
-    return fmt::format("Slip raised in the first frame of {} ({:.0f} ms)", mark, delay.ms);
+  if (delay.frames == 0) return fmt::format("Slip raised in the first frame of {} ({:.0f} ms)", mark, delay.ms);
   return fmt::format("Slip raised {} ({:.0f} ms) after {}", plural(delay.frames, "frame"), delay.ms, mark);
 }
 
@@ -647,16 +645,15 @@ std::string verdict(const std::vector<ReportFrame>& frames, const ReportInfo& in
                     const std::vector<std::size_t>& starts) {
   std::string text, small;
   std::string_view css = starts.empty() ? "ok" : "slip";
-  const auto onset =
-      std::find_if(info.marks.begin(), info.marks.end(), [](const auto& m) { return m.onset; });
+  const auto onset = std::find_if(info.marks.begin(), info.marks.end(), [](const auto& m) { return m.onset; });
   if (onset != info.marks.end()) {
     const Delay delay = delay_from(frames, onset->t_s);
     text = delay_text(delay, onset->name);
     small = fmt::format("Truth: {} at {:.3f} s.", onset->name, onset->t_s);
     if (delay.raised)
       small += fmt::format(" Raised in frame {}, {:.3f} s.", frames[delay.at].frame, frames[delay.at].t_s);
-    const auto before = std::count_if(starts.begin(), starts.end(),
-                                      [&](std::size_t i) { return frames[i].t_s < onset->t_s; });
+    const auto before =
+        std::count_if(starts.begin(), starts.end(), [&](std::size_t i) { return frames[i].t_s < onset->t_s; });
     small += fmt::format(" {} before it.", before == 0 ? "No alarm" : plural(before, "alarm"));
     if (!delay.raised) css = "fault";
   } else if (starts.empty()) {
@@ -666,12 +663,10 @@ std::string verdict(const std::vector<ReportFrame>& frames, const ReportInfo& in
   } else {
     const ReportFrame& first = frames[starts.front()];
     text = fmt::format("Slip raised {}, first at {:.3f} s",
-                       starts.size() == 1 ? "once" : plural(static_cast<long>(starts.size()), "time"),
-                       first.t_s);
+                       starts.size() == 1 ? "once" : plural(static_cast<long>(starts.size()), "time"), first.t_s);
     small = fmt::format("First in frame {}.", first.frame);
   }
-  return fmt::format(R"(<div class="verdict {}">{}<small>{}</small></div>)", css, escape(text),
-                     escape(small));
+  return fmt::format(R"(<div class="verdict {}">{}<small>{}</small></div>)", css, escape(text), escape(small));
 }
 
 std::string tile(const std::string& value, const std::string& name) {
@@ -685,27 +680,25 @@ std::string row(const std::string& name, const std::string& value) {
 std::string summary_table(const std::vector<ReportFrame>& frames, const ReportInfo& info, const Summary& s,
                           const std::vector<std::size_t>& starts) {
   std::string out = "<table>";
-  out += row("Input", info.input) + row("Grid", info.grid) + row("Mode", info.mode) +
-         row("Model", info.model) + row("Reference", info.reference);
-  out +=
-      row("Frames", fmt::format("{} over {:.3f} s", frames.size(), frames.back().t_s - frames.front().t_s));
+  out += row("Input", info.input) + row("Grid", info.grid) + row("Mode", info.mode) + row("Model", info.model) +
+         row("Reference", info.reference);
+  out += row("Frames", fmt::format("{} over {:.3f} s", frames.size(), frames.back().t_s - frames.front().t_s));
   out += row("Accepted frames", fmt::format("{} ({})", s.accepted, percent(s.accepted, frames.size())));
   if (s.with_features > 0) {
-    out += row("Markers", fmt::format("mean {:.2f} of {}, worst {} in frame {}", s.mean_markers,
-                                      info.grid_markers, s.worst_markers, s.worst_markers_frame));
+    out += row("Markers", fmt::format("mean {:.2f} of {}, worst {} in frame {}", s.mean_markers, info.grid_markers,
+                                      s.worst_markers, s.worst_markers_frame));
   }
   std::string times;
   constexpr std::size_t kListed = 12;
   for (std::size_t i = 0; i < std::min(starts.size(), kListed); ++i) {
-    times += fmt::format("{}{:.3f} s (frame {})", i == 0 ? "" : ", ", frames[starts[i]].t_s,
-                         frames[starts[i]].frame);
+    times += fmt::format("{}{:.3f} s (frame {})", i == 0 ? "" : ", ", frames[starts[i]].t_s, frames[starts[i]].frame);
   }
   if (starts.size() > kListed) times += fmt::format(" and {} more", starts.size() - kListed);
   out += row("Slip raised", starts.empty() ? "never" : times);
   for (const TruthMark& mark : info.marks) {
-    out += row("Truth: " + mark.name,
-               fmt::format("{:.3f} s", mark.t_s) +
-                   (mark.onset ? ". " + delay_text(delay_from(frames, mark.t_s), mark.name) : ""));
+    out +=
+        row("Truth: " + mark.name, fmt::format("{:.3f} s", mark.t_s) +
+                                       (mark.onset ? ". " + delay_text(delay_from(frames, mark.t_s), mark.name) : ""));
   }
   out += row("GRIP_OK HIGH", fmt::format("{} frames ({})", s.grip_ok, percent(s.grip_ok, frames.size())));
   out += row("Saturated values", std::to_string(info.saturations));
@@ -721,8 +714,8 @@ std::string reason_table(const Summary& s) {
       "cause</th><th>Next step</th></tr>\n";
   for (const auto& [reason, count] : s.reasons) {
     const ReasonInfo& r = holdfast::info(reason);
-    out += fmt::format("<tr><td>{}</td><td class=\"n\">{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
-                       escape(r.name), count, escape(r.what), escape(r.cause), escape(r.next));
+    out += fmt::format("<tr><td>{}</td><td class=\"n\">{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", escape(r.name),
+                       count, escape(r.what), escape(r.cause), escape(r.next));
   }
   return out + "</table>\n";
 }
@@ -739,10 +732,8 @@ std::string state_legend(const std::vector<ReportFrame>& frames, bool shaded) {
     out += fmt::format(R"(<span class="{}"><i class="chip"></i><b>{}</b> {}</span>)", kBySeverity[i].css,
                        escape(state.name), escape(state.meaning));
   }
-  if (shaded)
-    out += R"(<span class="slip"><i class="chip" style="opacity:.3"></i>shaded: slip decision raised</span>)";
-  if (accepted > kMaxAliveEdges)
-    out += "<span><b>ALIVE</b> filled while its last edge is younger than 150 ms</span>";
+  if (shaded) out += R"(<span class="slip"><i class="chip" style="opacity:.3"></i>shaded: slip decision raised</span>)";
+  if (accepted > kMaxAliveEdges) out += "<span><b>ALIVE</b> filled while its last edge is younger than 150 ms</span>";
   return out + "</div>";
 }
 
@@ -781,8 +772,7 @@ std::string Report::html(const ReportInfo& info) const {
   std::string out = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>";
   out += R"(<meta name="viewport" content="width=device-width,initial-scale=1"/>)";
   out += fmt::format("<title>{}</title><style>{}</style></head>\n<body><main>\n", escape(info.title), kStyle);
-  out += fmt::format("<header><h1>{}</h1><p class=\"sub\">{}</p></header>\n", escape(info.title),
-                     escape(info.input));
+  out += fmt::format("<header><h1>{}</h1><p class=\"sub\">{}</p></header>\n", escape(info.title), escape(info.input));
   if (frames_.empty()) return out + "<p>The recording gave no frames.</p>\n</main></body></html>\n";
 
   const std::vector<std::size_t> starts = slip_starts(frames_);
@@ -817,8 +807,8 @@ std::string Report::html(const ReportInfo& info) const {
         fmt::format("{:g}", factor));
     for (const Card& card : cards) {
       const ReportFrame& f = card.moment->frame;
-      out += fmt::format("<figure><h3>{}</h3><figcaption>frame {}, {:.3f} s · {}{}</figcaption>", card.name,
-                         f.frame, f.t_s, holdfast::info(f.state).name,
+      out += fmt::format("<figure><h3>{}</h3><figcaption>frame {}, {:.3f} s · {}{}</figcaption>", card.name, f.frame,
+                         f.t_s, holdfast::info(f.state).name,
                          f.features_valid ? fmt::format("<br/>E = {:.3f} nat", f.entropy_nat) : "");
       if (!card.moment->arrows.empty()) out += quiver(*card.moment, info, factor);
       if (f.features_valid) out += histogram(f, info);

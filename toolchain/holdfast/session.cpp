@@ -17,20 +17,30 @@ namespace {
 
 constexpr double kQ8 = 256.0;
 
-double nat(NatsQ16 value) { return value.raw() / 65536.0; }
-double nat_per_s(NatsPerSecQ8 value) { return value.raw() / kQ8; }
-double mm_per_s(MicrometresPerSec value) { return value.raw() / 1000.0; }
+double nat(NatsQ16 value) {
+  return value.raw() / 65536.0;
+}
+double nat_per_s(NatsPerSecQ8 value) {
+  return value.raw() / kQ8;
+}
+double mm_per_s(MicrometresPerSec value) {
+  return value.raw() / 1000.0;
+}
 
 std::unique_ptr<AtomicFile> open_output(const std::filesystem::path& path, const std::filesystem::path& input) {
   return path.empty() ? nullptr : std::make_unique<AtomicFile>(path, input);
 }
 
 // Working pixel to input pixel: pixel centres are whole numbers in both.
-double to_input(PixelsQ8 value, double scale) { return (value.raw() / kQ8 + 0.5) * scale - 0.5; }
+double to_input(PixelsQ8 value, double scale) {
+  return (value.raw() / kQ8 + 0.5) * scale - 0.5;
+}
 
 }  // namespace
 
-std::string grid_text(GridSize grid) { return fmt::format("{}x{}", grid.cols, grid.rows); }
+std::string grid_text(GridSize grid) {
+  return fmt::format("{}x{}", grid.cols, grid.rows);
+}
 
 std::string explain(Reason reason, const App& app) {
   const ReasonInfo& row = info(reason);
@@ -52,7 +62,8 @@ Session::Session(SessionInfo info, const OutputPaths& paths)
       truth_(open_output(paths.truth, info_.input)),
       gpio_(clock_, 1 << 20) {
   if (features_) {
-    features_->stream() << "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok\n";
+    features_->stream()
+        << "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok\n";
   }
   if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
 }
@@ -79,8 +90,7 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
   if (accepted) {
     ++summary_.accepted;
     marker_sum_ += result.markers;
-    summary_.least_markers =
-        summary_.accepted == 1 ? result.markers : std::min(summary_.least_markers, result.markers);
+    summary_.least_markers = summary_.accepted == 1 ? result.markers : std::min(summary_.least_markers, result.markers);
   } else {
     summary_.last_rejection = result.quality.reason;
   }
@@ -180,7 +190,8 @@ Summary Session::summary() const {
 
 std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSeries> series,
                             std::vector<std::string> notes) {
-  // What may still fail is done first: pictures and report are written whole, the CSV files only renamed after.
+  // What may still fail is done first: pictures and report are written whole, the CSV files only renamed
+  // after.
   if (!paths_.report.empty()) {
     ReportInfo report{};
     const GridSize grid = app_->state().tracker.field.grid;
@@ -211,8 +222,7 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
       }
     }
     constexpr double kArrowFactor = 3.0;  // displacements are a few pixels of 320; longer arrows can be read
-    if (std::string error = write_overlay(paths_.overlay, picture, arrows, kArrowFactor, info_.input);
-        !error.empty()) {
+    if (std::string error = write_overlay(paths_.overlay, picture, arrows, kArrowFactor, info_.input); !error.empty()) {
       return error;
     }
   }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs the firmware over a camera in virtual time and keeps what came out: CSV files, report, overlay, summary.
+// Runs the firmware over a camera in virtual time and keeps what came out: CSV files, report, overlay,
+// summary.
 //
-// Outputs appear together, after the last frame, or not at all. Host code: it may allocate; the firmware inside
-// does not.
+// Outputs appear together, after the last frame, or not at all. Host code: it may allocate; the firmware
+// inside does not.
 #pragma once
 
 #include <filesystem>

@@ -15,13 +15,14 @@ namespace holdfast::tool {
 namespace {
 
 std::string truth_line(long frame, const scene::GraspTruth& t) {
-  return fmt::format("{},{:.6f},{},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{},{:.6f},{}", frame, t.time_s, scene::name(t.phase),
-                     t.normal_n, t.shear_n, t.contact_radius_mm, t.stick_radius_mm, t.slip_fraction, t.gross ? 1 : 0,
-                     t.travel_mm, static_cast<int>(scene::slip_level(t)));
+  return fmt::format("{},{:.6f},{},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{},{:.6f},{}", frame, t.time_s,
+                     scene::name(t.phase), t.normal_n, t.shear_n, t.contact_radius_mm, t.stick_radius_mm,
+                     t.slip_fraction, t.gross ? 1 : 0, t.travel_mm, static_cast<int>(scene::slip_level(t)));
 }
 
 constexpr const char* kTruthHeader =
-    "frame,t_s,phase,normal_n,shear_n,contact_radius_mm,stick_radius_mm,slip_fraction,gross,travel_mm,slip_level";
+    "frame,t_s,phase,normal_n,shear_n,contact_radius_mm,stick_radius_mm,slip_fraction,gross,travel_mm,slip_"
+    "level";
 
 }  // namespace
 
@@ -34,8 +35,8 @@ int sim_grasp(const SimOptions& options) {
   std::string names;
   for (const scene::Scene& s : scene::kScenes) names += fmt::format("{}{}", names.empty() ? "" : ", ", s.name);
   if (chosen == nullptr) {
-    return fail(fmt::format("scene '{}': not known. Likely cause: a typing error. Next: give one of {}", options.scene,
-                            names));
+    return fail(
+        fmt::format("scene '{}': not known. Likely cause: a typing error. Next: give one of {}", options.scene, names));
   }
   SessionInfo info{};
   std::unique_ptr<model::Tree> tree;
@@ -49,15 +50,16 @@ int sim_grasp(const SimOptions& options) {
     config.picture = scene::cropped_320x240();
     config.format = hal::PixelFormat::kLuma8;
   } else if (options.camera != "3280x2464") {
-    return fail(fmt::format("--camera {}: no such camera. Likely cause: a typing error. Next: give 3280x2464 (JPEG, as "
-                            "the sensor) or 320x240 (luma)",
-                            options.camera));
+    return fail(
+        fmt::format("--camera {}: no such camera. Likely cause: a typing error. Next: give 3280x2464 (JPEG, as "
+                    "the sensor) or 320x240 (luma)",
+                    options.camera));
   }
 
   info.title = fmt::format("Simulated grasp: {}", chosen->name);
-  info.input_text = fmt::format("{} ({}; {}x{} {}, {:.4g} fps)", chosen->name, chosen->help, config.picture.width,
-                                config.picture.height, config.format == hal::PixelFormat::kMjpeg ? "JPEG" : "luma",
-                                config.grasp.fps);
+  info.input_text =
+      fmt::format("{} ({}; {}x{} {}, {:.4g} fps)", chosen->name, chosen->help, config.picture.width,
+                  config.picture.height, config.format == hal::PixelFormat::kMjpeg ? "JPEG" : "luma", config.grasp.fps);
   info.reference_text = fmt::format("mean of the first {} still frames", info.params.reference_frames);
   Session session(info, options.common.paths);
   if (const std::string error = session.output_error(); !error.empty()) return fail(error);
@@ -85,7 +87,8 @@ int sim_grasp(const SimOptions& options) {
 
   const auto half = scene::onset_s(config.grasp, scene::SlipLevel::kHalf);
   std::vector<TruthMark> marks;
-  if (const auto t = scene::onset_s(config.grasp, scene::SlipLevel::kAnnulus)) marks.push_back({*t, "slip begins", false});
+  if (const auto t = scene::onset_s(config.grasp, scene::SlipLevel::kAnnulus))
+    marks.push_back({*t, "slip begins", false});
   if (half) marks.push_back({*half, "half slips", true});
   if (const auto t = scene::onset_s(config.grasp, scene::SlipLevel::kGross)) marks.push_back({*t, "all slips", false});
 
@@ -94,10 +97,10 @@ int sim_grasp(const SimOptions& options) {
     return fail(fmt::format("scene {}: none of {} frames could be used: {}", chosen->name, summary.frames,
                             explain(summary.last_rejection, session.app())));
   }
-  const std::string error = session.commit(
-      marks, fraction,
-      {"Simulated: closed-form partial slip of a sphere on a half-space (Cattaneo-Mindlin). Onset means that more than "
-       "half of the contact's area slides."});
+  const std::string error = session.commit(marks, fraction,
+                                           {"Simulated: closed-form partial slip of a sphere on a half-space "
+                                            "(Cattaneo-Mindlin). Onset means that more than "
+                                            "half of the contact's area slides."});
   if (!error.empty()) return fail(error);
   print_summary(session, summary, options.common);
   if (!options.common.json) fmt::print("lines\n{}", session.gpio_timeline());
@@ -109,14 +112,16 @@ int sim_grasp(const SimOptions& options) {
   const long delay = raised ? summary.slip_frames.front() - onset_frame : 0;
   const bool met = raised && std::labs(delay) <= *chosen->onset_within_frames && summary.grip_ok_fell_with_first_slip;
   if (!options.common.json) {
-    fmt::print("expected  slip within {} frames of the onset (frame {}, {:.3f} s), GRIP_OK LOW in the same frame: {}\n",
-               *chosen->onset_within_frames, onset_frame, *half,
-               met ? fmt::format("met, {:+} frames", delay) : "NOT MET");
+    fmt::print(
+        "expected  slip within {} frames of the onset (frame {}, {:.3f} s), GRIP_OK LOW in the same frame: "
+        "{}\n",
+        *chosen->onset_within_frames, onset_frame, *half, met ? fmt::format("met, {:+} frames", delay) : "NOT MET");
   }
   if (met) return 0;
-  return fail(fmt::format("scene {}: slip was {}. Likely cause: model or features changed. Next: look at the report and "
-                          "at tests/e2e",
-                          chosen->name, raised ? fmt::format("raised {:+} frames from the onset", delay) : "never raised"));
+  return fail(
+      fmt::format("scene {}: slip was {}. Likely cause: model or features changed. Next: look at the report and "
+                  "at tests/e2e",
+                  chosen->name, raised ? fmt::format("raised {:+} frames from the onset", delay) : "never raised"));
 }
 
 }  // namespace holdfast::tool

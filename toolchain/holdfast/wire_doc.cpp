@@ -73,13 +73,12 @@ std::string example() {
   }
   out += "```\n";
   const auto number = [](std::int64_t value) { return std::to_string(value); };
-  out += "sequence " + number(kExample.sequence) + ", timestamp " + number(kExample.timestamp_us) +
-         " us, age " + number(kExample.age_100us) + " x 0.1 ms, state " +
-         std::string(info(kExample.state).name) + ", reason " + std::string(info(kExample.reason).name) +
-         ", flags slip + features_valid + alive, " + number(kExample.markers) + " markers, vx " +
-         number(kExample.vx_um_s) + " um/s, vy " + number(kExample.vy_um_s) + " um/s, entropy " +
-         number(kExample.entropy_nat_q16) + " / 65536 nat, entropy rate " +
-         number(kExample.entropy_rate_nat_s_q8) + " / 256 nat/s.\n";
+  out += "sequence " + number(kExample.sequence) + ", timestamp " + number(kExample.timestamp_us) + " us, age " +
+         number(kExample.age_100us) + " x 0.1 ms, state " + std::string(info(kExample.state).name) + ", reason " +
+         std::string(info(kExample.reason).name) + ", flags slip + features_valid + alive, " +
+         number(kExample.markers) + " markers, vx " + number(kExample.vx_um_s) + " um/s, vy " +
+         number(kExample.vy_um_s) + " um/s, entropy " + number(kExample.entropy_nat_q16) +
+         " / 65536 nat, entropy rate " + number(kExample.entropy_rate_nat_s_q8) + " / 256 nat/s.\n";
   return out;
 }
 
@@ -98,8 +97,8 @@ std::string status_frame_markdown() {
       " bytes, little endian, integers in two's complement.\n\n";
   out += head({"byte", "name", "type", "unit", "meaning"});
   for (const sf::Field& field : sf::kFields) {
-    out += row({text(field.offset), "`" + std::string(field.name) + "`", name_of(field.type), field.unit,
-                field.meaning});
+    out +=
+        row({text(field.offset), "`" + std::string(field.name) + "`", name_of(field.type), field.unit, field.meaning});
   }
   out +=
       "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" "
@@ -120,8 +119,8 @@ std::string status_frame_markdown() {
   out += "\n## Reasons\n\n";
   out += head({"number", "name", "what", "likely cause", "next step"});
   for (const ReasonInfo& reason : kReasons) {
-    out += row({text(static_cast<std::size_t>(reason.reason)), "`" + std::string(reason.name) + "`",
-                reason.what, reason.cause, reason.next});
+    out += row({text(static_cast<std::size_t>(reason.reason)), "`" + std::string(reason.name) + "`", reason.what,
+                reason.cause, reason.next});
   }
   return out + "\n## Example\n\n" + example();
 }

@@ -69,8 +69,7 @@ class Parser {
     if (key == "feature_set") return on_feature_set(words);
     if (key == "feature") return on_feature(words);
     if (key == "node" || key == "leaf") return on_node(words);
-    return problem("unknown word " + quoted(key),
-                   "use name, feature_set, feature, node, leaf or a # comment");
+    return problem("unknown word " + quoted(key), "use name, feature_set, feature, node, leaf or a # comment");
   }
 
   std::optional<Problem> end() {
@@ -107,8 +106,7 @@ class Parser {
   std::optional<Problem> on_name(const Words& words) {
     if (!model_.name.empty()) return problem("the model has two names", "keep one `name` line");
     if (words.size() != 2 || !is_name(words[1])) {
-      return problem("this is not a model name",
-                     "write `name NAME` with at most 32 of a-z, 0-9 and _, a letter first");
+      return problem("this is not a model name", "write `name NAME` with at most 32 of a-z, 0-9 and _, a letter first");
     }
     model_.name = words[1];
     return std::nullopt;
@@ -168,8 +166,7 @@ class Parser {
     const auto feature = std::find_if(model_.features.begin(), model_.features.end(),
                                       [&](const Feature& f) { return f.name == words[3]; });
     if (feature == model_.features.end()) {
-      return problem("the node reads " + quoted(words[3]) + ", which no `feature` line lists",
-                     "use a listed feature");
+      return problem("the node reads " + quoted(words[3]) + ", which no `feature` line lists", "use a listed feature");
     }
     node.feature = static_cast<int>(feature - model_.features.begin());
     if (words[4] != "<=") {
@@ -209,8 +206,8 @@ std::optional<Problem> check_features(const Model& model) {
                      "remove the line"};
     }
     const FeatureInfo& want = set->features[i];
-    const std::string form = "`feature " + std::string(want.name) + " " + std::string(want.unit) + " Q" +
-                             std::to_string(want.q) + "`";
+    const std::string form =
+        "`feature " + std::string(want.name) + " " + std::string(want.unit) + " Q" + std::to_string(want.q) + "`";
     if (i == model.features.size()) {
       return Problem{model.feature_set_line, "a feature of the set " + model.feature_set + " is missing",
                      "add the line " + form};
@@ -232,11 +229,10 @@ std::optional<Problem> check_ids(const Model& model) {
     const int want = static_cast<int>(i);
     if (node.id == want) continue;
     const bool seen = node.id >= 0 && node.id < want;
-    return Problem{
-        node.line,
-        seen ? "node " + std::to_string(node.id) + " is there twice"
-             : "node " + std::to_string(node.id) + " follows where node " + std::to_string(want) + " is due",
-        "number the nodes 0, 1, 2, ... in the order of the file"};
+    return Problem{node.line,
+                   seen ? "node " + std::to_string(node.id) + " is there twice"
+                        : "node " + std::to_string(node.id) + " follows where node " + std::to_string(want) + " is due",
+                   "number the nodes 0, 1, 2, ... in the order of the file"};
   }
   return std::nullopt;
 }
@@ -284,8 +280,7 @@ class Walk {
       const Feature& feature = model_.features[static_cast<std::size_t>(node.feature)];
       return Problem{node.line,
                      "the threshold " + std::to_string(node.threshold) + " decides nothing: " + feature.name +
-                         " lies in " + std::to_string(interval.min) + ".." + std::to_string(interval.max) +
-                         " here",
+                         " lies in " + std::to_string(interval.min) + ".." + std::to_string(interval.max) + " here",
                      "give a threshold from " + std::to_string(interval.min) + " to " +
                          std::to_string(std::int64_t{interval.max} - 1) + ", or remove the node"};
     }
@@ -297,12 +292,12 @@ class Walk {
       }
       const int other_parent = reached_from_[static_cast<std::size_t>(child)];
       if (other_parent != kNobody) {
-        return Problem{node.line,
-                       is_above(child, id) ? "child " + std::to_string(child) + " stands above " + name +
-                                                 ": the tree runs in a circle"
-                                           : "child " + std::to_string(child) + " is also a child of node " +
-                                                 std::to_string(other_parent),
-                       "give each node one parent"};
+        return Problem{
+            node.line,
+            is_above(child, id)
+                ? "child " + std::to_string(child) + " stands above " + name + ": the tree runs in a circle"
+                : "child " + std::to_string(child) + " is also a child of node " + std::to_string(other_parent),
+            "give each node one parent"};
       }
       std::vector<Interval> rest = intervals;
       Interval& narrowed = rest[static_cast<std::size_t>(node.feature)];
@@ -381,14 +376,12 @@ std::optional<Problem> check(const Model& model) {
   if (auto found = check_ids(model)) return found;
   if (auto found = Walk(model).run()) return found;
   for (const Verdict verdict : {Verdict::kHold, Verdict::kSlip}) {
-    const bool occurs = std::any_of(model.nodes.begin(), model.nodes.end(), [&](const Node& node) {
-      return node.is_leaf && node.verdict == verdict;
-    });
+    const bool occurs = std::any_of(model.nodes.begin(), model.nodes.end(),
+                                    [&](const Node& node) { return node.is_leaf && node.verdict == verdict; });
     if (!occurs) {
-      return Problem{
-          model.nodes.front().line,
-          verdict == Verdict::kSlip ? "the tree never answers slip" : "the tree never answers hold",
-          "train on both classes"};
+      return Problem{model.nodes.front().line,
+                     verdict == Verdict::kSlip ? "the tree never answers slip" : "the tree never answers hold",
+                     "train on both classes"};
     }
   }
   return std::nullopt;

@@ -70,8 +70,7 @@ Shear shear_by_force(const FrictionContact& contact, double force_n) {
   const double limit_n = friction_limit_n(contact);
   if (force_n == 0.0) return {0.0, 0.0, a, false};
   if (std::abs(force_n) >= limit_n) {
-    return {std::copysign(limit_n, force_n), std::copysign(gross_displacement_mm(contact), force_n), 0.0,
-            true};
+    return {std::copysign(limit_n, force_n), std::copysign(gross_displacement_mm(contact), force_n), 0.0, true};
   }
   if (std::isinf(limit_n)) {
     const double delta = force_n * (2.0 - contact.gel.poisson) / (8.0 * contact.gel.shear_modulus_mpa * a);
@@ -80,8 +79,7 @@ Shear shear_by_force(const FrictionContact& contact, double force_n) {
   const double load = std::abs(force_n) / limit_n;
   // 1 - (1 - load)^(2/3), exact for small loads.
   const double share = -std::expm1(2.0 / 3.0 * std::log1p(-load));
-  return {force_n, std::copysign(gross_displacement_mm(contact) * share, force_n), a * std::cbrt(1.0 - load),
-          false};
+  return {force_n, std::copysign(gross_displacement_mm(contact) * share, force_n), a * std::cbrt(1.0 - load), false};
 }
 
 Shear shear_by_displacement(const FrictionContact& contact, double displacement_mm) {
@@ -90,18 +88,17 @@ Shear shear_by_displacement(const FrictionContact& contact, double displacement_
   const double gross_mm = gross_displacement_mm(contact);
   if (displacement_mm == 0.0) return {0.0, 0.0, a, false};
   if (std::abs(displacement_mm) >= gross_mm) {
-    return {std::copysign(friction_limit_n(contact), displacement_mm),
-            std::copysign(gross_mm, displacement_mm), 0.0, true};
+    return {std::copysign(friction_limit_n(contact), displacement_mm), std::copysign(gross_mm, displacement_mm), 0.0,
+            true};
   }
   if (std::isinf(gross_mm)) {
-    const double force =
-        displacement_mm * 8.0 * contact.gel.shear_modulus_mpa * a / (2.0 - contact.gel.poisson);
+    const double force = displacement_mm * 8.0 * contact.gel.shear_modulus_mpa * a / (2.0 - contact.gel.poisson);
     return {force, displacement_mm, a, false};
   }
   const double share = std::abs(displacement_mm) / gross_mm;
   const double load = -std::expm1(1.5 * std::log1p(-share));
-  return {std::copysign(friction_limit_n(contact) * load, displacement_mm), displacement_mm,
-          a * std::sqrt(1.0 - share), false};
+  return {std::copysign(friction_limit_n(contact) * load, displacement_mm), displacement_mm, a * std::sqrt(1.0 - share),
+          false};
 }
 
 double tangent_stiffness_n_per_mm(const FrictionContact& contact, const Shear& shear) {
@@ -121,9 +118,9 @@ Vec2 dome_field_mm(const Gel& gel, double radius_mm, double slope_mpa_per_mm, Ve
   const double r = std::hypot(at.x, at.y);
   if (r <= radius_mm) {
     const double inside = 0.25 * pi * scale;
-    return {inside * (4.0 * (2.0 - nu) * radius_mm * radius_mm - (4.0 - 3.0 * nu) * at.x * at.x -
-                      (4.0 - nu) * at.y * at.y),
-            inside * 2.0 * nu * at.x * at.y};
+    return {
+        inside * (4.0 * (2.0 - nu) * radius_mm * radius_mm - (4.0 - 3.0 * nu) * at.x * at.x - (4.0 - nu) * at.y * at.y),
+        inside * 2.0 * nu * at.x * at.y};
   }
   const Outside o = outside(radius_mm, at, r);
   const double e2 = o.ratio * o.ratio;

@@ -158,8 +158,7 @@ GraspTruth at(const GraspConfig& config, double t_s) {
   truth.slip_fraction = slip_fraction(contact, shear);
   truth.gross = shear.sliding;
   truth.displacement_mm = shear.displacement_mm;
-  truth.contact_center_mm =
-      moved(config.touch_mm, direction(config), truth.displacement_mm + truth.travel_mm);
+  truth.contact_center_mm = moved(config.touch_mm, direction(config), truth.displacement_mm + truth.travel_mm);
   return truth;
 }
 
@@ -183,8 +182,7 @@ std::optional<double> onset_s(const GraspConfig& config, SlipLevel level) {
   }
 }
 
-std::vector<MarkerTruth> markers_at(const GraspConfig& config, const GraspTruth& truth,
-                                    const MarkerGrid& grid) {
+std::vector<MarkerTruth> markers_at(const GraspConfig& config, const GraspTruth& truth, const MarkerGrid& grid) {
   const FrictionContact contact = real_contact(config, truth.normal_n);
   const Shear shear{truth.shear_n, truth.displacement_mm, truth.stick_radius_mm, truth.gross};
   const Vec2 along = direction(config);
@@ -197,8 +195,7 @@ std::vector<MarkerTruth> markers_at(const GraspConfig& config, const GraspTruth&
   for (int row = 0; row < grid.rows; ++row) {
     for (int col = 0; col < grid.cols; ++col) {
       MarkerTruth marker;
-      marker.rest_mm = {(col - 0.5 * (grid.cols - 1)) * grid.pitch_mm,
-                        (row - 0.5 * (grid.rows - 1)) * grid.pitch_mm};
+      marker.rest_mm = {(col - 0.5 * (grid.cols - 1)) * grid.pitch_mm, (row - 0.5 * (grid.rows - 1)) * grid.pitch_mm};
       const Vec2 from{marker.rest_mm.x - center.x, marker.rest_mm.y - center.y};
       // The field knows a load along +x: turn there and back.
       const Vec2 turned{from.x * along.x + from.y * along.y, from.y * along.x - from.x * along.y};

@@ -29,8 +29,7 @@ struct Encoder {
   unsigned long size;
 };
 
-bool compress(Encoder& encoder, const std::uint8_t* pixels, int width, int height, JpegInput input,
-              int quality) {
+bool compress(Encoder& encoder, const std::uint8_t* pixels, int width, int height, JpegInput input, int quality) {
   jpeg_compress_struct& info = encoder.info;
   info.err = jpeg_std_error(&encoder.errors.base);
   encoder.errors.base.error_exit = escape;
@@ -48,8 +47,7 @@ bool compress(Encoder& encoder, const std::uint8_t* pixels, int width, int heigh
     info.comp_info[0].v_samp_factor = 1;
   }
   jpeg_start_compress(&info, TRUE);
-  const std::size_t stride =
-      static_cast<std::size_t>(width) * static_cast<std::size_t>(info.input_components);
+  const std::size_t stride = static_cast<std::size_t>(width) * static_cast<std::size_t>(info.input_components);
   while (info.next_scanline < info.image_height) {
     // The interface takes mutable rows and does not write to them.
     JSAMPROW row = const_cast<JSAMPROW>(pixels + info.next_scanline * stride);
@@ -61,14 +59,12 @@ bool compress(Encoder& encoder, const std::uint8_t* pixels, int width, int heigh
 
 }  // namespace
 
-std::vector<std::uint8_t> encode_jpeg(std::span<const std::uint8_t> pixels, int width, int height,
-                                      JpegInput input, int quality) {
+std::vector<std::uint8_t> encode_jpeg(std::span<const std::uint8_t> pixels, int width, int height, JpegInput input,
+                                      int quality) {
   constexpr int kMaxSide = 65500;  // JPEG_MAX_DIMENSION
-  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide || quality < 1 || quality > 100)
-    return {};
+  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide || quality < 1 || quality > 100) return {};
   const std::size_t components = input == JpegInput::kRgb ? 3 : 1;
-  if (pixels.size() < static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * components)
-    return {};
+  if (pixels.size() < static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * components) return {};
 
   // libjpeg grows into memory of its own and tells only at a good end. Starting in ours, a bad end can at
   // most leak, never free twice.

@@ -16,7 +16,7 @@ enum class JpegInput : std::uint8_t {
 
 // Shape: `pixels` holds height rows of width pixels without padding. Range: width and height 1..65500,
 // quality 1..100. Empty result: a size out of range, too few pixels, or no memory.
-[[nodiscard]] std::vector<std::uint8_t> encode_jpeg(std::span<const std::uint8_t> pixels, int width,
-                                                    int height, JpegInput input, int quality);
+[[nodiscard]] std::vector<std::uint8_t> encode_jpeg(std::span<const std::uint8_t> pixels, int width, int height,
+                                                    JpegInput input, int quality);
 
 }  // namespace holdfast::scene

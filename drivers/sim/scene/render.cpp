@@ -67,8 +67,8 @@ const NoiseTile& noise_tile() {
 }
 
 // Levels in Q8 plus noise, rounded and clamped. Range: |level| < 2^22, sigma <= 64: products below 2^29.
-void finish(const std::int32_t* level_q8, const std::int16_t* normal_q12, std::int32_t sigma_q8,
-            std::size_t count, std::uint8_t* out) {
+void finish(const std::int32_t* level_q8, const std::int16_t* normal_q12, std::int32_t sigma_q8, std::size_t count,
+            std::uint8_t* out) {
   for (std::size_t i = 0; i < count; ++i) {
     const std::int32_t noise_q8 = (normal_q12[i] * sigma_q8 + (1 << 11)) >> 12;
     out[i] = static_cast<std::uint8_t>(std::clamp((level_q8[i] + noise_q8 + 128) >> 8, 0, 255));
@@ -138,8 +138,8 @@ Chord chord_of(PointPx center, double reach, int y, int width) {
 
 // Adds the imprint to a row. Slope of the bulge over its rim slope: r/a inside, (2 - r/a)^2 outside, then 0.
 template <std::size_t kChannels>
-void add_imprint(const PictureConfig& config, const std::array<Channel, kChannels>& channels,
-                 const Contact& contact, int y, std::vector<std::int32_t>& row) {
+void add_imprint(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const Contact& contact,
+                 int y, std::vector<std::int32_t>& row) {
   const Chord chord = chord_of(contact.center, 2.0 * contact.radius_px, y, config.width);
   const float radius = static_cast<float>(contact.radius_px);
   const float gain = static_cast<float>(256.0 * config.imprint_gain * contact.rim_slope);
@@ -193,9 +193,8 @@ void add_dot(const PictureConfig& config, PointPx center, int y, std::vector<std
 }
 
 template <std::size_t kChannels>
-void render(const PictureConfig& config, const std::array<Channel, kChannels>& channels,
-            std::span<const PointPx> dots, const Contact* contact, std::uint64_t frame_seed,
-            std::vector<std::uint8_t>& out) {
+void render(const PictureConfig& config, const std::array<Channel, kChannels>& channels, std::span<const PointPx> dots,
+            const Contact* contact, std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
   const std::size_t samples = static_cast<std::size_t>(config.width) * kChannels;
   out.resize(samples * static_cast<std::size_t>(config.height));
 
@@ -279,8 +278,8 @@ std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const
   std::vector<PointPx> centers;
   centers.reserve(markers.size());
   for (const MarkerTruth& marker : markers) {
-    centers.push_back(to_px(
-        config, {marker.rest_mm.x + marker.displacement_mm.x, marker.rest_mm.y + marker.displacement_mm.y}));
+    centers.push_back(
+        to_px(config, {marker.rest_mm.x + marker.displacement_mm.x, marker.rest_mm.y + marker.displacement_mm.y}));
   }
   return centers;
 }

@@ -67,10 +67,8 @@ struct Contact {
 };
 
 [[nodiscard]] PointPx to_px(const PictureConfig& config, Vec2 mm);
-[[nodiscard]] Contact contact_px(const PictureConfig& config, const GraspConfig& grasp,
-                                 const GraspTruth& truth);
-[[nodiscard]] std::vector<PointPx> dot_centers_px(const PictureConfig& config,
-                                                  std::span<const MarkerTruth> markers);
+[[nodiscard]] Contact contact_px(const PictureConfig& config, const GraspConfig& grasp, const GraspTruth& truth);
+[[nodiscard]] std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const MarkerTruth> markers);
 
 // Shape of `out`: height rows of width samples, no padding. `contact` may be null. The same config and
 // frame_seed give the same bytes; another frame_seed gives other noise.

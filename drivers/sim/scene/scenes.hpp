@@ -28,8 +28,8 @@ struct Scene {
 
 inline constexpr std::array<Scene, 3> kScenes{{
     {"sphere_slip", "a sphere is pressed on, pulled, slips partly, then slides for good", sphere_slip, 2},
-    {"sphere_hold", "the same forces, and nothing slips: the matched pair",
-     [] { return without_slip(sphere_slip()); }, std::nullopt},
+    {"sphere_hold", "the same forces, and nothing slips: the matched pair", [] { return without_slip(sphere_slip()); },
+     std::nullopt},
     {"sphere_shake", "pressed on and shaken at 2.5 Hz, without slip", [] { return shaken(sphere_slip()); },
      std::nullopt},
 }};

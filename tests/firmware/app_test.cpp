@@ -1,0 +1,444 @@
+// SPDX-License-Identifier: Apache-2.0
+// The whole firmware on simulated devices in virtual time: what a receiver sees on the two lines and on the
+// serial link.
+//
+// The receiver's rule (DESIGN.md, Outputs): GRIP_OK counts only while the last edge of ALIVE is younger than
+// 150 ms.
+#include "app/app.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "drivers/sim/camera_faults.hpp"
+#include "drivers/sim/camera_memory.hpp"
+#include "drivers/sim/clock.hpp"
+#include "drivers/sim/gpio.hpp"
+#include "drivers/sim/serial.hpp"
+#include "tests/support/reference.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace holdfast::reference_model;
+using namespace std::chrono_literals;
+using hal::Level;
+using hal::Line;
+
+namespace {
+
+constexpr Micros kFresh{150'000};
+
+class NoJpeg final : public JpegDecoder {
+  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer&) override {
+    return {Reason::kJpegDamaged};
+  }
+};
+
+// A camera that does not open.
+class NoCamera final : public hal::Camera {
+  [[nodiscard]] bool do_start() override { return false; }
+  [[nodiscard]] hal::Capture do_next(hal::Frame&, Micros) override { return hal::Capture::kGone; }
+  void do_release(const hal::Frame&) override {}
+  void do_stop() override {}
+};
+
+void state_is(DeviceState want, DeviceState got) {
+  LONGS_EQUAL(static_cast<int>(want), static_cast<int>(got));
+}
+void reason_is(Reason want, Reason got) {
+  LONGS_EQUAL(static_cast<int>(want), static_cast<int>(got));
+}
+
+}  // namespace
+
+TEST_GROUP(App) {
+  sim::Clock clock;
+  sim::Gpio gpio{clock};
+  sim::Serial link;
+  NoJpeg jpeg;
+  std::vector<Picture> pictures;
+  std::unique_ptr<sim::CameraMemory> memory;
+  std::unique_ptr<sim::FaultyCamera> camera;
+  std::unique_ptr<App> app;
+  status_frame::Receiver receiver;
+  std::uint64_t link_read = 0;
+  std::uint16_t sequence = 0;
+  std::uint64_t events_read = 0;
+  // A receiver's view.
+  Micros last_edge{-10s};
+
+  void teardown() override {
+    app.reset();
+    camera.reset();
+    memory.reset();
+    pictures.clear();
+    pictures.shrink_to_fit();
+  }
+
+  // `count` pictures of the empty gel, then those of a local drag that grows and stays.
+  void film(int empty, int dragged = 0) {
+    const scene::PictureConfig view = scene::cropped_320x240();
+    for (int k = 0; k < empty + dragged; ++k) {
+      const double drag = k < empty ? 0.0 : std::min(1.8, 0.3 * (k - empty + 1));
+      pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
+                                    300 + static_cast<std::uint64_t>(k)));
+    }
+  }
+
+  void build(std::vector<sim::FaultSpan> faults = {}, std::uint64_t cycles = 1) {
+    std::vector<LumaView> views;
+    for (const Picture& picture : pictures) views.push_back(picture.view());
+    memory = std::make_unique<sim::CameraMemory>(clock, views, sim::CameraMemory::Config{40ms, 40ms, cycles});
+    camera = std::make_unique<sim::FaultyCamera>(*memory, clock, std::move(faults), std::size_t{320 * 240});
+    app = std::make_unique<App>(Devices{*camera, gpio, link, clock, jpeg});
+  }
+
+  // The one status frame of the last step().
+  status_frame::StatusFrame report() {
+    const std::vector<std::uint8_t> bytes = link.output_bytes();
+    link.clear_output();
+    int frames = 0;
+    status_frame::StatusFrame last;
+    for (const std::uint8_t byte : bytes) {
+      if (const auto decoded = receiver.push(byte)) {
+        CHECK_TRUE(decoded->ok());
+        last = decoded->frame;
+        ++frames;
+      }
+    }
+    LONGS_EQUAL(1, frames);
+    LONGS_EQUAL(sequence++, last.sequence);
+    return last;
+  }
+
+  std::vector<sim::GpioEvent> new_events() {
+    const auto& ring = gpio.events();
+    std::vector<sim::GpioEvent> out;
+    for (std::size_t i = ring.size() - static_cast<std::size_t>(ring.total() - events_read); i < ring.size(); ++i)
+      out.push_back(ring[i]);
+    events_read = ring.total();
+    return out;
+  }
+
+  // One step with everything that must hold after any step whatever the devices do.
+  bool step(status_frame::StatusFrame* told = nullptr) {
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    const bool more = app->step();
+    const status_frame::StatusFrame frame = report();
+    if (told != nullptr) *told = frame;
+
+    const supervisor::Outputs& outputs = app->outputs();
+    state_is(outputs.state, frame.state);
+    reason_is(outputs.reason, frame.reason);
+    CHECK_EQUAL(outputs.grip_ok, frame.grip_ok);
+    CHECK_EQUAL(outputs.slip, frame.slip);
+    CHECK_EQUAL(frame.state == DeviceState::kOk, frame.grip_ok);
+    if (app->result().quality.ok()) LONGS_EQUAL(0, memory->borrowed());  // a late frame waits inside FaultyCamera
+
+    // At most one edge of ALIVE per step, and none without an accepted frame.
+    const std::uint64_t moved = gpio.edges(Line::kAlive) - edges;
+    CHECK_TRUE(moved <= 1);
+    if (!app->result().quality.ok()) LONGS_EQUAL(0, moved);
+    if (moved == 1) last_edge = clock.now();
+    return more;
+  }
+
+  bool told_fine() const {
+    return gpio.level(Line::kGripOk) == Level::kHigh && clock.now() - last_edge < kFresh;
+  }
+
+  void start() {
+    CHECK_TRUE(app->start(Params{}).ok());
+    (void)new_events();
+  }
+  void run(int steps) {
+    for (int k = 0; k < steps; ++k) CHECK_TRUE(step());
+  }
+};
+
+TEST(App, DrivesBothLinesLowBeforeTheCameraStarts) {
+  film(1);
+  build();
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh) &&
+             gpio.set(Line::kAlive, Level::kHigh));  // left by an earlier process
+  (void)new_events();
+  CHECK_TRUE(app->start(Params{}).ok());
+  const auto events = new_events();
+  LONGS_EQUAL(2, events.size());
+  CHECK_TRUE(events[0].line == Line::kGripOk && events[0].level == Level::kLow);
+  CHECK_TRUE(events[1].line == Line::kAlive && events[1].level == Level::kLow);
+}
+
+TEST(App, RefusesToStartWithoutSoundParametersLinesOrCamera) {
+  film(1);
+  build();
+  Params wrong;
+  wrong.grid_rows = 2;
+  reason_is(Reason::kConfig, app->start(wrong).reason);
+  gpio.fail_next(1);
+  reason_is(Reason::kGpioFailed, app->start(Params{}).reason);
+  NoCamera none;
+  App blind(Devices{none, gpio, link, clock, jpeg});
+  reason_is(Reason::kCameraGone, blind.start(Params{}).reason);
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+}
+
+TEST(App, LearnsThenVouches) {
+  film(15);
+  build();
+  start();
+  for (int k = 1; k <= 15; ++k) {
+    const bool alive = gpio.level(Line::kAlive) == Level::kHigh;
+    status_frame::StatusFrame told;
+    CHECK_TRUE(step(&told));
+    state_is(k < 10 ? DeviceState::kReference : DeviceState::kOk, told.state);
+    CHECK_TRUE((gpio.level(Line::kGripOk) == Level::kHigh) == (k >= 10));
+    CHECK_TRUE((gpio.level(Line::kAlive) == Level::kHigh) != alive);
+    CHECK_EQUAL(k >= 10, told.features_valid);
+    LONGS_EQUAL(k >= 10 ? 63 : 0, told.markers);
+    LONGS_EQUAL(400, told.age_100us);  // latency of the camera: 40 ms
+    LONGS_EQUAL((k - 1) * 40'000, told.timestamp_us);
+  }
+  LONGS_EQUAL(15, gpio.edges(Line::kAlive));
+}
+
+// The status frame carries the figures of this frame's result, and nothing when there is none.
+TEST(App, ReportsWhatItMeasured) {
+  film(12, 10);
+  build({{15, 1, sim::CameraFault::kBad, {}}});
+  start();
+  for (int k = 0; k < 22; ++k) {
+    status_frame::StatusFrame told;
+    CHECK_TRUE(step(&told));
+    const pipeline::Result& r = app->result();
+    CHECK_EQUAL(r.quality.ok() && r.referenced, told.features_valid);
+    if (!told.features_valid) {
+      LONGS_EQUAL(0, told.markers);
+      LONGS_EQUAL(0, told.vx_um_s);
+      LONGS_EQUAL(0, told.vy_um_s);
+      LONGS_EQUAL(0, told.entropy_nat_q16);
+      LONGS_EQUAL(0, told.entropy_rate_nat_s_q8);
+      continue;
+    }
+    LONGS_EQUAL(r.features.markers, told.markers);
+    LONGS_EQUAL(r.features.vx.raw(), told.vx_um_s);
+    LONGS_EQUAL(r.features.vy.raw(), told.vy_um_s);
+    LONGS_EQUAL(r.features.entropy.raw(), told.entropy_nat_q16);
+    LONGS_EQUAL(r.features.entropy_rate.raw(), told.entropy_rate_nat_s_q8);
+    CHECK_EQUAL(gpio.level(Line::kAlive) == Level::kHigh, told.alive);
+  }
+}
+
+// GRIP_OK rises after ALIVE showed the frame and falls before it: a fresh edge never stands beside a level
+// that its frame has withdrawn. The drag of 1.8 mm within six frames spreads over all bins: any tree calls
+// that a slip.
+TEST(App, LowersGripOkBeforeAliveAndRaisesItAfter) {
+  film(14, 12);
+  build();
+  start();
+  bool rose = false, fell = false;
+  for (int k = 0; k < 26; ++k) {
+    const bool was = gpio.level(Line::kGripOk) == Level::kHigh;
+    CHECK_TRUE(step());
+    const auto events = new_events();
+    const bool is = gpio.level(Line::kGripOk) == Level::kHigh;
+    if (was == is) continue;
+    LONGS_EQUAL(2, events.size());
+    CHECK_TRUE(events[is ? 0 : 1].line == Line::kAlive);
+    CHECK_TRUE(events[is ? 1 : 0].line == Line::kGripOk);
+    (is ? rose : fell) = true;
+    if (!is) state_is(DeviceState::kSlip, app->outputs().state);
+  }
+  CHECK_TRUE(rose && fell);
+}
+
+TEST(App, EndsWithTheStream) {
+  film(12);
+  build();
+  start();
+  run(12);
+  CHECK_TRUE(told_fine());
+  status_frame::StatusFrame told;
+  CHECK_FALSE(step(&told));
+  state_is(DeviceState::kFault, told.state);
+  reason_is(Reason::kCameraGone, told.reason);
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+  LONGS_EQUAL(12, gpio.edges(Line::kAlive));
+}
+
+TEST(App, LowersGripOkWhenItStops) {
+  film(12);
+  build();
+  start();
+  run(12);
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
+  const std::uint64_t edges = gpio.edges(Line::kAlive);
+  app->stop();
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+  CHECK_FALSE(app->outputs().grip_ok);
+  LONGS_EQUAL(edges, gpio.edges(Line::kAlive));  // an edge would vouch for a frame that never was
+  app->stop();
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+}
+
+// Silence: after 150 ms without a frame the state is FAULT; a receiver knows it from ALIVE by then. With the
+// frames back it goes on without learning anew.
+TEST(App, FaultsOnSilenceAndComesBack) {
+  film(12);
+  build({{20, 10, sim::CameraFault::kOff, {}}}, 4);
+  start();
+  run(20);
+  const Micros last_good = clock.now();
+  CHECK_TRUE(told_fine());
+  bool faulted = false;
+  while (clock.now() < last_good + 400ms) {
+    status_frame::StatusFrame told;
+    CHECK_TRUE(step(&told));
+    reason_is(Reason::kNoFrame, told.reason);
+    if (clock.now() - last_good > 150ms) {
+      state_is(DeviceState::kFault, told.state);
+      CHECK_FALSE(told_fine());
+      faulted = true;
+    }
+  }
+  CHECK_TRUE(faulted);
+  CHECK_TRUE(step());
+  state_is(DeviceState::kOk, app->outputs().state);
+  CHECK_TRUE(told_fine());
+}
+
+TEST(App, RejectsFramesThatRunBackwardsAndGoesOn) {
+  film(12);
+  build({{15, 1, sim::CameraFault::kBackwards, 100ms}, {17, 1, sim::CameraFault::kBackwards, 0ms}}, 3);
+  start();
+  for (int k = 0; k < 30; ++k) {
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    CHECK_TRUE(step());
+    const bool backwards = k == 15 || k == 17;
+    if (backwards) reason_is(Reason::kTimeNotForward, app->outputs().reason);
+    LONGS_EQUAL(backwards ? 0 : 1, gpio.edges(Line::kAlive) - edges);
+    if (k >= 10) state_is(DeviceState::kOk, app->outputs().state);
+  }
+}
+
+TEST(App, RejectsGarbageAndDamagedTransfers) {
+  film(12);
+  build({{14, 2, sim::CameraFault::kGarbage, {}}, {20, 8, sim::CameraFault::kBad, {}}}, 4);
+  start();
+  Micros last_accepted{};
+  for (int k = 0; k < 40; ++k) {
+    CHECK_TRUE(step());
+    const bool bad = k == 14 || k == 15 || (k >= 20 && k < 28);
+    CHECK_EQUAL(!bad, app->result().quality.ok());
+    if (!bad) last_accepted = clock.now();
+    if (bad && k >= 20) reason_is(Reason::kJpegDamaged, app->outputs().reason);
+    if (bad && clock.now() - last_accepted > 150ms) state_is(DeviceState::kFault, app->outputs().state);
+    if (!bad && k >= 10) state_is(DeviceState::kOk, app->outputs().state);
+  }
+}
+
+TEST(App, LivesWithDroppedFrames) {
+  film(12);
+  build({{13, 1, sim::CameraFault::kDropped, {}}, {16, 2, sim::CameraFault::kDropped, {}}}, 3);
+  start();
+  for (int k = 0; k < 25; ++k) {
+    CHECK_TRUE(step());
+    if (app->result().quality.ok()) CHECK_TRUE(k < 9 || app->outputs().grip_ok);
+  }
+}
+
+// A line that refuses: FAULT(gpio_failed), and ALIVE does not vouch for it. Refused LOW is the dangerous one.
+TEST(App, StopsAliveWhenGripOkCannotBeLowered) {
+  film(14, 14);
+  build();
+  start();
+  run(14);
+  CHECK_TRUE(told_fine());
+  gpio.stick(Line::kGripOk);
+  int slips = 0;
+  for (int k = 0; k < 14; ++k) {
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    CHECK_TRUE(step());
+    if (app->result().request != GripRequest::kTighten) continue;
+    ++slips;
+    LONGS_EQUAL(edges, gpio.edges(Line::kAlive));
+    state_is(DeviceState::kFault, app->outputs().state);
+    reason_is(Reason::kGpioFailed, app->outputs().reason);
+    CHECK_FALSE(app->outputs().grip_ok);
+  }
+  CHECK_TRUE(slips > 5);
+  CHECK_FALSE(told_fine());
+}
+
+TEST(App, FaultsWhileALineRefusesAndComesBack) {
+  film(12);
+  build({}, 3);
+  start();
+  run(5);  // REFERENCE: GRIP_OK is told LOW first
+  gpio.fail_next(1);
+  const std::uint64_t edges = gpio.edges(Line::kAlive);
+  CHECK_TRUE(step());
+  state_is(DeviceState::kFault, app->outputs().state);
+  reason_is(Reason::kGpioFailed, app->outputs().reason);
+  LONGS_EQUAL(edges, gpio.edges(Line::kAlive));
+  run(10);
+  state_is(DeviceState::kOk, app->outputs().state);
+  CHECK_TRUE(told_fine());
+}
+
+// The link full: counted, and nothing else changes.
+TEST(App, DoesNotCareWhetherAnybodyReadsTheLink) {
+  film(12);
+  build();
+  start();
+  link.set_full(true);
+  for (int k = 0; k < 12; ++k) CHECK_TRUE(app->step());
+  LONGS_EQUAL(12, app->link_refused());
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
+  LONGS_EQUAL(12, gpio.edges(Line::kAlive));
+}
+
+TEST(App, TakesAPictureForTheReference) {
+  film(1, 3);
+  build();
+  hal::Frame frame;
+  frame.bytes = pictures[0].pixels;
+  frame.format = hal::PixelFormat::kLuma8;
+  frame.width = frame.stride = 320;
+  frame.height = 240;
+  CHECK_TRUE(app->learn(Params{}, frame).ok());
+  start();
+  CHECK_TRUE(step());
+  state_is(DeviceState::kOk, app->outputs().state);
+  Params wrong;
+  wrong.reference_frames = 0;
+  reason_is(Reason::kConfig, app->learn(wrong, frame).reason);
+}
+
+// Any schedule of faults: whenever a receiver is told "fine", the firmware itself says OK or has lost no more
+// than the 150 ms that the rule allows. One long run over all kinds.
+TEST(App, IsNeverFineForAReceiverUnlessItWasWithin150Milliseconds) {
+  using sim::CameraFault;
+  film(12, 14);
+  build({{16, 3, CameraFault::kBad, {}},
+         {30, 9, CameraFault::kOff, {}},
+         {44, 2, CameraFault::kGarbage, {}},
+         {50, 1, CameraFault::kBackwards, 1s},
+         {55, 12, CameraFault::kGarbage, {}},
+         {70, 5, CameraFault::kDropped, {}},
+         {80, 6, CameraFault::kBad, {}},
+         {90, 1, CameraFault::kLate, 90ms},
+         {96, 30, CameraFault::kOff, {}}},
+        6);
+  start();
+  Micros last_ok{-10s};
+  while (step()) {
+    if (app->outputs().state == DeviceState::kOk && app->result().quality.ok()) last_ok = clock.now();
+    if (told_fine()) CHECK_TRUE(clock.now() - last_ok < kFresh);
+  }
+  CHECK_FALSE(told_fine());
+}

@@ -1,0 +1,371 @@
+// SPDX-License-Identifier: Apache-2.0
+// The whole chain from luma to request: which frames it refuses and why, what it keeps, and that the figures
+// of rendered motion are those of the double reference on the true positions.
+#include "app/pipeline.hpp"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <numbers>
+#include <vector>
+
+#include "tests/support/reference.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace holdfast::reference_model;
+using namespace std::chrono_literals;
+
+namespace {
+
+// Stands for a decoder: gives the picture it was told to, and remembers the scale it was asked for.
+class ScriptedJpeg final : public JpegDecoder {
+ public:
+  Picture picture;
+  Status status;
+  DecodeScale asked = DecodeScale::kFull;
+  int calls = 0;
+
+ private:
+  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale scale, LumaBuffer& out) override {
+    asked = scale;
+    ++calls;
+    if (!status.ok()) return status;
+    out.width = picture.width;
+    out.height = picture.height;
+    std::copy(picture.pixels.begin(), picture.pixels.end(), out.pixels.begin());
+    return status;
+  }
+};
+
+hal::Frame frame_of(const Picture& picture) {
+  hal::Frame frame;
+  frame.bytes = picture.pixels;
+  frame.format = hal::PixelFormat::kLuma8;
+  frame.width = picture.width;
+  frame.height = picture.height;
+  frame.stride = picture.width;
+  return frame;
+}
+
+}  // namespace
+
+TEST_GROUP(Pipeline) {
+  std::unique_ptr<pipeline::State> state = std::make_unique<pipeline::State>();
+  pipeline::Config config;
+  ScriptedJpeg jpeg;
+  scene::PictureConfig view = scene::cropped_320x240();
+  Grid grid;
+  Micros now{1s};
+  std::uint64_t seed = 200;
+  std::vector<Point> truth;
+
+  Picture picture(const Warp& warp = {}) {
+    truth = lattice_px(grid, view, warp);
+    return picture_of(view, truth, ++seed);
+  }
+  pipeline::Result give(hal::Frame frame, Micros after = 40ms) {
+    now += after;
+    frame.timestamp = now;
+    return pipeline::update(*state, config, jpeg, frame);
+  }
+  pipeline::Result show(const Warp& warp = {}, Micros after = 40ms) {
+    const Picture shown = picture(warp);
+    return give(frame_of(shown), after);
+  }
+  void rejects(Reason why, const pipeline::Result& result) {
+    LONGS_EQUAL(static_cast<int>(why), static_cast<int>(result.quality.reason));
+  }
+  // Learns from ten still frames.
+  void learn() {
+    for (int k = 0; k < 10; ++k) CHECK_TRUE(show().quality.ok());
+    CHECK_TRUE(state->reference.known);
+  }
+};
+
+TEST(Pipeline, LearnsFromTheFirstStillFramesThenMeasures) {
+  for (int k = 1; k <= 12; ++k) {
+    const pipeline::Result result = show();
+    CHECK_TRUE(result.quality.ok());
+    LONGS_EQUAL(63, result.markers);
+    CHECK_TRUE((GridSize{7, 9}) == result.grid);
+    CHECK_EQUAL(k >= 10, result.referenced);
+    CHECK_EQUAL(k >= 11, result.features.rates_valid);
+    CHECK_TRUE(result.timestamp == now);
+  }
+  LONGS_EQUAL(0, state->saturations.count);
+}
+
+// Displacement against rendered truth. Centres: 0.029 px rms in two axes, 0.0205 px each; of a displacement
+// with the rest mean of 10 frames 0.0215 px = 1.36 um. V is a mean over 63 markers of two of them: 0.23 um /
+// dt, and the common part of the rest error drops out; E is compared through the histogram of the firmware's
+// own displacements.
+TEST(Pipeline, MeasuresWhatTheTruthSays) {
+  learn();
+  const std::vector<Point> rest_px = truth;
+  Positions rest(rest_px.begin(), rest_px.end());
+  const double pitch_px = 2.02 * view.px_per_mm;
+  Model model;
+  double sum_um2 = 0.0;
+  int n = 0;
+  for (int frame = 0; frame < 40; ++frame) {
+    const double t = frame * 0.15;
+    const pipeline::Result result = show(
+        chained(gaussian({0.4, -0.3}, 3.5, 0.9 * std::sin(t), 0.5 * std::sin(0.7 * t)), rotated(0.5 * std::sin(t))));
+    CHECK_TRUE(result.quality.ok() && result.referenced);
+    const reference_model::Features want =
+        model.update(Positions(truth.begin(), truth.end()), rest, pitch_px, now.count());
+    LONGS_EQUAL(want.markers, result.features.markers);
+    for (std::size_t i = 0; i < 63; ++i) {
+      const MarkerDisplacement& d = state->displacement.markers[i];
+      CHECK_TRUE(d.valid);
+      const double scale_um = 2020.0 / pitch_px;
+      const double off_x = d.dx.raw() - (truth[i].x - rest_px[i].x) * scale_um;
+      const double off_y = d.dy.raw() - (truth[i].y - rest_px[i].y) * scale_um;
+      sum_um2 += off_x * off_x + off_y * off_y;
+      ++n;
+    }
+    // The firmware's own displacements, in double: the same histogram and entropy.
+    Displacements own(63);
+    for (std::size_t i = 0; i < 63; ++i) {
+      own[i] = Point{static_cast<double>(state->displacement.markers[i].dx.raw()),
+                     static_cast<double>(state->displacement.markers[i].dy.raw())};
+    }
+    const Histogram histogram = histogram_of(own, 1900.0);
+    for (std::size_t b = 0; b < kHistogramBins; ++b) LONGS_EQUAL(histogram[b], result.features.histogram[b]);
+    DOUBLES_EQUAL(static_cast<double>(entropy_long_double(histogram)), result.features.entropy.raw() / 65536.0, 1e-5);
+    if (frame == 0) continue;
+    CHECK_TRUE(result.features.rates_valid);
+    // 6 sigma of 0.23 um / 40 ms = 35 um/s, and 1 % of the speed: the registered pitch is that well known.
+    DOUBLES_EQUAL(want.vx_um_s, result.features.vx.raw(), 35.0 + 0.01 * std::abs(want.vx_um_s));
+    DOUBLES_EQUAL(want.vy_um_s, result.features.vy.raw(), 35.0 + 0.01 * std::abs(want.vy_um_s));
+  }
+  // 2-D: 0.029 px and the rest's share are 1.92 um; 0.58 um of rounding twice; 1 % of pitch on up to 1 mm: 3
+  // um.
+  CHECK_TRUE(std::sqrt(sum_um2 / n) <= 3.6);
+}
+
+TEST(Pipeline, RefusesFramesThatDoNotComeForward) {
+  learn();
+  rejects(Reason::kTimeNotForward, show({}, 0us));
+  rejects(Reason::kTimeNotForward, show({}, -1us));
+  now += 1us;
+  rejects(Reason::kTimeNotForward, show({}, -10s));
+  now += 10s;
+  const pipeline::Result next = show();
+  CHECK_TRUE(next.quality.ok());
+  CHECK_TRUE(next.features.rates_valid);
+}
+
+TEST(Pipeline, RefusesFramesThatContradictThemselves) {
+  learn();
+  const Picture shown = picture();
+  const hal::Frame good = frame_of(shown);
+  const auto with = [&](auto change) {
+    hal::Frame frame = good;
+    change(frame);
+    return give(frame);
+  };
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.width = 0; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.height = 0; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.height = -240; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.width = -320; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.stride = 319; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.stride = -320; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.bytes = {}; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.bytes = f.bytes.first(f.bytes.size() - 1); }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.width = f.height = f.stride = INT32_MAX; }));
+  rejects(Reason::kFrameFormat, with([](hal::Frame& f) { f.height = 239; }));  // another size than before
+  CHECK_TRUE(give(good).quality.ok());
+}
+
+TEST(Pipeline, RefusesPicturesOutsideItsMemory) {
+  const Picture small = flat(63, 48, 100);
+  const Picture low = flat(64, 47, 100);
+  const Picture large = flat(1641, 1232, 100);
+  const Picture high = flat(1640, 1233, 100);
+  rejects(Reason::kPictureTooSmall, give(frame_of(small)));
+  rejects(Reason::kPictureTooSmall, give(frame_of(low)));
+  rejects(Reason::kPictureTooSmall, give(frame_of(flat(1, 1, 0))));
+  rejects(Reason::kPictureTooLarge, give(frame_of(large)));
+  rejects(Reason::kPictureTooLarge, give(frame_of(high)));
+  // A refused picture does not fix the size of the stream.
+  CHECK_TRUE(show().quality.ok());
+}
+
+// The last row need not be padded to the stride.
+TEST(Pipeline, TakesAPaddedPictureThatEndsWithItsLastPixel) {
+  const Picture plain = picture();
+  constexpr std::size_t kStride = 333;
+  std::unique_ptr<std::uint8_t[]> block(new std::uint8_t[239 * kStride + 320]);
+  for (std::size_t y = 0; y < 240; ++y)
+    std::copy_n(plain.pixels.begin() + static_cast<std::ptrdiff_t>(y * 320), 320, block.get() + y * kStride);
+  hal::Frame frame = frame_of(plain);
+  frame.bytes = {block.get(), 239 * kStride + 320};
+  frame.stride = kStride;
+  const pipeline::Result result = give(frame);
+  CHECK_TRUE(result.quality.ok());
+  LONGS_EQUAL(63, result.markers);
+}
+
+// 71 % of 63 is 44.7: 45 are enough. The dots go one by one from the inside, so that no outer line is hidden
+// and no name is in doubt; several at once would look like a jump.
+TEST(Pipeline, RefusesFramesWithTooFewMarkers) {
+  learn();
+  const auto all = lattice_px(grid, view);
+  std::vector<std::size_t> inner;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (i % 9 > 0 && i % 9 < 8 && i / 9 > 0 && i / 9 < 6) inner.push_back(i);
+  }
+  for (std::size_t gone = 1; gone <= 22; ++gone) {
+    std::vector<Point> left;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (std::find(inner.begin(), inner.begin() + static_cast<std::ptrdiff_t>(gone), i) ==
+          inner.begin() + static_cast<std::ptrdiff_t>(gone))
+        left.push_back(all[i]);
+    }
+    const Picture shown = picture_of(view, left, gone);
+    const pipeline::Result result = give(frame_of(shown));
+    LONGS_EQUAL(63 - gone, result.markers);
+    rejects(gone <= 18 ? Reason::kNone : Reason::kMarkersLost, result);
+    CHECK_EQUAL(gone <= 18, result.referenced);
+  }
+  CHECK_TRUE(show().quality.ok());
+}
+
+TEST(Pipeline, SaysWhyThereIsNoLattice) {
+  rejects(Reason::kTooFewDots, give(frame_of(flat(320, 240, 90))));
+  config.tracker.grid.size = {8, 10};
+  rejects(Reason::kGridMismatch, show());
+  CHECK_TRUE((GridSize{7, 9}) == state->tracker.found);
+}
+
+TEST(Pipeline, PassesTheDecodersReasonOn) {
+  hal::Frame frame;
+  frame.width = 3280;
+  frame.height = 2464;
+  jpeg.picture = picture();
+  jpeg.status = {Reason::kJpegDamaged};
+  rejects(Reason::kJpegDamaged, give(frame));
+  jpeg.status = {};
+  CHECK_TRUE(give(frame).quality.ok());
+  LONGS_EQUAL(2, jpeg.calls);
+  LONGS_EQUAL(8, static_cast<int>(jpeg.asked));
+}
+
+// Time is judged first: a picture seen twice is not decoded twice.
+TEST(Pipeline, DoesNotDecodeAFrameThatIsNotNewer) {
+  hal::Frame frame;
+  frame.width = 3280;
+  jpeg.picture = picture();
+  CHECK_TRUE(give(frame).quality.ok());
+  rejects(Reason::kTimeNotForward, give(frame, 0us));
+  LONGS_EQUAL(1, jpeg.calls);
+}
+
+// Small cameras are decoded at a finer scale, so that at least 300 columns remain, or all there are.
+TEST(Pipeline, DecodesSmallCamerasAtAFinerScale) {
+  struct Case {
+    DecodeScale mode;
+    std::int32_t width;
+    int denominator;
+  };
+  for (const Case& c : {Case{DecodeScale::kEighth, 3280, 8},
+                        {DecodeScale::kEighth, 2400, 8},
+                        {DecodeScale::kEighth, 2399, 4},
+                        {DecodeScale::kEighth, 1280, 4},
+                        {DecodeScale::kEighth, 640, 2},
+                        {DecodeScale::kEighth, 320, 1},
+                        {DecodeScale::kQuarter, 3280, 4},
+                        {DecodeScale::kHalf, 3280, 2},
+                        {DecodeScale::kHalf, 320, 1},
+                        {DecodeScale::kFull, 3280, 1}}) {
+    LONGS_EQUAL(c.denominator, static_cast<int>(luma_input::scale_for(c.mode, c.width)));
+  }
+}
+
+// Rates stand on the last accepted frame, however many bad ones lie between, up to max_gap.
+TEST(Pipeline, MeasuresAcrossRejectedFrames) {
+  learn();
+  (void)show();
+  const Picture black = flat(320, 240, 0);
+  for (int k = 0; k < 3; ++k) CHECK_FALSE(give(frame_of(black), 30ms).quality.ok());
+  // 0.16 mm within 130 ms.
+  pipeline::Result result = show(shifted(0.16, 0.0), 40ms);
+  CHECK_TRUE(result.quality.ok() && result.features.rates_valid);
+  DOUBLES_EQUAL(0.16e3 / 0.130, result.features.vx.raw(), 25.0);
+  result = show(shifted(0.16, 0.0), 251ms);
+  CHECK_TRUE(result.quality.ok());
+  CHECK_FALSE(result.features.rates_valid);
+}
+
+// What was asked of the gripper stays asked while frames are bad.
+TEST(Pipeline, KeepsTheRequestOverRejectedFrames) {
+  learn();
+  state->decision.raised = true;
+  state->decision.last_slip = now;
+  const Picture black = flat(320, 240, 0);
+  for (int k = 0; k < 20; ++k) {
+    const pipeline::Result result = give(frame_of(black));
+    CHECK_FALSE(result.quality.ok());
+    CHECK_FALSE(result.referenced);
+    LONGS_EQUAL(static_cast<int>(GripRequest::kTighten), static_cast<int>(result.request));
+  }
+}
+
+TEST(Pipeline, TakesOneFrameForTheReference) {
+  const Picture empty = picture();
+  CHECK_TRUE(pipeline::learn(*state, config, jpeg, frame_of(empty)).ok());
+  const pipeline::Result result = show(shifted(0.3, -0.2));
+  CHECK_TRUE(result.quality.ok() && result.referenced);
+  DOUBLES_EQUAL(300.0, state->displacement.markers[31].dx.raw(), 8.0);
+  DOUBLES_EQUAL(-200.0, state->displacement.markers[31].dy.raw(), 8.0);
+}
+
+TEST(Pipeline, SaysWhyAPictureIsNoReference) {
+  const auto why = [&](const Picture& shown) {
+    return static_cast<int>(pipeline::learn(*state, config, jpeg, frame_of(shown)).reason);
+  };
+  LONGS_EQUAL(static_cast<int>(Reason::kTooFewDots), why(flat(320, 240, 100)));
+  LONGS_EQUAL(static_cast<int>(Reason::kFrameFormat), why(flat(160, 120, 100)));  // the stream has its size now
+  config.tracker.grid.size = {9, 7};
+  LONGS_EQUAL(static_cast<int>(Reason::kGridMismatch), why(picture()));
+  config.tracker.grid.size = {7, 9};
+  LONGS_EQUAL(static_cast<int>(Reason::kNone), why(picture()));
+}
+
+TEST(Pipeline, LearnsAgainAfterTare) {
+  learn();
+  for (int k = 0; k < 5; ++k) (void)show(shifted(0.1 * k, 0.0));
+  state->decision.raised = true;
+  pipeline::tare(*state);
+  for (int k = 1; k <= 10; ++k) {
+    const pipeline::Result result = show(shifted(0.4, 0.0));
+    CHECK_EQUAL(k == 10, result.referenced);
+    LONGS_EQUAL(static_cast<int>(GripRequest::kHold), static_cast<int>(result.request));
+  }
+  for (std::size_t i = 0; i < 63; ++i) CHECK_TRUE(std::abs(state->displacement.markers[i].dx.raw()) <= 10);
+}
+
+// Two runs over the same frames give the same bytes: nothing hangs on addresses or on what the memory held
+// before.
+TEST(Pipeline, IsDeterministic) {
+  std::array<std::vector<std::int32_t>, 2> runs;
+  for (auto& run : runs) {
+    state = std::make_unique<pipeline::State>();
+    now = 1s;
+    seed = 900;
+    for (int frame = 0; frame < 30; ++frame) {
+      const pipeline::Result r = show(frame < 12 ? Warp{} : gaussian({0.4, -0.3}, 3.0, 0.06 * frame - 0.7, 0.0));
+      for (const std::int32_t v :
+           {r.features.vx.raw(), r.features.vy.raw(), r.features.entropy.raw(), r.features.entropy_rate.raw()})
+        run.push_back(v);
+      for (std::size_t i = 0; i < 63; ++i) run.push_back(state->tracker.field.markers[i].x.raw());
+    }
+  }
+  CHECK_TRUE(runs[0] == runs[1]);
+}
