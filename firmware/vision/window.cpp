@@ -10,42 +10,6 @@
 namespace holdfast::window {
 namespace {
 
-constexpr std::int32_t kBand = 8;  // rows summed before 16-bit lanes are flushed
-
-// Sum over y of y * w without a multiplication per pixel: within a band of 8 rows the running column sum is added
-// up once more each row, which weighs row j with 8 - j. Range of 16-bit lanes: weights <= 255, so a band's column
-// sum <= 2 040, its running sum <= 36 * 255 = 9 180, and a column over 128 rows <= 32 640.
-template <std::int32_t kSize>
-Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Threshold& threshold, std::uint8_t cap) {
-  std::array<std::uint16_t, idx(kSize)> column{};
-  Sums out{};
-  for (std::int32_t y = 0; y < kSize; y += kBand) {
-    std::array<std::uint16_t, idx(kSize)> band{};
-    std::array<std::uint16_t, idx(kSize)> running{};
-    for (std::int32_t j = 0; j < kBand; ++j) {
-      const std::uint8_t* row = top_left + static_cast<std::ptrdiff_t>(y + j) * stride;
-      const std::uint8_t offset = threshold.level_y[y + j];
-      for (std::int32_t x = 0; x < kSize; ++x) {
-        const auto level = static_cast<std::uint8_t>(threshold.level_x[x] + offset);
-        const auto dark = static_cast<std::uint8_t>(std::max(level, row[x]) - row[x]);
-        band[idx(x)] = static_cast<std::uint16_t>(band[idx(x)] + std::min(dark, cap));
-        running[idx(x)] = static_cast<std::uint16_t>(running[idx(x)] + band[idx(x)]);
-      }
-    }
-    std::uint32_t mass = 0;
-    std::uint32_t weighted = 0;
-    for (std::int32_t x = 0; x < kSize; ++x) {
-      mass += band[idx(x)];
-      weighted += running[idx(x)];
-      column[idx(x)] = static_cast<std::uint16_t>(column[idx(x)] + band[idx(x)]);
-    }
-    out.mass += mass;
-    out.y += mass * static_cast<std::uint32_t>(y + kBand) - weighted;
-  }
-  for (std::int32_t x = 0; x < kSize; ++x) out.x += column[idx(x)] * static_cast<std::uint32_t>(x);
-  return out;
-}
-
 struct Place {
   std::int32_t left = 0, top = 0;
 };
@@ -115,24 +79,20 @@ Threshold threshold_of(const Background& background, std::int32_t size, std::int
 
 }  // namespace
 
-Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Threshold& threshold,
-          std::uint8_t cap) {
-  switch (size) {
-    case 16:
-      return sums_of<16>(top_left, stride, threshold, cap);
-    case 24:
-      return sums_of<24>(top_left, stride, threshold, cap);
-    case 32:
-      return sums_of<32>(top_left, stride, threshold, cap);
-    case 48:
-      return sums_of<48>(top_left, stride, threshold, cap);
-    case 64:
-      return sums_of<64>(top_left, stride, threshold, cap);
-    case 96:
-      return sums_of<96>(top_left, stride, threshold, cap);
-    default:
-      return sums_of<128>(top_left, stride, threshold, cap);
+Sums sums_scalar(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Threshold& threshold,
+                 std::uint8_t cap) {
+  Sums out{};
+  for (std::int32_t y = 0; y < size; ++y) {
+    const std::uint8_t* row = top_left + static_cast<std::ptrdiff_t>(y) * stride;
+    for (std::int32_t x = 0; x < size; ++x) {
+      const auto level = static_cast<std::uint8_t>(threshold.level_x[x] + threshold.level_y[y]);
+      const auto weight = static_cast<std::uint32_t>(std::min<std::int32_t>(std::max(level, row[x]) - row[x], cap));
+      out.mass += weight;
+      out.x += weight * static_cast<std::uint32_t>(x);
+      out.y += weight * static_cast<std::uint32_t>(y);
+    }
   }
+  return out;
 }
 
 std::int32_t size_for(PixelsQ8 pitch) {

@@ -38,8 +38,10 @@ struct Threshold {
   std::uint8_t level_y[kMaxSize];  // two's complement offset, added modulo 256
 };
 
-// Range: size a multiple of 8 in [16, 128]; mass <= 128 * 128 * 255 = 4.2e6; x, y <= mass * 127 = 5.4e8.
-// Written so that compilers turn the inner loop into 8- or 16-lane code; test compares it with a plain double loop.
+// Range: size one of 16, 24, 32, 48, 64, 96, 128; mass <= 128 * 128 * 255 = 4.2e6; x, y <= mass * 127 = 5.4e8.
+// The plain form says what is meant; the vector form (window_simd.cpp) gives the same integers and is used.
+[[nodiscard]] Sums sums_scalar(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size,
+                               const Threshold& threshold, std::uint8_t cap);
 [[nodiscard]] Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size,
                         const Threshold& threshold, std::uint8_t cap);
 

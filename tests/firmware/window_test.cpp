@@ -54,6 +54,8 @@ void check_sums(const LumaView& luma, std::int32_t left, std::int32_t top, std::
   CHECK_TRUE(want.mass == static_cast<double>(got.mass));
   CHECK_TRUE(want.x == static_cast<double>(got.x));
   CHECK_TRUE(want.y == static_cast<double>(got.y));
+  const window::Sums plain = window::sums_scalar(luma.row(top) + left, luma.stride, size, threshold, cap);
+  CHECK_TRUE(plain.mass == got.mass && plain.x == got.x && plain.y == got.y);
 }
 
 // t = level + slopes, always within 0..255 as the stage promises itself.
