@@ -53,7 +53,7 @@ ensure_packages() {
     elif [[ $installed != "$wanted" ]]; then
       others+=("$package $installed (known to work: $wanted)")
     fi
-  done < <(package_table)
+  done <<<"$(package_table)"
 
   for package in "${others[@]}"; do note "$package"; done
   if ((${#missing[@]} == 0)); then

@@ -36,6 +36,8 @@ Status App::start(const Params& params, bool auto_size) {
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
     return {Reason::kGpioFailed};
   }
+  alive_high_ = false;
+  state_.any_frame = false;  // another stream may count its time from another start
   return devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
 }
 
@@ -48,7 +50,7 @@ bool App::step() {
   hal::Frame frame;
   const hal::Capture capture = devices_.camera.next(frame, kFrameWait);
   if (capture == hal::Capture::kFrame) {
-    result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
+    take(frame);
     devices_.camera.release(frame);
     signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now()));
   } else {
@@ -62,6 +64,18 @@ bool App::step() {
   return capture != hal::Capture::kGone;
 }
 
+// A frame that tells of long ago vouches for nothing; one from the future would lock out all that follow it.
+void App::take(const hal::Frame& frame) {
+  const Micros age = devices_.clock.now() - frame.timestamp;
+  if (age >= -kClockSlack && age <= kOldestFrame) {
+    result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
+    return;
+  }
+  result_.timestamp = frame.timestamp;
+  result_.sequence = frame.sequence;
+  result_.quality = {age > kOldestFrame ? Reason::kFrameStale : Reason::kTimeNotForward};
+}
+
 void App::stop() {
   devices_.camera.stop();
   outputs_.grip_ok = false;
@@ -69,19 +83,21 @@ void App::stop() {
   (void)devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
 }
 
-// A falling GRIP_OK goes out before ALIVE shows the frame, a rising one after it: no receiver can see a fresh ALIVE
-// beside a level that the frame has just withdrawn.
+// ALIVE vouches for GRIP_OK, so it moves only after GRIP_OK has taken its level. The one exception is a rise, which
+// goes out after ALIVE: no receiver may pair a new HIGH with the edge of the frame before. Whatever line refuses,
+// GRIP_OK is tried LOW and ALIVE stands still until GRIP_OK obeys again.
 void App::signal(const supervisor::Outputs& outputs) {
-  const auto grip_ok = static_cast<hal::Level>(outputs.grip_ok);
-  bool done = true;
-  if (!outputs.grip_ok) done = devices_.gpio.set(hal::Line::kGripOk, grip_ok);
-  if (outputs.alive_high != outputs_.alive_high) {
-    // ALIVE vouches for GRIP_OK: it must not move when GRIP_OK could not be lowered.
-    done = done && devices_.gpio.set(hal::Line::kAlive, static_cast<hal::Level>(outputs.alive_high));
+  const bool rises = outputs.grip_ok && !outputs_.grip_ok;
+  const auto grip_ok = static_cast<hal::Level>(outputs.grip_ok && !rises);
+  bool obeyed = devices_.gpio.set(hal::Line::kGripOk, grip_ok);
+  if (obeyed && outputs.accepted) {
+    obeyed = devices_.gpio.set(hal::Line::kAlive, static_cast<hal::Level>(!alive_high_));
+    if (obeyed) alive_high_ = !alive_high_;
   }
-  if (outputs.grip_ok) done = done && devices_.gpio.set(hal::Line::kGripOk, grip_ok);
+  if (obeyed && rises) obeyed = devices_.gpio.set(hal::Line::kGripOk, hal::Level::kHigh);
   outputs_ = outputs;
-  if (done) return;
+  if (obeyed) return;
+  (void)devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
   outputs_.state = DeviceState::kFault;
   outputs_.reason = Reason::kGpioFailed;
   outputs_.grip_ok = false;
@@ -96,7 +112,7 @@ void App::report() {
   frame.reason = outputs_.reason;
   frame.slip = outputs_.slip;
   frame.grip_ok = outputs_.grip_ok;
-  frame.alive = outputs_.alive_high;
+  frame.alive = alive_high_;
   if (result_.quality.ok() && result_.referenced) {
     frame.features_valid = true;
     frame.markers = static_cast<std::uint8_t>(result_.features.markers);

@@ -58,8 +58,13 @@ class App {
 
   // One period at 15 fps and a half: a camera that takes longer is late.
   static constexpr Micros kFrameWait{100'000};
+  // From the start of exposure to arrival here: exposure 18 ms, USB transfer 40 ms, and one period of queueing. Older
+  // frames are rejected; so are those that claim to be from the future by more than the clocks' slack.
+  static constexpr Micros kOldestFrame{150'000};
+  static constexpr Micros kClockSlack{5'000};
 
  private:
+  void take(const hal::Frame& frame);
   void signal(const supervisor::Outputs& outputs);
   void report();
 
@@ -71,6 +76,7 @@ class App {
   supervisor::State supervisor_{};
   pipeline::Result result_{};
   supervisor::Outputs outputs_{};
+  bool alive_high_ = false;  // level that the line ALIVE took last
   std::uint16_t report_sequence_ = 0;
   std::uint32_t link_refused_ = 0;  // status frames that the serial line did not take
 };

@@ -23,7 +23,6 @@ struct Config {
 struct State {
   DeviceState device = DeviceState::kBoot;
   Reason reason = Reason::kNone;
-  bool alive_high = false;
   bool any_accepted = false;
   Micros last_accepted{};  // or of the start, before the first one
   bool started = false;
@@ -35,11 +34,11 @@ struct Outputs {
   Reason reason = Reason::kNone;
   bool slip = false;
   bool grip_ok = false;
-  bool alive_high = false;
+  bool accepted = false;  // ALIVE has to change its level
 };
 
-[[nodiscard]] inline Outputs outputs_of(const State& state, bool slip) {
-  return {state.device, state.reason, slip, state.device == DeviceState::kOk, state.alive_high};
+[[nodiscard]] inline Outputs outputs_of(const State& state, bool slip, bool accepted) {
+  return {state.device, state.reason, slip, state.device == DeviceState::kOk, accepted};
 }
 
 // Nothing usable came: rejected frame, timeout or a stream that ended. `why` is kept as the reason.
@@ -52,7 +51,7 @@ struct Outputs {
     state.device = DeviceState::kFault;
   }
   state.reason = why;
-  return outputs_of(state, request == GripRequest::kTighten);
+  return outputs_of(state, request == GripRequest::kTighten, false);
 }
 
 [[nodiscard]] inline Outputs update(State& state, const Config& config, const pipeline::Result& result, Micros now) {
@@ -60,7 +59,6 @@ struct Outputs {
   state.started = true;
   state.any_accepted = true;
   state.last_accepted = now;
-  state.alive_high = !state.alive_high;
   if (!result.referenced) {
     state.device = DeviceState::kReference;
     state.reason = Reason::kLearning;
@@ -74,7 +72,7 @@ struct Outputs {
     state.device = DeviceState::kOk;
     state.reason = result.features.gap ? Reason::kTimeGap : Reason::kNone;
   }
-  return outputs_of(state, result.request == GripRequest::kTighten);
+  return outputs_of(state, result.request == GripRequest::kTighten, true);
 }
 
 }  // namespace holdfast::supervisor

@@ -47,6 +47,7 @@ enum class Reason : std::uint8_t {
   kDotsOverflow = 39,
   kTimeNotForward = 64,
   kTimeGap = 65,
+  kFrameStale = 66,
   kFewMarkers = 96,
   kLearning = 97,
   kSlipDetected = 98,
@@ -62,7 +63,7 @@ struct ReasonInfo {
   std::string_view next;   // what to do next
 };
 
-inline constexpr std::array<ReasonInfo, 21> kReasons{{
+inline constexpr std::array<ReasonInfo, 22> kReasons{{
     {Reason::kNone, "none", "nothing to report", "-", "-"},
     {Reason::kNoFrame, "no_frame", "no frame arrived in time", "the camera stalls or the USB bus is overloaded",
      "check the cable and give the sensor a USB port of its own"},
@@ -94,6 +95,8 @@ inline constexpr std::array<ReasonInfo, 21> kReasons{{
      "camera timestamps stand still or run backwards", "restart the stream; report the camera's driver"},
     {Reason::kTimeGap, "time_gap", "too long since the frame before", "frames were dropped or the machine stalled",
      "rates start again with this frame; look for overload if it repeats"},
+    {Reason::kFrameStale, "frame_stale", "the frame is too old to vouch for the grip", "frames queue up: overload",
+     "close what else loads the board; use a faster mode"},
     {Reason::kFewMarkers, "few_markers", "some markers are lost", "dirt on the gel or strong shear at the edge",
      "clean the gel if it persists with an empty gripper"},
     {Reason::kLearning, "learning", "the rest position is being learned", "start or TARE",

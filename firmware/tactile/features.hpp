@@ -49,7 +49,7 @@ inline constexpr Micros kMinStep{1'000};  // no camera is faster than 1000 fps; 
   return histogram;
 }
 
-// Range: now may be anything; rates are 0 and marked so unless kMinStep <= now - last <= max_gap.
+// Range: abs(now) < 2^62 us; rates are 0 and marked so unless kMinStep <= now - last <= max_gap.
 // Sums: 128 * 131070 um = 1.7e7, times 1e6 us/s = 1.7e13; entropy step 2^27 * 1e6 = 1.3e14: both fit int64.
 [[nodiscard]] inline Features update(State& state, const Config& config, const DisplacementField& field, Micros now,
                                      Saturations& saturations) {

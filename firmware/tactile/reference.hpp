@@ -25,9 +25,10 @@ struct State {
   MarkerField rest;  // valid = this marker has a rest position
   PixelsQ8 pitch;    // mean spacing of neighbours at rest, working image
   int count = 0;
-  MarkerField first;                                    // of the frames being averaged
+  MarkerField first;                                    // where each marker was first seen of the frames being averaged
   std::array<std::int32_t, kMaxMarkers> sum_x_px_q8{};  // of offsets from `first`: 100 frames * 192 fits 16 bits
   std::array<std::int32_t, kMaxMarkers> sum_y_px_q8{};
+  std::array<std::int32_t, kMaxMarkers> seen{};  // frames in which the marker was valid
 };
 
 // Mean length of the links between neighbours. 0 when no two neighbours are valid.
@@ -57,35 +58,42 @@ inline void forget(State& state) {
   state.count = 0;
 }
 
-// Takes one frame into the mean; returns true once, with the frame that completes it.
+// Takes one frame into the mean; returns true once, with the frame that completes it. A marker that was seen in less
+// than half of the frames gets no rest position; one that flickers does not hold the others up.
 [[nodiscard]] inline bool update(State& state, const Config& config, const MarkerField& field) {
   if (state.known) return false;
   bool still = state.count > 0 && state.first.grid == field.grid;
   for (std::int32_t i = 0; still && i < field.grid.count(); ++i) {
     const Marker& first = state.first.markers[idx(i)];
     const Marker& now = field.markers[idx(i)];
-    still = first.valid == now.valid && (!now.valid || (std::abs(now.x.raw() - first.x.raw()) <= config.still.raw() &&
-                                                        std::abs(now.y.raw() - first.y.raw()) <= config.still.raw()));
+    still = !first.valid || !now.valid ||
+            (std::abs(now.x.raw() - first.x.raw()) <= config.still.raw() &&
+             std::abs(now.y.raw() - first.y.raw()) <= config.still.raw());
   }
   if (!still) {
     state.first = field;
     state.count = 0;
     state.sum_x_px_q8.fill(0);
     state.sum_y_px_q8.fill(0);
+    state.seen.fill(0);
   }
   for (std::int32_t i = 0; i < field.grid.count(); ++i) {
-    const Marker& first = state.first.markers[idx(i)];
+    Marker& first = state.first.markers[idx(i)];
     const Marker& now = field.markers[idx(i)];
     if (!now.valid) continue;
+    if (!first.valid) first = now;
     state.sum_x_px_q8[idx(i)] += now.x.raw() - first.x.raw();
     state.sum_y_px_q8[idx(i)] += now.y.raw() - first.y.raw();
+    ++state.seen[idx(i)];
   }
   if (++state.count < config.frames) return false;
   state.rest = state.first;
   for (std::int32_t i = 0; i < field.grid.count(); ++i) {
     Marker& rest = state.rest.markers[idx(i)];
+    const std::int32_t seen = state.seen[idx(i)];
+    rest.valid = seen * 2 >= state.count && seen > 0;
     if (!rest.valid) continue;
-    const auto mean = [&](std::int32_t sum) { return static_cast<std::int32_t>(div_round(sum, state.count)); };
+    const auto mean = [&](std::int32_t sum) { return static_cast<std::int32_t>(div_round(sum, seen)); };
     rest.x = PixelsQ8::from_raw(rest.x.raw() + mean(state.sum_x_px_q8[idx(i)]));
     rest.y = PixelsQ8::from_raw(rest.y.raw() + mean(state.sum_y_px_q8[idx(i)]));
   }

@@ -200,7 +200,7 @@ void walk(State& state, const dots::Dots& dots, const Basis& basis, int seed) {
 struct Window {
   int row = 0, col = 0;  // first cell
   int dots = 0;
-  bool unique = true;
+  bool unique = false;  // no other place covers nearly as many dots
 };
 
 int count_cells(const State& state, int row, int col, int rows, int cols) {
@@ -234,23 +234,31 @@ std::int64_t distance_to_prior(const State& state, const dots::Dots& dots, const
   return n == 0 ? INT64_MAX : sum / n;
 }
 
-// Lays rows x cols where it covers most dots. Equal counts: the place nearest to the earlier field, if any.
+// Lays rows x cols over the dots. Places that cover within half a line of the most dots are alike: a stray or a hidden
+// dot must not move the grid by a line. Among them the nearest to the earlier field wins; without one, the fullest.
 Window place(const State& state, const dots::Dots& dots, GridSize size, const MarkerField* prior) {
+  const int alike = prior != nullptr ? std::min(size.rows, size.cols) / 2 : 0;
+  const auto each_place = [&](auto&& visit) {
+    for (int row = -kReach; row <= kReach - size.rows + 1; ++row) {
+      for (int col = -kReach; col <= kReach - size.cols + 1; ++col) {
+        const int n = count_cells(state, row, col, size.rows, size.cols);
+        if (n > 0) visit(row, col, n);
+      }
+    }
+  };
+  int most = 0;
+  each_place([&](int, int, int n) { most = std::max(most, n); });
   Window best{};
   std::int64_t best_distance = 0;
-  for (int row = -kReach; row <= kReach - size.rows + 1; ++row) {
-    for (int col = -kReach; col <= kReach - size.cols + 1; ++col) {
-      const int n = count_cells(state, row, col, size.rows, size.cols);
-      if (n == 0 || n < best.dots) continue;
-      const std::int64_t distance = prior != nullptr ? distance_to_prior(state, dots, *prior, row, col) : 0;
-      if (n == best.dots) {
-        if (prior == nullptr) best.unique = false;
-        if (prior == nullptr || distance >= best_distance) continue;
-      }
-      best = {row, col, n, true};
-      best_distance = distance;
-    }
-  }
+  int candidates = 0;
+  each_place([&](int row, int col, int n) {
+    if (n < most - alike) return;
+    const std::int64_t distance = prior != nullptr ? distance_to_prior(state, dots, *prior, row, col) : 0;
+    if (candidates++ > 0 && distance >= best_distance) return;
+    best = {row, col, n, true};
+    best_distance = distance;
+  });
+  best.unique = candidates == 1;
   return best;
 }
 
@@ -336,12 +344,14 @@ Status register_dots(State& state, const Config& config, const dots::Dots& dots,
   const GridSize size = config.auto_size && prior == nullptr ? extent.size
                         : prior != nullptr                   ? prior->grid
                                                              : config.size;
+  if (prior == nullptr && (extent.size.rows > size.rows || extent.size.cols > size.cols)) {
+    return {Reason::kGridAmbiguous};
+  }
   const Window window = place(state, dots, size, prior);
   const int missing = size.count() - window.dots;
-  if (missing * 16 > size.count() * config.missing_sixteenths || !window.unique) return {Reason::kGridMismatch};
-  if (extent.size.rows > size.rows || extent.size.cols > size.cols) {
-    if (prior == nullptr) return {Reason::kGridAmbiguous};
-  }
+  const std::int32_t allowed =
+      prior != nullptr && window.unique ? config.missing_sixteenths_sure : config.missing_sixteenths;
+  if (missing * 16 > size.count() * allowed || (prior == nullptr && !window.unique)) return {Reason::kGridMismatch};
 
   out.field.grid = size;
   out.pitch = PixelsQ8::from_raw(basis.pitch_px_q8);

@@ -22,6 +22,8 @@ struct Config {
   // Markers that may be missing, in parts of 16 of the grid. Price of more: a wrong column is taken for a right
   // one when a whole line is hidden.
   std::int32_t missing_sixteenths = 2;
+  // The same when an earlier field is known and no other place covers nearly as many dots.
+  std::int32_t missing_sixteenths_sure = 5;
 };
 
 struct Lattice {

@@ -25,7 +25,9 @@ struct State {
 // decoded at a finer scale than the mode asks for.
 inline constexpr std::int32_t kLeastWorkingWidth = 300;
 
+// A width that the driver does not know (0) leaves the mode's scale.
 [[nodiscard]] constexpr DecodeScale scale_for(DecodeScale asked, std::int32_t full_width) {
+  if (full_width <= 0) return asked;
   auto denominator = static_cast<std::int32_t>(asked);
   while (denominator > 1 && full_width / denominator < kLeastWorkingWidth) denominator /= 2;
   return static_cast<DecodeScale>(denominator);

@@ -226,17 +226,23 @@ Status update(State& state, const Config& config, const LumaView& luma) {
     const Status status = search(state, config, luma);
     if (!status.ok()) return status;
     take_lattice(state, config, luma);
-    keep_order(state);
     look_for_lost(state, config, luma);  // dots too faint for the search, in dark corners for instance
+    keep_order(state);
     return kOkStatus;
   }
   const int lost_before = lost_count(state);
   state.before = state.field;
-  for (std::int32_t i = 0; i < state.field.grid.count(); ++i) look(state, config, luma, i);
+  // A lost marker is only looked for where its neighbours say, or it might come back as somebody else.
+  for (std::int32_t i = 0; i < state.field.grid.count(); ++i) {
+    if (state.field.markers[idx(i)].valid) look(state, config, luma, i);
+  }
   keep_order(state);
   const bool jumped =
       !state.names_sure || lost_count(state) - lost_before >= config.lost_to_search || outer_line_lost(state);
-  if (!jumped) look_for_lost(state, config, luma);
+  if (!jumped) {
+    look_for_lost(state, config, luma);
+    keep_order(state);
+  }
 
   if (!jumped && lost_count(state) == 0) {
     state.frames_to_search = 0;
@@ -245,8 +251,8 @@ Status update(State& state, const Config& config, const LumaView& luma) {
     const bool found = search(state, config, luma).ok();
     if (found) {
       take_lattice(state, config, luma);
-      keep_order(state);
       look_for_lost(state, config, luma);
+      keep_order(state);
     } else if (jumped) {
       // The windows may all sit one dot further: better no marker than a wrong name.
       state.field = state.before;

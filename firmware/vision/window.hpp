@@ -32,18 +32,21 @@ struct Sums {
   std::uint32_t y = 0;     // sum of weight * row
 };
 
-// The plane t of a window: t(x, y) = level_x[x] + level_y[y], always within 0..255.
-struct Threshold {
-  std::uint8_t level_x[kMaxSize];
-  std::uint8_t level_y[kMaxSize];  // two's complement offset, added modulo 256
+// The plane t of a window of `size`, about its middle: with u = 2 x - (size - 1), v = 2 y - (size - 1),
+//   t(x, y) = level + ((slope_x_q9 * u) >> 9) + ((slope_y_q9 * v) >> 9)    (arithmetic shifts).
+// Range: both products fit 16 bits (a tilt over the window of at most 127 levels), and t stays within 0..255.
+struct Plane {
+  std::uint8_t level = 0;
+  std::int16_t slope_x_q9 = 0;  // grey levels per half pixel
+  std::int16_t slope_y_q9 = 0;
 };
 
 // Range: size one of 16, 24, 32, 48, 64, 96, 128; mass <= 128 * 128 * 255 = 4.2e6; x, y <= mass * 127 = 5.4e8.
 // The plain form says what is meant; the vector form (window_simd.cpp) gives the same integers and is used.
-[[nodiscard]] Sums sums_scalar(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size,
-                               const Threshold& threshold, std::uint8_t cap);
-[[nodiscard]] Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size,
-                        const Threshold& threshold, std::uint8_t cap);
+[[nodiscard]] Sums sums_scalar(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Plane& plane,
+                               std::uint8_t cap);
+[[nodiscard]] Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Plane& plane,
+                        std::uint8_t cap);
 
 // Window size for a lattice: about 3/4 of the pitch, so that a neighbour's rim stays outside.
 [[nodiscard]] std::int32_t size_for(PixelsQ8 pitch);

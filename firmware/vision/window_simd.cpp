@@ -20,6 +20,7 @@ constexpr std::int32_t kBand = 8;
 constexpr std::size_t kLanes = 8;
 using Bytes [[gnu::vector_size(kLanes)]] = std::uint8_t;
 using Words [[gnu::vector_size(2 * kLanes)]] = std::uint16_t;
+using SignedWords [[gnu::vector_size(2 * kLanes)]] = std::int16_t;
 using DoubleWords [[gnu::vector_size(4 * kLanes)]] = std::uint32_t;
 
 // In a struct, because a template argument loses the attribute that makes a vector.
@@ -30,17 +31,21 @@ struct WordLanes {
   Words v;
 };
 
-std::uint32_t total(DoubleWords lanes) {
+std::uint32_t total(const DoubleWords& lanes) {
   std::uint32_t sum = 0;
   for (std::size_t lane = 0; lane < kLanes; ++lane) sum += lanes[lane];
   return sum;
 }
 
 template <std::int32_t kSize>
-Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Threshold& threshold, std::uint8_t cap) {
+Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Plane& plane, std::uint8_t cap) {
   constexpr std::size_t kGroups = static_cast<std::size_t>(kSize) / kLanes;
+  constexpr SignedWords kHalfPixels{0, 2, 4, 6, 8, 10, 12, 14};
   std::array<ByteLanes, kGroups> level_x{};
-  std::memcpy(level_x.data(), threshold.level_x, sizeof level_x);
+  for (std::size_t g = 0; g < kGroups; ++g) {
+    const auto first = static_cast<std::int16_t>(static_cast<std::int32_t>(2 * g * kLanes) - (kSize - 1));
+    level_x[g].v = __builtin_convertvector(((kHalfPixels + first) * plane.slope_x_q9) >> 9, Bytes);
+  }
   const Bytes most = Bytes{} + cap;
   std::array<WordLanes, kGroups> column{};
   DoubleWords mass{};
@@ -50,7 +55,8 @@ Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Threshold&
     std::array<WordLanes, kGroups> running{};
     for (std::int32_t j = 0; j < kBand; ++j) {
       const std::uint8_t* row = top_left + static_cast<std::ptrdiff_t>(y + j) * stride;
-      const Bytes offset = Bytes{} + threshold.level_y[y + j];
+      const std::int32_t tilt = (plane.slope_y_q9 * (2 * (y + j) - (kSize - 1))) >> 9;
+      const Bytes offset = Bytes{} + static_cast<std::uint8_t>(plane.level + tilt);
       for (std::size_t g = 0; g < kGroups; ++g) {
         Bytes luma;
         std::memcpy(&luma, row + g * kLanes, kLanes);
@@ -79,23 +85,22 @@ Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Threshold&
 
 }  // namespace
 
-Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Threshold& threshold,
-          std::uint8_t cap) {
+Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Plane& plane, std::uint8_t cap) {
   switch (size) {
     case 16:
-      return sums_of<16>(top_left, stride, threshold, cap);
+      return sums_of<16>(top_left, stride, plane, cap);
     case 24:
-      return sums_of<24>(top_left, stride, threshold, cap);
+      return sums_of<24>(top_left, stride, plane, cap);
     case 32:
-      return sums_of<32>(top_left, stride, threshold, cap);
+      return sums_of<32>(top_left, stride, plane, cap);
     case 48:
-      return sums_of<48>(top_left, stride, threshold, cap);
+      return sums_of<48>(top_left, stride, plane, cap);
     case 64:
-      return sums_of<64>(top_left, stride, threshold, cap);
+      return sums_of<64>(top_left, stride, plane, cap);
     case 96:
-      return sums_of<96>(top_left, stride, threshold, cap);
+      return sums_of<96>(top_left, stride, plane, cap);
     default:
-      return sums_of<128>(top_left, stride, threshold, cap);
+      return sums_of<128>(top_left, stride, plane, cap);
   }
 }
 

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole firmware on simulated devices in virtual time: what a receiver sees on the two lines and on the
-// serial link.
+// The whole firmware on simulated devices in virtual time: what a receiver sees on the two lines and on the serial link.
 //
-// The receiver's rule (DESIGN.md, Outputs): GRIP_OK counts only while the last edge of ALIVE is younger than
-// 150 ms.
+// The receiver's rule (DESIGN.md, Outputs): GRIP_OK counts only while the last edge of ALIVE is younger than 150 ms.
 #include "app/app.hpp"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "drivers/sim/camera_faults.hpp"
@@ -36,6 +36,105 @@ class NoJpeg final : public JpegDecoder {
   [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer&) override {
     return {Reason::kJpegDamaged};
   }
+};
+
+// One picture for ever, every 40 ms, as old as the plan says when it arrives: ages[k] for the k-th frame, then 40 ms.
+class AgedCamera final : public hal::Camera {
+ public:
+  AgedCamera(sim::Clock& clock, const LumaView& picture, std::vector<Micros> ages)
+      : clock_(clock), picture_(picture), ages_(std::move(ages)) {}
+
+ private:
+  [[nodiscard]] bool do_start() override { return true; }
+  [[nodiscard]] hal::Capture do_next(hal::Frame& frame, Micros) override {
+    clock_.advance(40ms);
+    frame.bytes = {picture_.data, static_cast<std::size_t>(picture_.stride * picture_.height)};
+    frame.format = hal::PixelFormat::kLuma8;
+    frame.width = picture_.width;
+    frame.height = picture_.height;
+    frame.stride = picture_.stride;
+    frame.timestamp = clock_.now() - (shown_ < ages_.size() ? ages_[shown_] : Micros{40ms});
+    frame.sequence = static_cast<std::uint32_t>(shown_++);
+    return hal::Capture::kFrame;
+  }
+  void do_release(const hal::Frame&) override {}
+  void do_stop() override {}
+
+  sim::Clock& clock_;
+  LumaView picture_;
+  std::vector<Micros> ages_;
+  std::size_t shown_ = 0;
+};
+
+// Lines that refuse a run of calls, and an observer who notes what may never happen.
+class RefusingGpio final : public hal::Gpio {
+ public:
+  enum class Who { kGripOk, kAlive, kBoth, kGripOkHigh, kGripOkLow };
+  struct Plan {
+    std::uint64_t first_call = UINT64_MAX;  // from here on, for `calls` calls that fit `who`
+    std::uint64_t calls = 0;
+    Who who = Who::kBoth;
+    bool takes_it = false;  // the chip says no, but the line moves all the same
+  };
+  Plan plan;
+
+  [[nodiscard]] Level level(Line line) const { return level_[static_cast<std::size_t>(line)]; }
+  [[nodiscard]] int alive_edges() const { return alive_edges_; }
+  [[nodiscard]] std::uint64_t calls() const { return calls_; }
+  // What happened since the last call of begin_step().
+  void begin_step() {
+    alive_edges_before_step_ = alive_edges_;
+    refused_ = rose_before_alive_ = false;
+    last_grip_ok_told_ = level(Line::kGripOk);
+  }
+  [[nodiscard]] bool refused() const { return refused_; }
+  [[nodiscard]] bool rose_before_alive() const { return rose_before_alive_; }
+  [[nodiscard]] Level last_grip_ok_told() const { return last_grip_ok_told_; }
+  // Since start: ALIVE moved after a refusal while GRIP_OK was HIGH and had not obeyed again.
+  [[nodiscard]] int edges_that_lie() const { return edges_that_lie_; }
+
+ private:
+  [[nodiscard]] bool do_set(Line line, Level to) override {
+    const bool refuses = calls_++ >= plan.first_call && fits(line, to) && refusals_ < plan.calls;
+    Level& level = level_[static_cast<std::size_t>(line)];
+    const Level was = level;
+    if (refuses) ++refusals_;
+    if (!refuses || plan.takes_it) level = to;
+    if (line == Line::kAlive && level != was) {
+      ++alive_edges_;
+      if (distrusted_ && this->level(Line::kGripOk) == Level::kHigh) ++edges_that_lie_;
+    }
+    if (line == Line::kGripOk) {
+      last_grip_ok_told_ = to;
+      if (was == Level::kLow && level == Level::kHigh && alive_edges_ == alive_edges_before_step_) {
+        rose_before_alive_ = true;
+      }
+      if (!refuses) distrusted_ = false;
+    }
+    if (refuses) refused_ = distrusted_ = true;
+    return !refuses;
+  }
+  [[nodiscard]] bool fits(Line line, Level to) const {
+    switch (plan.who) {
+      case Who::kGripOk:
+        return line == Line::kGripOk;
+      case Who::kAlive:
+        return line == Line::kAlive;
+      case Who::kGripOkHigh:
+        return line == Line::kGripOk && to == Level::kHigh;
+      case Who::kGripOkLow:
+        return line == Line::kGripOk && to == Level::kLow;
+      case Who::kBoth:
+        break;
+    }
+    return true;
+  }
+
+  std::array<Level, hal::kLineCount> level_{};
+  int alive_edges_ = 0, alive_edges_before_step_ = 0, edges_that_lie_ = 0;
+  std::uint64_t calls_ = 0, refusals_ = 0;
+  bool refused_ = false, rose_before_alive_ = false, distrusted_ = false;
+  Level last_grip_ok_told_ = Level::kLow;
 };
 
 // A camera that does not open.
@@ -65,7 +164,6 @@ TEST_GROUP(App) {
   std::unique_ptr<sim::FaultyCamera> camera;
   std::unique_ptr<App> app;
   status_frame::Receiver receiver;
-  std::uint64_t link_read = 0;
   std::uint16_t sequence = 0;
   std::uint64_t events_read = 0;
   // A receiver's view.
@@ -138,6 +236,9 @@ TEST_GROUP(App) {
     CHECK_EQUAL(outputs.slip, frame.slip);
     CHECK_EQUAL(frame.state == DeviceState::kOk, frame.grip_ok);
     if (app->result().quality.ok()) LONGS_EQUAL(0, memory->borrowed());  // a late frame waits inside FaultyCamera
+
+    // What the status frame says of ALIVE is the level of the line, not what was meant.
+    CHECK_EQUAL(gpio.level(Line::kAlive) == Level::kHigh, frame.alive);
 
     // At most one edge of ALIVE per step, and none without an accepted frame.
     const std::uint64_t moved = gpio.edges(Line::kAlive) - edges;
@@ -229,14 +330,12 @@ TEST(App, ReportsWhatItMeasured) {
     LONGS_EQUAL(r.features.vy.raw(), told.vy_um_s);
     LONGS_EQUAL(r.features.entropy.raw(), told.entropy_nat_q16);
     LONGS_EQUAL(r.features.entropy_rate.raw(), told.entropy_rate_nat_s_q8);
-    CHECK_EQUAL(gpio.level(Line::kAlive) == Level::kHigh, told.alive);
   }
 }
 
-// GRIP_OK rises after ALIVE showed the frame and falls before it: a fresh edge never stands beside a level
-// that its frame has withdrawn. The drag of 1.8 mm within six frames spreads over all bins: any tree calls
-// that a slip.
-TEST(App, LowersGripOkBeforeAliveAndRaisesItAfter) {
+// ALIVE vouches for GRIP_OK, so GRIP_OK takes its level first, in every frame. A rise goes out after ALIVE: until then
+// GRIP_OK is told to stay LOW. The drag of 1.8 mm within six frames spreads over all bins: any tree calls that a slip.
+TEST(App, SetsGripOkBeforeAliveAndRaisesItAfter) {
   film(14, 12);
   build();
   start();
@@ -246,12 +345,16 @@ TEST(App, LowersGripOkBeforeAliveAndRaisesItAfter) {
     CHECK_TRUE(step());
     const auto events = new_events();
     const bool is = gpio.level(Line::kGripOk) == Level::kHigh;
-    if (was == is) continue;
-    LONGS_EQUAL(2, events.size());
-    CHECK_TRUE(events[is ? 0 : 1].line == Line::kAlive);
-    CHECK_TRUE(events[is ? 1 : 0].line == Line::kGripOk);
-    (is ? rose : fell) = true;
-    if (!is) state_is(DeviceState::kSlip, app->outputs().state);
+    const bool rises = is && !was;
+    LONGS_EQUAL(rises ? 3 : 2, events.size());
+    CHECK_TRUE(events[0].line == Line::kGripOk);
+    CHECK_TRUE(events[0].level == (was && is ? Level::kHigh : Level::kLow));
+    CHECK_TRUE(events[1].line == Line::kAlive);
+    if (rises) CHECK_TRUE(events[2].line == Line::kGripOk && events[2].level == Level::kHigh);
+    rose = rose || rises;
+    if (!was || is) continue;
+    fell = true;
+    state_is(DeviceState::kSlip, app->outputs().state);
   }
   CHECK_TRUE(rose && fell);
 }
@@ -285,8 +388,8 @@ TEST(App, LowersGripOkWhenItStops) {
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
 }
 
-// Silence: after 150 ms without a frame the state is FAULT; a receiver knows it from ALIVE by then. With the
-// frames back it goes on without learning anew.
+// Silence: after 150 ms without a frame the state is FAULT; a receiver knows it from ALIVE by then. With the frames back
+// it goes on without learning anew.
 TEST(App, FaultsOnSilenceAndComesBack) {
   film(12);
   build({{20, 10, sim::CameraFault::kOff, {}}}, 4);
@@ -313,16 +416,90 @@ TEST(App, FaultsOnSilenceAndComesBack) {
 
 TEST(App, RejectsFramesThatRunBackwardsAndGoesOn) {
   film(12);
-  build({{15, 1, sim::CameraFault::kBackwards, 100ms}, {17, 1, sim::CameraFault::kBackwards, 0ms}}, 3);
+  // The frame before is 80 ms old by then: 70 ms further back is just young enough to be judged by its order alone.
+  build({{15, 1, sim::CameraFault::kBackwards, 70ms},
+         {17, 1, sim::CameraFault::kBackwards, 0ms},
+         {19, 1, sim::CameraFault::kBackwards, 100ms}},
+        3);
   start();
   for (int k = 0; k < 30; ++k) {
     const std::uint64_t edges = gpio.edges(Line::kAlive);
     CHECK_TRUE(step());
-    const bool backwards = k == 15 || k == 17;
-    if (backwards) reason_is(Reason::kTimeNotForward, app->outputs().reason);
+    const bool backwards = k == 15 || k == 17 || k == 19;
+    if (backwards) reason_is(k == 19 ? Reason::kFrameStale : Reason::kTimeNotForward, app->outputs().reason);
     LONGS_EQUAL(backwards ? 0 : 1, gpio.edges(Line::kAlive) - edges);
     if (k >= 10) state_is(DeviceState::kOk, app->outputs().state);
   }
+}
+
+// 150 ms old is the oldest frame that counts, 5 ms ahead of the clock the youngest; neither limit moves a line.
+TEST(App, AcceptsFramesFrom150MillisecondsOldTo5MillisecondsAhead) {
+  struct Case {
+    Micros age;
+    Reason reason;
+  };
+  film(1);
+  for (const Case& c : {Case{150ms, Reason::kNone},
+                        {150'001us, Reason::kFrameStale},
+                        {151ms, Reason::kFrameStale},
+                        {1h, Reason::kFrameStale},
+                        {0ms, Reason::kNone},
+                        {-5ms, Reason::kNone},
+                        {-5'001us, Reason::kTimeNotForward},
+                        {-6ms, Reason::kTimeNotForward},
+                        {-1h, Reason::kTimeNotForward}}) {
+    // All frames of one age: each is newer than the one before, so nothing but its age can be held against it.
+    AgedCamera aged(clock, pictures[0].view(), std::vector<Micros>(14, c.age));
+    sim::Gpio lines{clock};
+    sim::Serial wire;
+    App other(Devices{aged, lines, wire, clock, jpeg});
+    CHECK_TRUE(other.start(Params{}).ok());
+    for (int k = 1; k <= 14; ++k) {
+      CHECK_TRUE(other.step());
+      const bool sound = c.reason == Reason::kNone;
+      CHECK_EQUAL(sound, other.result().quality.ok());
+      if (!sound) reason_is(c.reason, other.outputs().reason);
+      state_is(!sound ? DeviceState::kFault : k < 10 ? DeviceState::kReference : DeviceState::kOk,
+               other.outputs().state);
+      LONGS_EQUAL(sound ? k : 0, lines.edges(Line::kAlive));
+    }
+    // What was refused has left nothing behind: the first sane frame counts. (One that was ahead of time delays it by one.)
+    CHECK_TRUE(other.step());
+    CHECK_TRUE(other.step());
+    CHECK_TRUE(other.result().quality.ok());
+  }
+}
+
+// A frame that arrived a second late, and all that queued behind it, were taken for news: "fine" on stale data.
+TEST(App, DoesNotVouchForAFrameASecondOld) {
+  film(12);
+  build({{20, 1, sim::CameraFault::kLate, 1s}}, 5);
+  start();
+  int stale = 0;
+  while (clock.now() < 2s && step()) {
+    const pipeline::Result& result = app->result();
+    const Micros age = clock.now() - result.timestamp;
+    if (result.quality.ok()) CHECK_TRUE(age <= 150ms);
+    stale += result.quality.reason == Reason::kFrameStale ? 1 : 0;
+    if (told_fine()) CHECK_TRUE(age < 300ms);
+  }
+  CHECK_TRUE(stale > 15);
+  state_is(DeviceState::kOk, app->outputs().state);
+  CHECK_TRUE(told_fine());
+}
+
+// One stamp an hour ahead was believed, and everything after it refused for an hour.
+TEST(App, RecoversFromOneTimestampInTheFuture) {
+  film(12);
+  build({{20, 1, sim::CameraFault::kBackwards, -1h}}, 3);
+  start();
+  run(20);
+  CHECK_TRUE(step());
+  reason_is(Reason::kTimeNotForward, app->outputs().reason);
+  run(1);
+  state_is(DeviceState::kOk, app->outputs().state);
+  reason_is(Reason::kNone, app->outputs().reason);
+  CHECK_TRUE(told_fine());
 }
 
 TEST(App, RejectsGarbageAndDamagedTransfers) {
@@ -374,6 +551,107 @@ TEST(App, StopsAliveWhenGripOkCannotBeLowered) {
   CHECK_FALSE(told_fine());
 }
 
+// GRIP_OK was refused while HIGH: FAULT was reported, but ALIVE went on and a receiver was told "fine" for ever.
+TEST(App, StopsVouchingWhenGripOkIsRefusedWhileHigh) {
+  film(12);
+  build({}, 4);
+  RefusingGpio lines;
+  App other(Devices{*camera, lines, link, clock, jpeg});
+  CHECK_TRUE(other.start(Params{}).ok());
+  for (int k = 0; k < 14; ++k) CHECK_TRUE(other.step());
+  CHECK_TRUE(lines.level(Line::kGripOk) == Level::kHigh);
+  lines.plan = {0, 1000, RefusingGpio::Who::kGripOk, false};
+  const int edges = lines.alive_edges();
+  for (int k = 0; k < 10; ++k) {
+    CHECK_TRUE(other.step());
+    state_is(DeviceState::kFault, other.outputs().state);
+    reason_is(Reason::kGpioFailed, other.outputs().reason);
+    CHECK_TRUE(lines.level(Line::kGripOk) == Level::kHigh);  // nothing can be done about that
+    LONGS_EQUAL(edges, lines.alive_edges());
+  }
+  lines.plan = {};
+  CHECK_TRUE(other.step());
+  state_is(DeviceState::kOk, other.outputs().state);
+  LONGS_EQUAL(edges + 1, lines.alive_edges());
+}
+
+// ALIVE was refused: FAULT was reported, and GRIP_OK stayed HIGH.
+TEST(App, LowersGripOkWhenAliveIsRefused) {
+  film(12);
+  build({}, 4);
+  RefusingGpio lines;
+  App other(Devices{*camera, lines, link, clock, jpeg});
+  CHECK_TRUE(other.start(Params{}).ok());
+  for (int k = 0; k < 14; ++k) CHECK_TRUE(other.step());
+  CHECK_TRUE(lines.level(Line::kGripOk) == Level::kHigh);
+  lines.plan = {0, 1000, RefusingGpio::Who::kAlive, false};
+  for (int k = 0; k < 3; ++k) {
+    CHECK_TRUE(other.step());
+    state_is(DeviceState::kFault, other.outputs().state);
+    reason_is(Reason::kGpioFailed, other.outputs().reason);
+    CHECK_TRUE(lines.level(Line::kGripOk) == Level::kLow);
+  }
+}
+
+// After one refusal ALIVE was told the level that it had: no edge for the next accepted frame.
+TEST(App, TogglesAliveOnTheFirstFrameAfterARefusal) {
+  film(12);
+  build({}, 3);
+  start();
+  for (int calls = 1; calls <= 4; ++calls) {
+    run(5);
+    gpio.fail_next(calls);
+    run((calls + 1) / 2);  // a refused frame makes two calls of set()
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    run(1);
+    LONGS_EQUAL(1, gpio.edges(Line::kAlive) - edges);
+  }
+}
+
+// A refusal of either line at any call, once or for long, whether or not the line moves all the same, beside bad frames
+// and a slip: ALIVE never moves beside a GRIP_OK that has not obeyed since, and GRIP_OK is told LOW last.
+TEST(App, NeverVouchesAfterARefusalUntilGripOkObeysAgain) {
+  using Who = RefusingGpio::Who;
+  film(5, 8);
+  Params params;
+  params.reference_frames = 2;
+  int refused_steps = 0;
+  const auto play = [&](const RefusingGpio::Plan& plan) {
+    build({{3, 1, sim::CameraFault::kBad, {}}, {6, 1, sim::CameraFault::kBad, {}}});
+    link.clear_output();
+    RefusingGpio lines;
+    App other(Devices{*camera, lines, link, clock, jpeg});
+    CHECK_TRUE(other.start(params).ok());
+    lines.plan = plan;
+    const SimpleString what =
+        StringFromFormat("call %d for %d calls, line %d, moves %d", static_cast<int>(plan.first_call),
+                         static_cast<int>(plan.calls), static_cast<int>(plan.who), plan.takes_it);
+    for (bool more = true; more;) {
+      lines.begin_step();
+      more = other.step();
+      LONGS_EQUAL_TEXT(0, lines.edges_that_lie(), what.asCharString());
+      CHECK_FALSE_TEXT(lines.rose_before_alive(), what.asCharString());
+      if (!lines.refused()) continue;
+      ++refused_steps;
+      CHECK_TRUE_TEXT(lines.last_grip_ok_told() == Level::kLow, what.asCharString());
+      state_is(DeviceState::kFault, other.outputs().state);
+      reason_is(Reason::kGpioFailed, other.outputs().reason);
+      CHECK_FALSE(other.outputs().grip_ok);
+    }
+    return lines.calls();
+  };
+  const std::uint64_t calls = play({});
+  CHECK_TRUE(calls > 20);
+  for (std::uint64_t first = 2; first < calls; ++first) {
+    for (const std::uint64_t count : {1, 2, 3, 1000}) {
+      for (const Who who : {Who::kGripOk, Who::kAlive, Who::kBoth, Who::kGripOkHigh, Who::kGripOkLow}) {
+        for (const bool takes_it : {false, true}) (void)play({first, count, who, takes_it});
+      }
+    }
+  }
+  CHECK_TRUE(refused_steps > 1000);
+}
+
 TEST(App, FaultsWhileALineRefusesAndComesBack) {
   film(12);
   build({}, 3);
@@ -419,8 +697,8 @@ TEST(App, TakesAPictureForTheReference) {
   reason_is(Reason::kConfig, app->learn(wrong, frame).reason);
 }
 
-// Any schedule of faults: whenever a receiver is told "fine", the firmware itself says OK or has lost no more
-// than the 150 ms that the rule allows. One long run over all kinds.
+// Any schedule of faults: whenever a receiver is told "fine", the firmware itself says OK or has lost no more than the
+// 150 ms that the rule allows. One long run over all kinds.
 TEST(App, IsNeverFineForAReceiverUnlessItWasWithin150Milliseconds) {
   using sim::CameraFault;
   film(12, 14);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole chain from luma to request: which frames it refuses and why, what it keeps, and that the figures
-// of rendered motion are those of the double reference on the true positions.
+// The whole chain from luma to request: which frames it refuses and why, what it keeps, and that the figures of rendered
+// motion are those of the double reference on the true positions.
 #include "app/pipeline.hpp"
 
 #include <algorithm>
@@ -100,10 +100,9 @@ TEST(Pipeline, LearnsFromTheFirstStillFramesThenMeasures) {
   LONGS_EQUAL(0, state->saturations.count);
 }
 
-// Displacement against rendered truth. Centres: 0.029 px rms in two axes, 0.0205 px each; of a displacement
-// with the rest mean of 10 frames 0.0215 px = 1.36 um. V is a mean over 63 markers of two of them: 0.23 um /
-// dt, and the common part of the rest error drops out; E is compared through the histogram of the firmware's
-// own displacements.
+// Displacement against rendered truth. Centres: 0.029 px rms in two axes, 0.0205 px each; of a displacement with the rest
+// mean of 10 frames 0.0215 px = 1.36 um. V is a mean over 63 markers of two of them: 0.23 um / dt, and the common part of
+// the rest error drops out; E is compared through the histogram of the firmware's own displacements.
 TEST(Pipeline, MeasuresWhatTheTruthSays) {
   learn();
   const std::vector<Point> rest_px = truth;
@@ -144,8 +143,7 @@ TEST(Pipeline, MeasuresWhatTheTruthSays) {
     DOUBLES_EQUAL(want.vx_um_s, result.features.vx.raw(), 35.0 + 0.01 * std::abs(want.vx_um_s));
     DOUBLES_EQUAL(want.vy_um_s, result.features.vy.raw(), 35.0 + 0.01 * std::abs(want.vy_um_s));
   }
-  // 2-D: 0.029 px and the rest's share are 1.92 um; 0.58 um of rounding twice; 1 % of pitch on up to 1 mm: 3
-  // um.
+  // 2-D: 0.029 px and the rest's share are 1.92 um; 0.58 um of rounding twice; 1 % of pitch on up to 1 mm: 3 um.
   CHECK_TRUE(std::sqrt(sum_um2 / n) <= 3.6);
 }
 
@@ -288,6 +286,18 @@ TEST(Pipeline, DecodesSmallCamerasAtAFinerScale) {
   }
 }
 
+// hal/camera.hpp: the width of an MJPEG frame may be 0, not announced. It was taken for a camera too small to reduce.
+TEST(Pipeline, DecodesAtTheModesScaleWhenTheWidthIsNotAnnounced) {
+  for (const DecodeScale scale : {DecodeScale::kEighth, DecodeScale::kQuarter, DecodeScale::kHalf, DecodeScale::kFull}) {
+    config.luma.scale = scale;
+    hal::Frame frame;
+    jpeg.picture = picture();
+    CHECK_TRUE(give(frame).quality.ok());
+    LONGS_EQUAL(static_cast<int>(scale), static_cast<int>(jpeg.asked));
+    LONGS_EQUAL(static_cast<int>(scale), luma_input::reduction(config.luma, frame));
+  }
+}
+
 // Rates stand on the last accepted frame, however many bad ones lie between, up to max_gap.
 TEST(Pipeline, MeasuresAcrossRejectedFrames) {
   learn();
@@ -333,6 +343,8 @@ TEST(Pipeline, SaysWhyAPictureIsNoReference) {
   LONGS_EQUAL(static_cast<int>(Reason::kTooFewDots), why(flat(320, 240, 100)));
   LONGS_EQUAL(static_cast<int>(Reason::kFrameFormat), why(flat(160, 120, 100)));  // the stream has its size now
   config.tracker.grid.size = {9, 7};
+  LONGS_EQUAL(static_cast<int>(Reason::kGridAmbiguous), why(picture()));
+  config.tracker.grid.size = {8, 10};
   LONGS_EQUAL(static_cast<int>(Reason::kGridMismatch), why(picture()));
   config.tracker.grid.size = {7, 9};
   LONGS_EQUAL(static_cast<int>(Reason::kNone), why(picture()));
@@ -351,8 +363,7 @@ TEST(Pipeline, LearnsAgainAfterTare) {
   for (std::size_t i = 0; i < 63; ++i) CHECK_TRUE(std::abs(state->displacement.markers[i].dx.raw()) <= 10);
 }
 
-// Two runs over the same frames give the same bytes: nothing hangs on addresses or on what the memory held
-// before.
+// Two runs over the same frames give the same bytes: nothing hangs on addresses or on what the memory held before.
 TEST(Pipeline, IsDeterministic) {
   std::array<std::vector<std::int32_t>, 2> runs;
   for (auto& run : runs) {

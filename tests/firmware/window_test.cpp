@@ -47,31 +47,30 @@ struct TightPicture {
 };
 
 void check_sums(const LumaView& luma, std::int32_t left, std::int32_t top, std::int32_t size,
-                const window::Threshold& threshold, std::uint8_t cap) {
-  const window::Sums got = window::sums(luma.row(top) + left, luma.stride, size, threshold, cap);
-  const auto level = [&](int x, int y) { return (threshold.level_x[x] + threshold.level_y[y]) & 0xFF; };
+                const window::Plane& plane, std::uint8_t cap) {
+  const window::Sums got = window::sums(luma.row(top) + left, luma.stride, size, plane, cap);
+  // Shifts of negative numbers round down, as the header says.
+  const auto tilt = [&](int slope_q9, int at) {
+    return static_cast<int>(std::floor(slope_q9 * (2 * at - (size - 1)) / 512.0));
+  };
+  const auto level = [&](int x, int y) { return plane.level + tilt(plane.slope_x_q9, x) + tilt(plane.slope_y_q9, y); };
   const reference_model::WindowSums want = reference_model::window_sums(luma, left, top, size, level, cap);
   CHECK_TRUE(want.mass == static_cast<double>(got.mass));
   CHECK_TRUE(want.x == static_cast<double>(got.x));
   CHECK_TRUE(want.y == static_cast<double>(got.y));
-  const window::Sums plain = window::sums_scalar(luma.row(top) + left, luma.stride, size, threshold, cap);
+  const window::Sums plain = window::sums_scalar(luma.row(top) + left, luma.stride, size, plane, cap);
   CHECK_TRUE(plain.mass == got.mass && plain.x == got.x && plain.y == got.y);
 }
 
-// t = level + slopes, always within 0..255 as the stage promises itself.
-window::Threshold plane(std::mt19937_64& random, std::int32_t size, int level) {
-  window::Threshold threshold{};
-  const int room = std::min(level, 255 - level);
-  const int tilt_x = room == 0 ? 0 : static_cast<int>(random() % static_cast<unsigned>(room + 1));
-  const int tilt_y = room - tilt_x;
-  const int sign_x = random() % 2 == 0 ? 1 : -1;
-  const int sign_y = random() % 2 == 0 ? 1 : -1;
-  for (std::int32_t i = 0; i < size; ++i) {
-    const int from_middle = 2 * i - (size - 1);
-    threshold.level_x[i] = static_cast<std::uint8_t>(level + sign_x * tilt_x * from_middle / size);
-    threshold.level_y[i] = static_cast<std::uint8_t>(sign_y * tilt_y * from_middle / size);
-  }
-  return threshold;
+// t stays within 0..255, as the stage promises itself: at most `room` levels from the middle to a corner, less the
+// level that each of the two shifts may round down. 63 levels to a side are what fits 16 bits.
+window::Plane plane(std::mt19937_64& random, std::int32_t size, int level) {
+  const int room = std::max(0, std::min(level, 255 - level) - 2);
+  const int part = static_cast<int>(random() % static_cast<unsigned>(room + 1));
+  const auto slope = [&](int levels) {
+    return static_cast<std::int16_t>((random() % 2 == 0 ? 1 : -1) * std::min(levels, 63) * 512 / (size - 1));
+  };
+  return {static_cast<std::uint8_t>(level), slope(part), slope(room - part)};
 }
 
 scene::PictureConfig clean(int width = 320) {
@@ -111,8 +110,7 @@ TEST(Window, SumsEqualPlainLoopsAtTheExtremes) {
     for (const int luma : {0, 1, 128, 254, 255}) {
       std::memset(picture.block.get(), luma, picture.bytes());
       for (const int level : {0, 1, 254, 255}) {
-        window::Threshold threshold{};
-        std::fill_n(threshold.level_x, size, static_cast<std::uint8_t>(level));
+        const window::Plane threshold{static_cast<std::uint8_t>(level), 0, 0};
         for (const int cap : {0, 1, 255}) {
           check_sums(picture.view, 0, 0, size, threshold, static_cast<std::uint8_t>(cap));
         }
@@ -124,8 +122,7 @@ TEST(Window, SumsEqualPlainLoopsAtTheExtremes) {
         const auto n = static_cast<std::size_t>(size);
         picture.block[i] = (columns ? i % n : i / n) >= n / 2 ? 0 : 255;
       }
-      window::Threshold threshold{};
-      std::fill_n(threshold.level_x, size, std::uint8_t{255});
+      const window::Plane threshold{255, 0, 0};
       check_sums(picture.view, 0, 0, size, threshold, 255);
     }
   }
