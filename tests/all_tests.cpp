@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The runner of every CppUTest executable. HOLDFAST_LEAK_CHECK is 1 for programs of our own code alone: they
 // must free what they take. It is 0 where OpenCV is linked, whose first-use statics CppUTest would report as
-// leaks. Exit status: 0 all passed, 1 a failure, 77 all that ran passed but something was skipped
-// (support/skip.hpp).
+// leaks. Exit status: 0 all passed, 1 a failure, 77 all that ran passed but something was skipped (support/skip.hpp).
 #include <CppUTest/CommandLineTestRunner.h>
 #include <CppUTest/MemoryLeakWarningPlugin.h>
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes any camera misbehave by plan: a decorator with a schedule of faults, counted in frames of the camera
-// inside.
+// Makes any camera misbehave by plan: a decorator with a schedule of faults, counted in frames of the camera inside.
 #pragma once
 
 #include <array>

@@ -202,8 +202,7 @@ std::optional<JpegExtent> find_jpeg(Bytes bytes, std::size_t from) {
       at = skip_entropy(bytes, at);
     }
   }
-  // Cut off inside the coded data: all the rest belongs to it. Otherwise a segment's length cannot be
-  // believed.
+  // Cut off inside the coded data: all the rest belongs to it. Otherwise a segment's length cannot be believed.
   picture.end = scanned && at >= bytes.size() ? bytes.size() : find_soi(bytes, picture.begin + 2);
   return picture;
 }

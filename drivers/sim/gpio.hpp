@@ -29,8 +29,7 @@ class Gpio final : public hal::Gpio {
 
   // The next `count` calls of set() are refused by the chip: false, and the line keeps its level.
   void fail_next(int count) { failures_ = count; }
-  // The line keeps its present level whatever it is told. Read back, so telling it the other level returns
-  // false.
+  // The line keeps its present level whatever it is told. Read back, so telling it the other level returns false.
   void stick(hal::Line line, bool stuck = true) { line_of(line).stuck = stuck; }
 
   [[nodiscard]] hal::Level level(hal::Line line) const { return line_of(line).level; }

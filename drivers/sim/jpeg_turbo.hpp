@@ -17,6 +17,8 @@ class TurboJpegDecoder final : public JpegDecoder {
  public:
   TurboJpegDecoder();
   ~TurboJpegDecoder() override;
+  TurboJpegDecoder(const TurboJpegDecoder&) = delete;
+  TurboJpegDecoder& operator=(const TurboJpegDecoder&) = delete;
 
  private:
   [[nodiscard]] Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale, LumaBuffer& out) override;

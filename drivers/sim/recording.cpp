@@ -22,6 +22,7 @@
 #include <utility>
 
 #include "drivers/sim/container.hpp"
+#include "vision/jpeg.hpp"
 #include "vision/luma.hpp"
 
 namespace holdfast::sim {
@@ -137,6 +138,8 @@ bool natural_less(const std::string& a, const std::string& b) {
   return a < b;
 }
 
+constexpr int kCoarsestDecode = static_cast<int>(DecodeScale::kEighth);
+
 int smallest_fitting_factor(int width, int height) {
   int factor = 1;
   while (width / factor > kMaxLumaWidth || height / factor > kMaxLumaHeight) ++factor;
@@ -198,10 +201,14 @@ std::optional<Error> refuse_small(const fs::path& path, int width, int height) {
 }
 
 // Reads an image as JPEG bytes or luma. `reduce` as in read_picture().
-std::optional<Error> load_image(const fs::path& path, int reduce, RecordedFrame& frame) {
+std::optional<Error> load_image(const fs::path& path, int reduce, hal::PixelFormat jpeg_as, RecordedFrame& frame) {
   silence_libraries();
   std::array<std::uint8_t, 3> head{};
   std::ifstream file(path, std::ios::binary);
+  std::error_code ignored;
+  if (fs::is_directory(path, ignored)) {
+    return fail_line(path, "is a folder", "a picture was expected here", "give one image file");
+  }
   if (!file) {
     return fail_line(path, "cannot be read", "no such file, or no permission", "check the path");
   }
@@ -212,7 +219,7 @@ std::optional<Error> load_image(const fs::path& path, int reduce, RecordedFrame&
   if (starts_like_jpeg(head)) {
     const MappedFile mapped(path);
     take_jpeg(mapped.bytes(), frame);
-    return std::nullopt;
+    if (jpeg_as == hal::PixelFormat::kMjpeg || frame.damaged) return std::nullopt;
   }
   cv::Mat picture;
   try {
@@ -252,7 +259,7 @@ class ImageSource final : public Recording::Source {
     if (position_ >= files_.size()) return Read::kEnd;
     const fs::path& path = files_[position_];
     frame.sequence = static_cast<std::uint32_t>(position_++);
-    if (auto error = load_image(path, 0, frame)) return fail(*error);
+    if (auto error = load_image(path, 0, hal::PixelFormat::kMjpeg, frame)) return fail(*error);
     return check_alike(path, frame);
   }
   Read skip() override { return position_ < files_.size() ? (++position_, Read::kFrame) : Read::kEnd; }
@@ -477,7 +484,7 @@ SourceResult open_video(const fs::path& path) {
   }
   auto decoded = std::make_unique<VideoSource>(path, VideoSource::Mode::kDecoded);
   if (!decoded->is_open()) {
-    return fail_line(path, "is not a video that can be opened", "not a video, a damaged header, or an unknown codec",
+    return fail_line(path, "is not a video that can be opened", "not a video, cut off or damaged, or an unknown codec",
                      "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");
   }
   return decoded;
@@ -486,11 +493,12 @@ SourceResult open_video(const fs::path& path) {
 SourceResult open_avi(const fs::path& path, std::unique_ptr<MappedFile> file, AviIndex index) {
   const auto found = static_cast<long>(index.chunks.size());
   if (index.truncated) {
-    return fail_line(path,
-                     "the AVI is truncated: it holds " + std::to_string(found) + " whole frames of " +
-                         (index.announced > found ? std::to_string(index.announced) : "an unknown number"),
-                     "an interrupted copy, a full disk, or a recorder that was killed",
-                     "copy or record it again, or save the rest with 'ffmpeg -i IN.avi -c copy OUT.avi'");
+    return fail_line(
+        path,
+        "the AVI is truncated: it holds " + std::to_string(found) + " whole frames of " +
+            (index.announced > 0 && index.announced >= found ? std::to_string(index.announced) : "an unknown number"),
+        "an interrupted copy, a full disk, or a recorder that was killed",
+        "copy or record it again, or save the rest with 'ffmpeg -i IN.avi -c copy OUT.avi'");
   }
   const auto first = std::find_if(index.chunks.begin(), index.chunks.end(), [](AviChunk c) { return c.size > 0; });
   if (first == index.chunks.end()) return open_video(path);  // chunks of a kind that only a codec knows
@@ -515,6 +523,10 @@ SourceResult open_source(const fs::path& path) {
   auto file = std::make_unique<MappedFile>(path);
   if (file->bytes().empty()) return fail_line(path, "cannot be read", "no permission", "check its permissions");
   if (starts_like_jpeg(file->bytes()) || has_extension(path, {".mjpg", ".mjpeg"})) {
+    if (!find_jpeg(file->bytes(), 0)) {
+      return fail_line(path, "holds no frames", "there is no JPEG picture in it: not an MJPEG stream",
+                       "give a raw stream of JPEG pictures, a video file or a folder of images");
+    }
     return std::make_unique<StreamSource>(std::move(file));
   }
   if (is_image_name(path)) return std::make_unique<ImageSource>(std::vector<fs::path>{path});
@@ -549,8 +561,13 @@ Result<RecordingInfo> probe(const fs::path& path, Recording::Source& source, Rec
   info.width = frame.input_width;
   info.height = frame.input_height;
   if (auto error = refuse_small(path, info.width, info.height)) return *error;
-  if (auto error = refuse_small(path, frame.width, frame.height)) return *error;
-  if (!mjpeg) info.scale = info.width / frame.width;
+  const bool too_large = mjpeg && smallest_fitting_factor(info.width, info.height) > kCoarsestDecode;
+  if (too_large || (!mjpeg && (frame.width < kMinLumaWidth || frame.height < kMinLumaHeight))) {
+    return fail_line(path, "the picture does not fit the working image (" + size_text(info.width, info.height) + ")",
+                     "not a GelSight recording, which is at most 3280x2464", "cut or scale it to the gel");
+  }
+  // A whole number: the box mean takes whole blocks.
+  if (!mjpeg) info.scale = std::floor(static_cast<double>(info.width) / frame.width);
   return info;
 }
 
@@ -673,10 +690,10 @@ Result<RecordedFrame> Recording::at(std::string_view which) const {
   return std::move(*result.frame);
 }
 
-Result<RecordedFrame> read_picture(const fs::path& path, int reduce) {
+Result<RecordedFrame> read_picture(const fs::path& path, int reduce, hal::PixelFormat jpeg_as) {
   RecordedFrame frame;
-  if (auto error = load_image(path, reduce, frame)) return *error;
-  if (frame.format == hal::PixelFormat::kMjpeg && frame.damaged) {
+  if (auto error = load_image(path, reduce, jpeg_as, frame)) return *error;
+  if (frame.damaged) {
     return fail_line(path, "the JPEG picture is cut off", "an interrupted copy or a full disk", "save it again");
   }
   return frame;

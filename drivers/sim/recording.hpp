@@ -67,6 +67,8 @@ enum class Read : std::uint8_t {
 class Recording {
  public:
   [[nodiscard]] static Result<Recording> open(const std::filesystem::path& path, RecordingOptions options = {});
+  Recording(const Recording&) = delete;
+  Recording& operator=(const Recording&) = delete;
   Recording(Recording&&) noexcept;
   Recording& operator=(Recording&&) noexcept;
   ~Recording();
@@ -100,8 +102,9 @@ class Recording {
   double first_pts_s_ = 0;
 };
 
-// One image file, for instance as the reference of the empty gel. JPEG files come as bytes, all others as
-// luma reduced by `reduce` (0: the smallest factor that fits the working image).
-[[nodiscard]] Result<RecordedFrame> read_picture(const std::filesystem::path& path, int reduce = 0);
+// One image file, for instance as the reference of the empty gel. JPEG files come as bytes, unless `jpeg_as` asks for
+// luma; all others as luma reduced by `reduce` (0: the smallest factor that fits the working image).
+[[nodiscard]] Result<RecordedFrame> read_picture(const std::filesystem::path& path, int reduce = 0,
+                                                 hal::PixelFormat jpeg_as = hal::PixelFormat::kMjpeg);
 
 }  // namespace holdfast::sim

@@ -37,6 +37,8 @@ Status App::start(const Params& params, bool auto_size) {
     return {Reason::kGpioFailed};
   }
   alive_high_ = false;
+  supervisor_ = {};  // what held before the restart vouches for nothing now
+  outputs_ = {};
   state_.any_frame = false;  // another stream may count its time from another start
   return devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
 }
@@ -85,11 +87,12 @@ void App::stop() {
 
 // ALIVE vouches for GRIP_OK, so it moves only after GRIP_OK has taken its level. The one exception is a rise, which
 // goes out after ALIVE: no receiver may pair a new HIGH with the edge of the frame before. Whatever line refuses,
-// GRIP_OK is tried LOW and ALIVE stands still until GRIP_OK obeys again.
+// GRIP_OK is tried LOW and ALIVE stands still until GRIP_OK obeys again. It rises with an accepted frame only: after a
+// refusal the supervisor may hold OK over rejected frames, whose ALIVE edge is an old one.
 void App::signal(const supervisor::Outputs& outputs) {
   const bool rises = outputs.grip_ok && !outputs_.grip_ok;
   const auto grip_ok = static_cast<hal::Level>(outputs.grip_ok && !rises);
-  bool obeyed = devices_.gpio.set(hal::Line::kGripOk, grip_ok);
+  bool obeyed = devices_.gpio.set(hal::Line::kGripOk, grip_ok) && (outputs.accepted || !rises);
   if (obeyed && outputs.accepted) {
     obeyed = devices_.gpio.set(hal::Line::kAlive, static_cast<hal::Level>(!alive_high_));
     if (obeyed) alive_high_ = !alive_high_;

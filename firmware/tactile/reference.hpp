@@ -99,6 +99,7 @@ inline void forget(State& state) {
   }
   state.pitch = pitch_of(state.rest);
   state.known = state.pitch.raw() > 0;
+  if (!state.known) state.count = 0;  // nothing to stand on: the next frame starts anew
   return state.known;
 }
 

@@ -111,8 +111,9 @@ std::int32_t contrast_at(const LumaView& luma, std::int32_t size, PixelsQ8 x, Pi
 }
 
 bool measure(const LumaView& luma, std::int32_t size, int passes, Dot& dot) {
-  // Within 1.75 px of the window's middle the rim has room on all sides: good enough to stop.
-  constexpr std::int32_t kSettledQ8 = 448;
+  // Within 1.25 px of the window's middle the rim has equal room on all sides: good enough to stop. A wider limit stops
+  // short of the dot when dirt pulls at it.
+  constexpr std::int32_t kSettledQ8 = 320;
   // A tenth of the window: smaller is a speck. (A printed dot fills a quarter to a third.)
   const std::uint32_t least_area = static_cast<std::uint32_t>(size * size / 20);
   Dot now = dot;

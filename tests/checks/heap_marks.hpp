@@ -8,8 +8,7 @@
 //   if (counts.allocations + counts.releases != 0) print_first_caller(counts);
 //
 // Looked up at run time and not linked, so that a program is the same with and without the counter. Programs
-// that use this must not link CppUTest: it replaces operator new by its own, and that is no longer the
-// product's heap.
+// that use this must not link CppUTest: it replaces operator new by its own, and that is no longer the product's heap.
 #pragma once
 
 #include <dlfcn.h>

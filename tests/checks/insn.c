@@ -8,8 +8,7 @@
 // depends on the environment and the stack's address. It is a measure of work, not of time: no caches, no
 // pipelines. Several threads add without a lock, so counts of threaded programs may fall short; use
 // single-threaded programs. Debian ships no qemu-plugin.h, so the few names used are declared here as the
-// plugin documentation of QEMU gives them. The package qemu-user takes plugins, qemu-user-static refuses
-// them.
+// plugin documentation of QEMU gives them. The package qemu-user takes plugins, qemu-user-static refuses them.
 #include <stdint.h>
 #include <stdio.h>
 

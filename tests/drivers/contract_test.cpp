@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every backend of the HAL owes the firmware, run on each of them. A new backend adds a row to its
-// table.
+// What every backend of the HAL owes the firmware, run on each of them. A new backend adds a row to its table.
 #include <algorithm>
 #include <array>
 #include <chrono>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the simulated devices add to the HAL's contract (contract_test.cpp): memory of what happened, and
-// faults.
+// What the simulated devices add to the HAL's contract (contract_test.cpp): memory of what happened, and faults.
 #include <algorithm>
 #include <array>
 #include <chrono>

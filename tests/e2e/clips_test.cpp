@@ -14,8 +14,7 @@ namespace {
 
 using namespace holdfast;
 
-// Every fifth frame is shown to OpenCV's detector: 5 ms each are half of the test's time. `real_clips` judges
-// all.
+// Every fifth frame is shown to OpenCV's detector: 5 ms each are half of the test's time. `real_clips` judges all.
 constexpr int kStride = 5;
 
 }  // namespace

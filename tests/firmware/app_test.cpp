@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole firmware on simulated devices in virtual time: what a receiver sees on the two lines and on the serial link.
+// The whole firmware on simulated devices in virtual time: what a receiver sees on the two lines and on the serial
+// link.
 //
 // The receiver's rule (DESIGN.md, Outputs): GRIP_OK counts only while the last edge of ALIVE is younger than 150 ms.
 #include "app/app.hpp"
@@ -388,8 +389,8 @@ TEST(App, LowersGripOkWhenItStops) {
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
 }
 
-// Silence: after 150 ms without a frame the state is FAULT; a receiver knows it from ALIVE by then. With the frames back
-// it goes on without learning anew.
+// Silence: after 150 ms without a frame the state is FAULT; a receiver knows it from ALIVE by then. With the frames
+// back it goes on without learning anew.
 TEST(App, FaultsOnSilenceAndComesBack) {
   film(12);
   build({{20, 10, sim::CameraFault::kOff, {}}}, 4);
@@ -459,11 +460,14 @@ TEST(App, AcceptsFramesFrom150MillisecondsOldTo5MillisecondsAhead) {
       const bool sound = c.reason == Reason::kNone;
       CHECK_EQUAL(sound, other.result().quality.ok());
       if (!sound) reason_is(c.reason, other.outputs().reason);
-      state_is(!sound ? DeviceState::kFault : k < 10 ? DeviceState::kReference : DeviceState::kOk,
+      state_is(!sound   ? DeviceState::kFault
+               : k < 10 ? DeviceState::kReference
+                        : DeviceState::kOk,
                other.outputs().state);
       LONGS_EQUAL(sound ? k : 0, lines.edges(Line::kAlive));
     }
-    // What was refused has left nothing behind: the first sane frame counts. (One that was ahead of time delays it by one.)
+    // What was refused has left nothing behind: the first sane frame counts. (One that was ahead of time delays it by
+    // one.)
     CHECK_TRUE(other.step());
     CHECK_TRUE(other.step());
     CHECK_TRUE(other.result().quality.ok());
@@ -630,7 +634,8 @@ TEST(App, NeverVouchesAfterARefusalUntilGripOkObeysAgain) {
       lines.begin_step();
       more = other.step();
       LONGS_EQUAL_TEXT(0, lines.edges_that_lie(), what.asCharString());
-      CHECK_FALSE_TEXT(lines.rose_before_alive(), what.asCharString());
+      // (An edge that went out though it was refused cannot be known of: the next one is missing.)
+      if (!plan.takes_it) CHECK_FALSE_TEXT(lines.rose_before_alive(), what.asCharString());
       if (!lines.refused()) continue;
       ++refused_steps;
       CHECK_TRUE_TEXT(lines.last_grip_ok_told() == Level::kLow, what.asCharString());
@@ -643,13 +648,34 @@ TEST(App, NeverVouchesAfterARefusalUntilGripOkObeysAgain) {
   const std::uint64_t calls = play({});
   CHECK_TRUE(calls > 20);
   for (std::uint64_t first = 2; first < calls; ++first) {
-    for (const std::uint64_t count : {1, 2, 3, 1000}) {
+    for (const std::uint64_t count : {1ULL, 2ULL, 3ULL, 1000ULL}) {
       for (const Who who : {Who::kGripOk, Who::kAlive, Who::kBoth, Who::kGripOkHigh, Who::kGripOkLow}) {
         for (const bool takes_it : {false, true}) (void)play({first, count, who, takes_it});
       }
     }
   }
   CHECK_TRUE(refused_steps > 1000);
+}
+
+// A restart within 150 ms of a good frame: the OK of the run before was still held over the first bad transfer.
+TEST(App, VouchesForNothingAfterARestartUntilAFrameIsAccepted) {
+  film(14);
+  build({{14, 2, sim::CameraFault::kBad, {}}});
+  start();
+  run(13);
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
+  for (int refused = 0; refused < 2; ++refused) {
+    if (refused == 0) run(1);
+    app->stop();
+    CHECK_TRUE(app->start(Params{}).ok());
+    CHECK_TRUE(step());
+    CHECK_FALSE(app->result().quality.ok());
+    state_is(DeviceState::kFault, app->outputs().state);
+    reason_is(Reason::kJpegDamaged, app->outputs().reason);
+    CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+  }
+  CHECK_TRUE(step());
+  state_is(DeviceState::kOk, app->outputs().state);  // the lattice and the rest positions are still known
 }
 
 TEST(App, FaultsWhileALineRefusesAndComesBack) {

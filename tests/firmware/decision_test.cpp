@@ -18,8 +18,7 @@ namespace {
 
 constexpr Micros kPeriod = 40ms;  // 25 fps
 
-// The request after each letter of `verdicts` ('s' slip, '.' hold), one frame period apart: '#' raised, '.'
-// not.
+// The request after each letter of `verdicts` ('s' slip, '.' hold), one frame period apart: '#' raised, '.' not.
 std::string_view walk(std::string_view verdicts, const decision::Config& config, std::vector<char>& out) {
   decision::State state;
   Micros now{};

@@ -115,7 +115,9 @@ TEST(Dots, SeesNothingInFlatPictures) {
 // outside (asan), and never more dots than the fixed memory holds.
 TEST(Dots, SurvivesTexturesThatAreNoGel) {
   std::mt19937 random(9);
-  for (const auto& [width, height] : {std::pair{64, 48}, {320, 240}, {512, 400}, {1640, 1232}}) {
+  for (const auto& size : {std::pair{64, 48}, {320, 240}, {512, 400}, {1640, 1232}}) {
+    const int width = size.first;
+    const int height = size.second;
     Picture picture = reference_model::flat(width, height, 0);
     const auto fill = [&](auto level) {
       for (int y = 0; y < height; ++y) {
@@ -147,7 +149,7 @@ TEST(Dots, SaysWhenThereAreTooMany) {
   config.shading = 0.0;
   const auto grid_of = [&](int count) {
     std::vector<Point> dots;
-    for (int i = 0; i < count; ++i) dots.push_back({16.0 + 30.0 * (i % 16), 16.0 + 28.0 * (i / 16)});
+    for (int i = 0; i < count; ++i) dots.push_back({16.0 + 30.0 * (i % 16), 16.0 + 28.0 * std::floor(i / 16.0)});
     return dots;
   };
   config.dot_diameter_mm = 0.7;

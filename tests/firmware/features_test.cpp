@@ -102,8 +102,7 @@ TEST(Features, EqualTheReferenceWith128Markers) {
   }
 }
 
-// Bin edges are at k * 1900 / 15 um: whole numbers at every third k only. |D| = 380 is the lower edge of
-// bin 3.
+// Bin edges are at k * 1900 / 15 um: whole numbers at every third k only. |D| = 380 is the lower edge of bin 3.
 TEST(Features, PutsEachLengthIntoItsBinExactly) {
   field.grid = {1, 1};
   for (std::int32_t length = 0; length <= 4000; ++length) {
@@ -274,8 +273,7 @@ TEST(Features, AreNotTroubledByTheWrapOf32BitCounters) {
   }
 }
 
-// Fastest of all: the ends of the displacement's range within 1 ms is 131 m/s; V clamps at 10 m/s and says
-// so.
+// Fastest of all: the ends of the displacement's range within 1 ms is 131 m/s; V clamps at 10 m/s and says so.
 TEST(Features, CountsWhatItClamps) {
   all(Micrometres::kMin, Micrometres::kMin);
   (void)update(0ms);
@@ -286,8 +284,7 @@ TEST(Features, CountsWhatItClamps) {
   LONGS_EQUAL(1, saturations.count);
 }
 
-// E from 0 to ln 15 within 1 ms, the steepest rise there is, with 120 markers: inside the format, nothing
-// clamped.
+// E from 0 to ln 15 within 1 ms, the steepest rise there is, with 120 markers: inside the format, nothing clamped.
 TEST(Features, HoldTheSteepestRiseOfEntropy) {
   field.grid = {8, 15};
   all(0, 0);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Registration on rendered pictures of known truth: detector and lattice together, as the tracker uses them.
 //
-// "Named right" means: every valid marker lies within 0.35 px (times the detector's reduction) of the dot that was printed
-// under that name, so a shift by one row is 90 times the tolerance. A missing dot must be invalid.
+// "Named right" means: every valid marker lies within 0.35 px (times the detector's reduction) of the dot that was
+// printed under that name, so a shift by one row is 90 times the tolerance. A missing dot must be invalid.
 #include "vision/grid.hpp"
 
 #include <algorithm>
@@ -118,8 +118,8 @@ TEST_GROUP(Grid) {
   }
 };
 
-// The smallest picture that works is 80x60 when it is cropped to the grid (pitch 8 px, dots 4.1 px), see the last test for
-// what happens below. 1640x1232 is the largest working image.
+// The smallest picture that works is 80x60 when it is cropped to the grid (pitch 8 px, dots 4.1 px), see the last test
+// for what happens below. 1640x1232 is the largest working image.
 TEST(Grid, NamesTheMarkersAtEveryScale) {
   for (const int width : {80, 96, 112, 128, 160, 200, 256, 300, 320, 410, 500, 512, 513, 640, 820, 1024, 1280, 1640}) {
     const scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), width);
@@ -291,8 +291,8 @@ TEST(Grid, SaysMismatchWhenTheLatticeIsSmaller) {
   }
 }
 
-// One line more than configured, in either direction, is enough: 63 names could be laid over it in more than one way. It
-// used to be called a mismatch.
+// One line more than configured, in either direction, is enough: 63 names could be laid over it in more than one way.
+// It used to be called a mismatch.
 TEST(Grid, SaysAmbiguousWhenTheLatticeIsLarger) {
   const scene::PictureConfig config = scene::cropped_320x240();
   const auto truth = reference_model::lattice_px({}, config);
@@ -392,8 +392,9 @@ TEST(Grid, SurvivesDotsThatNoDetectorWouldGive) {
   }
 }
 
-// With an earlier field the same lattice keeps its names when an outer column is hidden. An outer row is 9 of 63, more than
-// 2/16, and the lattice could have moved by a row as well: refused. An inner line leaves no other place: named right.
+// With an earlier field the same lattice keeps its names when an outer column is hidden. An outer row is 9 of 63, more
+// than 2/16, and the lattice could have moved by a row as well: refused. An inner line leaves no other place: named
+// right.
 TEST(Grid, KeepsTheNamesWhenALineIsHidden) {
   const scene::PictureConfig config = scene::cropped_320x240();
   const auto truth = reference_model::lattice_px({}, config);
@@ -436,8 +437,8 @@ TEST(Grid, KeepsTheNamesWhenAColumnIsHiddenAndDirtLiesBeyondTheOther) {
   }
 }
 
-// Among places within half a line of the fullest the earlier field decides, also after a shift of almost half a pitch and
-// when it has holes itself.
+// Among places within half a line of the fullest the earlier field decides, also after a shift of almost half a pitch
+// and when it has holes itself.
 TEST(Grid, StaysWhereTheEarlierFieldWas) {
   const scene::PictureConfig config = wide_view();
   const auto rest = reference_model::lattice_px({}, config);
@@ -454,8 +455,8 @@ TEST(Grid, StaysWhereTheEarlierFieldWas) {
   }
 }
 
-// Nothing near an outer line is missing, so no other place covers nearly as many dots: 5/16 of 63 may go, 19 and not 20.
-// Without an earlier field 2/16 may: 7 and not 8.
+// Nothing near an outer line is missing, so no other place covers nearly as many dots: 5/16 of 63 may go, 19 and
+// not 20. Without an earlier field 2/16 may: 7 and not 8.
 TEST(Grid, AllowsMoreHolesWhenTheEarlierFieldLeavesNoDoubt) {
   const scene::PictureConfig config = wide_view();
   const auto truth = reference_model::lattice_px({}, config);
@@ -463,10 +464,10 @@ TEST(Grid, AllowsMoreHolesWhenTheEarlierFieldLeavesNoDoubt) {
   const MarkerField prior = lattice.field;
   // Rows 2 to 4 and then some: a hand across the gel.
   std::vector<std::size_t> order;
-  for (std::size_t r : {3, 2, 4}) {
+  for (const std::size_t r : {std::size_t{3}, std::size_t{2}, std::size_t{4}}) {
     for (std::size_t c = 1; c < 8; ++c) order.push_back(9 * r + c);
   }
-  for (std::size_t count = 1; count <= 21; ++count) {
+  for (std::size_t count = 1; count <= 20; ++count) {
     const std::set<std::size_t> gone(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(count));
     const Picture picture = without(config, truth, gone);
     const std::string what = std::to_string(count) + " gone";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole chain from luma to request: which frames it refuses and why, what it keeps, and that the figures of rendered
-// motion are those of the double reference on the true positions.
+// The whole chain from luma to request: which frames it refuses and why, what it keeps, and that the figures of
+// rendered motion are those of the double reference on the true positions.
 #include "app/pipeline.hpp"
 
 #include <algorithm>
@@ -100,9 +100,9 @@ TEST(Pipeline, LearnsFromTheFirstStillFramesThenMeasures) {
   LONGS_EQUAL(0, state->saturations.count);
 }
 
-// Displacement against rendered truth. Centres: 0.029 px rms in two axes, 0.0205 px each; of a displacement with the rest
-// mean of 10 frames 0.0215 px = 1.36 um. V is a mean over 63 markers of two of them: 0.23 um / dt, and the common part of
-// the rest error drops out; E is compared through the histogram of the firmware's own displacements.
+// Displacement against rendered truth. Centres: 0.029 px rms in two axes, 0.0205 px each; of a displacement with the
+// rest mean of 10 frames 0.0215 px = 1.36 um. V is a mean over 63 markers of two of them: 0.23 um / dt, and the common
+// part of the rest error drops out; E is compared through the histogram of the firmware's own displacements.
 TEST(Pipeline, MeasuresWhatTheTruthSays) {
   learn();
   const std::vector<Point> rest_px = truth;
@@ -288,7 +288,8 @@ TEST(Pipeline, DecodesSmallCamerasAtAFinerScale) {
 
 // hal/camera.hpp: the width of an MJPEG frame may be 0, not announced. It was taken for a camera too small to reduce.
 TEST(Pipeline, DecodesAtTheModesScaleWhenTheWidthIsNotAnnounced) {
-  for (const DecodeScale scale : {DecodeScale::kEighth, DecodeScale::kQuarter, DecodeScale::kHalf, DecodeScale::kFull}) {
+  for (const DecodeScale scale :
+       {DecodeScale::kEighth, DecodeScale::kQuarter, DecodeScale::kHalf, DecodeScale::kFull}) {
     config.luma.scale = scale;
     hal::Frame frame;
     jpeg.picture = picture();

@@ -129,8 +129,7 @@ Bytes bytes_of(const Wire& wire) {
 
 TEST_GROUP(Crc){};
 
-// The catalogue's check value and the values that its other descriptions give for the empty message, "A" and
-// zeros.
+// The catalogue's check value and the values that its other descriptions give for the empty message, "A" and zeros.
 TEST(Crc, KnownAnswers) {
   const Bytes digits{'1', '2', '3', '4', '5', '6', '7', '8', '9'};
   LONGS_EQUAL(0x29B1, holdfast::crc16(digits));
@@ -308,8 +307,7 @@ TEST(StatusFrame, EveryOneAndTwoBitErrorOfThePayloadChangesTheCrc) {
 }
 
 // On the wire a flipped bit of a COBS code moves zeros about, which the CRC sees as many wrong bits: no proof
-// covers these. Measured over random frames (2026-11-21): 0 of 544 000 single and 0 of 11 056 800 double
-// flips pass.
+// covers these. Measured over random frames (2026-11-21): 0 of 544 000 single and 0 of 11 056 800 double flips pass.
 TEST(StatusFrame, EverySingleBitFlipOnTheWireIsRefused) {
   std::mt19937 random(4);
   int accepted = 0;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Following the markers through rendered motion of known truth.
 //
-// The one thing that must never happen is a swap: a marker that is valid and more than 2 px (320-px scale)
-// from the dot printed under its name. Losing a marker is allowed where the test says so.
+// The one thing that must never happen is a swap: a marker that is valid and more than 2 px (320-px scale) from the dot
+// printed under its name. Losing a marker is allowed where the test says so.
 #include "vision/tracker.hpp"
 
 #include <algorithm>
@@ -46,7 +46,7 @@ TEST_GROUP(Tracker) {
   std::uint64_t seed = 100;
   std::vector<Point> truth;
   std::set<std::size_t> hidden;
-  Warp home;
+  std::vector<Point> dirt;  // blobs of a dot's size and darkness
 
   void begin(const Grid& printed, const scene::PictureConfig& picture) {
     grid = printed;
@@ -54,6 +54,7 @@ TEST_GROUP(Tracker) {
     config.grid.size = {static_cast<std::uint8_t>(printed.rows), static_cast<std::uint8_t>(printed.cols)};
     state = std::make_unique<tracker::State>();
     hidden.clear();
+    dirt.clear();
     CHECK_TRUE(show(Warp{}).ok());
     LONGS_EQUAL(printed.rows * printed.cols, state->field.valid_count());
     tracker::set_home(*state, state->field);
@@ -65,6 +66,7 @@ TEST_GROUP(Tracker) {
     for (std::size_t i = 0; i < truth.size(); ++i) {
       if (hidden.count(i) == 0) seen.push_back(truth[i]);
     }
+    seen.insert(seen.end(), dirt.begin(), dirt.end());
     return picture_of(view, seen, ++seed);
   }
 
@@ -87,6 +89,18 @@ TEST_GROUP(Tracker) {
       const SimpleString text =
           StringFromFormat("%s: marker %d is %.2f px off", what.c_str(), static_cast<int>(i), off(i));
       CHECK_TRUE_TEXT(off(i) <= 2.0 * view.width / 320.0 && hidden.count(i) == 0, text.asCharString());
+    }
+  }
+
+  // No dot has two names: printed dots are a pitch apart, and the gel never brings them within half of it.
+  void nobody_twice(const std::string& what) {
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+      for (std::size_t j = 0; j < i; ++j) {
+        const Marker& a = state->field.markers[i];
+        const Marker& b = state->field.markers[j];
+        if (!a.valid || !b.valid) continue;
+        CHECK_TRUE_TEXT(distance({px(a.x), px(a.y)}, {px(b.x), px(b.y)}) > 0.4 * px(state->pitch), what.c_str());
+      }
     }
   }
 
@@ -167,8 +181,8 @@ TEST(Tracker, CentresAreWithinTheBudgetAtLargerScales) {
   }
 }
 
-// sigma 6 is what a dark exposure looks like: the error grows (0.058 px measured for windows of this kind),
-// nothing is lost.
+// sigma 6 is what a dark exposure looks like: the error grows (0.058 px measured for windows of this kind), nothing is
+// lost.
 TEST(Tracker, LosesNoMarkerInHeavyNoise) {
   for (const double diameter : {0.57, 0.77, 1.05}) {
     scene::PictureConfig picture;
@@ -204,8 +218,8 @@ TEST(Tracker, FollowsJumpsOfUpToHalfAMillimetreByWindowsAlone) {
   }
 }
 
-// Up to half a pitch the windows may end on either of two dots; the search decides. One frame may lose
-// markers, the next has all of them.
+// Up to half a pitch the windows may end on either of two dots; the search decides. One frame may lose markers, the
+// next has all of them.
 TEST(Tracker, FollowsJumpsOfUpToAMillimetreWithASearch) {
   for (const Grid& printed : {Grid{}, Grid{8, 10, 1.8}}) {
     begin(printed, scene::cropped_320x240());
@@ -230,8 +244,7 @@ TEST(Tracker, FollowsJumpsOfUpToAMillimetreWithASearch) {
   }
 }
 
-// Far beyond what a gel does between two frames, up to a whole pitch, where every inner window finds a
-// perfect dot.
+// Far beyond what a gel does between two frames, up to a whole pitch, where every inner window finds a perfect dot.
 TEST(Tracker, NeverSwapsAfterAJumpOfUpToAPitch) {
   begin({}, wide_view());
   for (double jump_mm = 1.1; jump_mm <= 2.1; jump_mm += 0.1) {
@@ -266,6 +279,177 @@ TEST(Tracker, SurvivesASnapBackOfALocalDrag) {
     }
     LONGS_EQUAL(0, lost());
   }
+}
+
+// Two neighbours lost their dots, the window of the one between them slid onto a neighbour's dot, and nobody objected:
+// two markers valid on one dot. The first three cases are the snap-backs that did it (3 of 1200), then others at
+// random.
+TEST(Tracker, NeverSwapsAfterTheSnapBackOfALocalDrag) {
+  struct Case {
+    double drag, angle;
+    scene::Vec2 centre;
+    std::uint64_t seed;
+  };
+  std::vector<Case> cases;
+  for (std::uint64_t noise = 0; noise < 5; ++noise) {
+    cases.push_back({1.2436, 3.1341, {-4.04, 2.02}, 1551 + noise});
+    cases.push_back({1.2496, 3.2337, {-4.04, 0.0}, 9791 + noise});
+    cases.push_back({1.2505, 3.0638, {-4.04, -2.02}, 10251 + noise});
+  }
+  std::mt19937 random(73);
+  const auto draw = [&](double span) { return span * (static_cast<double>(random() % 2001) / 1000.0 - 1.0); };
+  for (std::uint64_t k = 0; k < 100; ++k) {
+    cases.push_back({1.25, draw(std::numbers::pi), {draw(8.0), draw(6.0)}, 20'000 + 20 * k});
+  }
+  for (const Case& c : cases) {
+    const std::string what = "seed " + std::to_string(c.seed);
+    seed = c.seed;
+    begin({}, scene::cropped_320x240());
+    for (int step = 1; step <= 8; ++step) {
+      const double drag = c.drag * step / 8.0;
+      CHECK_TRUE(show(gaussian(c.centre, 3.0, drag * std::cos(c.angle), drag * std::sin(c.angle))).ok());
+      nobody_swapped("drag, " + what);
+      nobody_twice("drag, " + what);
+    }
+    for (int frame = 0; frame < 2; ++frame) {
+      CHECK_TRUE(show(Warp{}).ok());
+      nobody_swapped("snap-back, " + what);
+      nobody_twice("snap-back, " + what);
+    }
+    LONGS_EQUAL(0, lost());
+  }
+}
+
+// A hand's or a hair's shadow over 8 to 18 dots within one frame: all others were declared lost too, for as long as it
+// lasted.
+TEST(Tracker, KeepsTheRestWhenManyInnerDotsVanishAtOnce) {
+  for (std::size_t count = 8; count <= 18; ++count) {
+    for (const std::size_t centre : {std::size_t{20}, std::size_t{31}, std::size_t{42}}) {
+      // The `count` inner dots nearest to the centre.
+      std::vector<std::size_t> order;
+      for (std::size_t i = 0; i < 63; ++i) {
+        if (i / 9 > 0 && i / 9 < 6 && i % 9 > 0 && i % 9 < 8) order.push_back(i);
+      }
+      begin({}, scene::cropped_320x240());
+      const std::vector<Point> rest = truth;
+      std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+        return distance(rest[a], rest[centre]) < distance(rest[b], rest[centre]);
+      });
+      hidden.insert(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(count));
+      const std::string what = std::to_string(count) + " around " + std::to_string(centre);
+      for (int k = 0; k < 16; ++k) {
+        CHECK_TRUE(show(shifted(0.05 * k, -0.02 * k)).ok());
+        nobody_swapped(what);
+        LONGS_EQUAL_TEXT(static_cast<int>(count), lost(), what.c_str());
+      }
+      hidden.clear();
+      for (int k = 0; k < 2; ++k) CHECK_TRUE(show(shifted(0.8, -0.3)).ok());
+      nobody_swapped(what + ", back");
+      LONGS_EQUAL_TEXT(0, lost(), what.c_str());
+    }
+  }
+}
+
+// An outer line hidden and up to three blobs a pitch beyond the opposite side: the lattice was laid over the blobs, and
+// each marker got its neighbour's name. (Without an outer row all are lost: see Grid.)
+TEST(Tracker, NeverSwapsWhenDirtContinuesTheLatticeWhileALineIsHidden) {
+  for (int side = 0; side < 4; ++side) {
+    for (const bool at_once : {true, false}) {
+      for (std::size_t blobs = 0; blobs <= 3; ++blobs) {
+        begin({}, wide_view());
+        const double pitch_px = 2.02 * view.px_per_mm;
+        std::vector<std::size_t> line;
+        for (std::size_t i = 0; i < 63; ++i) {
+          const std::size_t row = i / 9, col = i % 9;
+          if (side == 0 ? col == 0 : side == 1 ? col == 8 : side == 2 ? row == 0 : row == 6) line.push_back(i);
+        }
+        for (std::size_t k = 0; k < blobs; ++k) {
+          const Point hides = truth[line[(2 * k + 1) % line.size()]];
+          const double far_px = (side < 2 ? 9.0 : 7.0) * pitch_px * (side % 2 == 0 ? 1.0 : -1.0);
+          dirt.push_back({hides.x + (side < 2 ? far_px : 0.0), hides.y + (side < 2 ? 0.0 : far_px)});
+        }
+        if (at_once) hidden.insert(line.begin(), line.end());
+        for (std::size_t k = 0; k < 14; ++k) {
+          if (k < line.size()) hidden.insert(line[k]);
+          CHECK_TRUE(show(Warp{}).ok());
+          nobody_swapped(StringFromFormat("side %d, %d blobs", side, static_cast<int>(blobs)).asCharString());
+        }
+        if (side < 2) LONGS_EQUAL(7, lost());
+        hidden.clear();
+        for (int k = 0; k < 13; ++k) CHECK_TRUE(show(Warp{}).ok());
+        nobody_swapped("line back");
+        LONGS_EQUAL(0, lost());
+      }
+    }
+  }
+}
+
+// A lost marker's window saw the rim of a blob that lay between four dots and wandered onto it, half a pitch off.
+TEST(Tracker, DoesNotTakeDirtBetweenTheDotsForALostMarker) {
+  for (const std::size_t marker : {std::size_t{10}, std::size_t{31}, std::size_t{52}}) {
+    for (const auto& [side_x, side_y] : {std::pair{1, 1}, {-1, 1}, {1, -1}, {-1, -1}}) {
+      begin({}, scene::cropped_320x240());
+      hidden = {marker};
+      for (int k = 0; k < 3; ++k) CHECK_TRUE(show(Warp{}).ok());  // lost already when the blob comes
+      dirt = {{truth[marker].x + 11.8 * side_x, truth[marker].y + 11.8 * side_y}};
+      for (int k = 0; k < 15; ++k) {
+        CHECK_TRUE(show(Warp{}).ok());
+        nobody_swapped("dirt by marker " + std::to_string(marker));
+        CHECK_TRUE(lost() <= 3);  // neighbours whose rims it touches may go too
+      }
+    }
+  }
+}
+
+// Blobs of a dot's size that come and go between the dots, up to five at a time, while the gel turns and is dragged at
+// random; they leave at least 0.3 mm of gel to each dot. Inside its window they pull the centre of a dot by up to 8 px
+// (2 px are exceeded by 0.04 to 0.21 % of the markers), so no 2 px here: but never to another dot, and none is lost.
+TEST(Tracker, NeverSwapsWhileDirtComesAndGoesBetweenTheDots) {
+  std::mt19937 random(74);
+  const auto draw = [&](double span) { return span * (static_cast<double>(random() % 2001) / 1000.0 - 1.0); };
+  std::size_t blobs = 0;
+  for (int round = 0; round < 20; ++round) {
+    begin({}, round % 2 == 0 ? scene::cropped_320x240() : wide_view());
+    const double least_px = (view.dot_diameter_mm + 0.3) * view.px_per_mm;
+    double x = 0.0, y = 0.0, angle = 0.0, drag_x = 0.0, drag_y = 0.0;
+    const auto walk = [&](double& value, double step, double limit) {
+      value = std::clamp(value + draw(step), -limit, limit);
+    };
+    std::vector<scene::Vec2> on_gel;  // mm; moves with it
+    for (int frame = 0; frame < 100; ++frame) {
+      walk(x, 0.15, 0.4);
+      walk(y, 0.15, 0.4);
+      walk(angle, 0.5, 3.0);
+      walk(drag_x, 0.25, 0.85);
+      walk(drag_y, 0.25, 0.85);
+      const Warp warp = chained(gaussian({0.4, -0.3}, 4.0, drag_x, drag_y), chained(rotated(angle), shifted(x, y)));
+      const std::vector<Point> printed = lattice_px(grid, view, warp);
+      if (frame % 3 == 0) {
+        on_gel.clear();
+        for (auto k = random() % 6; k > 0; --k) {
+          on_gel.push_back(
+              {2.02 * std::round(draw(4.0)) + 1.01 + draw(0.1), 2.02 * std::round(draw(3.0)) + 1.01 + draw(0.1)});
+        }
+      }
+      dirt.clear();
+      for (const scene::Vec2 place : on_gel) {
+        const scene::Vec2 now = warp(place);
+        const Point at{view.center_x_px + now.x * view.px_per_mm, view.center_y_px + now.y * view.px_per_mm};
+        const bool clear =
+            std::all_of(printed.begin(), printed.end(), [&](Point dot) { return distance(dot, at) >= least_px; });
+        if (clear) dirt.push_back(at);
+      }
+      blobs += dirt.size();
+      CHECK_TRUE(show(warp).ok());
+      const std::string what = StringFromFormat("round %d, frame %d", round, frame).asCharString();
+      for (std::size_t i = 0; i < printed.size(); ++i) {
+        if (state->field.markers[i].valid) CHECK_TRUE_TEXT(off(i) < 0.3 * px(state->pitch), what.c_str());
+      }
+      nobody_twice(what);
+      LONGS_EQUAL_TEXT(0, lost_in_sight(), what.c_str());
+    }
+  }
+  CHECK_TRUE(blobs > 2000);
 }
 
 TEST(Tracker, LosesOnlyTheHiddenDotAndFindsItAgain) {
@@ -310,8 +494,7 @@ TEST(Tracker, NeverSwapsWhileAWholeLineIsHidden) {
   }
 }
 
-// Dots go one by one, in random order, until a third is gone; no single step is large enough to look like a
-// jump.
+// Dots go one by one, in random order, until a third is gone; no single step is large enough to look like a jump.
 TEST(Tracker, NeverSwapsWhileDotsVanishOneByOne) {
   std::mt19937 random(70);
   for (int round = 0; round < 6; ++round) {
@@ -375,8 +558,8 @@ TEST(Tracker, FollowsStepsOfBrightness) {
   }
 }
 
-// 500 frames of everything at once: shift, turn and a local drag of up to 1.2 mm, each walking at random.
-// At least 99 % of the markers are seen (DESIGN.md asks that of real clips), and none is ever somebody else.
+// 500 frames of everything at once: shift, turn and a local drag of up to 1.2 mm, each walking at random. At least 99 %
+// of the markers are seen (DESIGN.md asks that of real clips), and none is ever somebody else.
 TEST(Tracker, NeverInvertsTheOrderOnARandomWalk) {
   std::mt19937 random(72);
   const auto draw = [&](double span) { return span * (static_cast<double>(random() % 2001) / 1000.0 - 1.0); };

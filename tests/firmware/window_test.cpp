@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Window sums against plain double loops, centres against pictures of known truth, and every edge of the
-// picture.
+// Window sums against plain double loops, centres against pictures of known truth, and every edge of the picture.
 #include "vision/window.hpp"
 
 #include <algorithm>
@@ -235,8 +234,7 @@ TEST(Window, NeverReadsOutsideThePicture) {
   }
 }
 
-// A dot at the picture's edge is seen in part: its centre may be pulled inwards, never outside or to another
-// place.
+// A dot at the picture's edge is seen in part: its centre may be pulled inwards, never outside or to another place.
 TEST(Window, StaysAtADotThatTheEdgeCuts) {
   const scene::PictureConfig config = clean();
   for (const Point truth :

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Luma pictures of a scripted grasp, rendered once: input for programs that count what the firmware does with
-// them.
+// Luma pictures of a scripted grasp, rendered once: input for programs that count what the firmware does with them.
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The real recordings beside the project (../shared/data/real) through the firmware, judged by an independent
-// eye: OpenCV's SimpleBlobDetector. Nothing here is a file of the project; without the recordings the caller
-// skips.
+// eye: OpenCV's SimpleBlobDetector. Nothing here is a file of the project; without the recordings the caller skips.
 #pragma once
 
 #include <filesystem>

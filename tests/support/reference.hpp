@@ -55,8 +55,7 @@ struct Features {
 // -sum p ln p, smallest terms first; 0 of an empty histogram.
 [[nodiscard]] long double entropy_long_double(std::span<const int> counts);
 
-// The features frame by frame. Rates need a frame before, min_step_s <= dt <= max_gap_s, and a marker common
-// to both.
+// The features frame by frame. Rates need a frame before, min_step_s <= dt <= max_gap_s, and a marker common to both.
 class Model {
  public:
   explicit Model(const Config& config = {}) : config_(config) {}

@@ -88,8 +88,7 @@ Verdict interpret_text(const std::string& text, const Inputs& x) {
   }
 }
 
-// Runs emitted C++: only the statement forms that the compiler may emit are understood, all else fails the
-// test.
+// Runs emitted C++: only the statement forms that the compiler may emit are understood, all else fails the test.
 Verdict run_emitted(const std::string& header, const Inputs& x) {
   std::istringstream in(header.substr(header.find("evaluate(")));
   std::map<std::string, std::int32_t> locals;
@@ -367,8 +366,7 @@ TEST(SlipModel, CutAtAnyByteTheTextIsRefusedOrSaysTheSame) {
 }
 
 TEST(SlipModel, AThresholdMayStandAtTheEdgeOfWhatThePathLeaves) {
-  // vx in 6..10000000 at node 2: 6 and 9999999 still divide it; so do the first and the last of the whole
-  // range.
+  // vx in 6..10000000 at node 2: 6 and 9999999 still divide it; so do the first and the last of the whole range.
   for (const char* edge : {"<= 6", "<= 9999999"}) {
     (void)compiled(with_nodes("node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nnode 2: vx_um_s " + std::string(edge) +
                               " ? 3 : 4\nleaf 3: hold\nleaf 4: slip\n"));

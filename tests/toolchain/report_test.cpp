@@ -332,8 +332,7 @@ TEST(Overlay, DrawsYellowArrowsFromRestAndRedCrosses) {
     const cv::Mat drawn = cv::imread((dir / "o.png").string());
     LONGS_EQUAL(960, drawn.cols);
     LONGS_EQUAL(720, drawn.rows);
-    // Rest at x = 80, tip at 80 + 2 * 20 = 120: on the shaft there is yellow, beyond the tip there is the
-    // picture.
+    // Rest at x = 80, tip at 80 + 2 * 20 = 120: on the shaft there is yellow, beyond the tip there is the picture.
     const auto at = [&](double x, double y) {
       return drawn.at<cv::Vec3b>(static_cast<int>(3 * y + 1), static_cast<int>(3 * x + 1));
     };

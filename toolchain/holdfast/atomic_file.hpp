@@ -3,8 +3,7 @@
 //
 // Written as `path.tmp-PID` beside its place and renamed by commit(); without commit() nothing is left
 // behind. Refuses what a rename would destroy: the input of the same run, a folder, a device (`/dev/null`).
-// Errors are one line: file, what, likely cause, next step. Not for several writers of one path in one
-// process.
+// Errors are one line: file, what, likely cause, next step. Not for several writers of one path in one process.
 #pragma once
 
 #include <filesystem>

@@ -21,6 +21,9 @@ struct CommonOptions {
   bool json = false;
 };
 
+// A check for names of files: a shell variable that is not set must not quietly mean "none". Empty, or what is wrong.
+[[nodiscard]] std::string not_empty(const std::string& text);
+
 // Adds the options that replay and sim share.
 void add_common_options(CLI::App& command, CommonOptions& options);
 
@@ -47,6 +50,14 @@ struct SimOptions {
 
 // Lines for people and for programs.
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options);
+// One line on stderr, whatever is in it: control characters of file names become '?'. fail() returns the exit status.
 [[nodiscard]] int fail(const std::string& line);
+void note(const std::string& line);
+
+// After heed_interrupts() Ctrl-C ends a run between two frames, so that no temporary file stays behind; the second one
+// ends the program at once.
+void heed_interrupts();
+[[nodiscard]] bool interrupted();
+[[nodiscard]] std::string interrupted_line();
 
 }  // namespace holdfast::tool

@@ -2,10 +2,13 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <csignal>
 #include <cstdio>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "app/modes.hpp"
 #include "base/math.hpp"
@@ -14,6 +17,8 @@
 
 namespace holdfast::tool {
 namespace {
+
+volatile std::sig_atomic_t stop_asked = 0;
 
 std::string known_modes() {
   std::string names;
@@ -30,33 +35,35 @@ std::string known_feature_sets() {
 std::string parse_grid(const std::string& text, Params& params, bool& auto_grid) {
   auto_grid = text == "auto";
   if (auto_grid) return {};
-  int cols = 0, rows = 0, used = 0;
-  const bool shaped =
-      std::sscanf(text.c_str(), "%dx%d%n", &cols, &rows, &used) == 2 && used == static_cast<int>(text.size());
-  params.grid_cols = cols;
-  params.grid_rows = rows;
-  if (shaped && validate(params).ok()) return {};
+  const char* const end = text.data() + text.size();
+  const auto [x, cols_error] = std::from_chars(text.data(), end, params.grid_cols);
+  if (cols_error == std::errc{} && x != end && *x == 'x') {
+    const auto [rest, rows_error] = std::from_chars(x + 1, end, params.grid_rows);
+    if (rows_error == std::errc{} && rest == end && validate(params).ok()) return {};
+  }
   return fmt::format(
-      "--grid {}: not a grid this firmware knows. Likely cause: not written as COLSxROWS, or outside 3..16 "
-      "and "
-      "{} markers. Next: give the printed grid, for instance 9x7, or auto",
+      "--grid '{}': not a grid this firmware knows. Likely cause: not written as COLSxROWS, or outside 3 to 16 columns "
+      "and rows, or more than {} markers. Next: give the printed grid, for instance 9x7, or auto",
       text, kMaxMarkers);
 }
 
 std::string load_model(const std::string& path, std::unique_ptr<model::Tree>& tree, std::string& model_text) {
   std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) {
+  std::error_code ignored;
+  if (!in || std::filesystem::is_directory(path, ignored)) {
     return fmt::format(
-        "{}: cannot be read as a model. Likely cause: no such file or no right to read it. Next: give a "
-        "model text "
+        "{}: cannot be read as a model. Likely cause: no such file, or no right to read it. Next: give a model text "
         "such as toolchain/model/slip_v1.tree",
         path);
   }
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
   treec::Model parsed;
-  if (const auto problem = treec::parse(text.str(), parsed)) return treec::describe(*problem, path);
-  if (const auto problem = treec::check(parsed)) return treec::describe(*problem, path);
+  auto problem = treec::parse(text, parsed);
+  if (!problem) problem = treec::check(parsed);
+  if (problem) {
+    return fmt::format("{}:{}: {}. Likely cause: not a model text, or changed by hand. Next: {}", path, problem->line,
+                       problem->what, problem->next);
+  }
   tree = std::make_unique<model::Tree>(treec::to_table(parsed));
   model_text = fmt::format("{} ({})", parsed.name, path);
   return {};
@@ -64,21 +71,28 @@ std::string load_model(const std::string& path, std::unique_ptr<model::Tree>& tr
 
 }  // namespace
 
+std::string not_empty(const std::string& text) {
+  return text.empty() ? "the name is empty" : "";
+}
+
 void add_common_options(CLI::App& command, CommonOptions& options) {
   command.add_option("--grid", options.grid, "printed grid as COLSxROWS, or auto: take the lattice found")
       ->capture_default_str();
   command.add_option("--mode", options.mode, fmt::format("speed setting for JPEG pictures: {}", known_modes()))
       ->capture_default_str();
-  command.add_option("--model", options.model, "model text to decide with instead of the compiled tree");
+  command.add_option("--model", options.model, "model text to decide with instead of the compiled tree")
+      ->check(not_empty);
   command
       .add_option("--feature-set", options.feature_set, fmt::format("features to decide on: {}", known_feature_sets()))
       ->capture_default_str();
-  command.add_option("--features", options.paths.features, "write one row per frame: CSV");
-  command.add_option("--markers", options.paths.markers, "write one row per marker and frame: CSV");
-  command.add_option("--overlay", options.paths.overlay,
-                     "write the frame of the first slip (else of the largest entropy) with its arrows, three times "
-                     "their length: PNG");
-  command.add_option("--report", options.paths.report, "write a report that any browser shows: HTML");
+  command.add_option("--features", options.paths.features, "write one row per frame: CSV")->check(not_empty);
+  command.add_option("--markers", options.paths.markers, "write one row per marker and frame: CSV")->check(not_empty);
+  command
+      .add_option("--overlay", options.paths.overlay,
+                  "write the frame of the first slip (else of the largest entropy) with its arrows, three times "
+                  "their length: PNG")
+      ->check(not_empty);
+  command.add_option("--report", options.paths.report, "write a report that any browser shows: HTML")->check(not_empty);
   command.add_flag("--json", options.json, "print the summary as JSON");
 }
 
@@ -86,13 +100,13 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
                    std::string& model_text) {
   if (std::string error = parse_grid(options.grid, params, auto_grid); !error.empty()) return error;
   if (!parse("mode", options.mode, params).ok() || !find_mode(options.mode)) {
-    return fmt::format("--mode {}: no such mode. Likely cause: a typing error. Next: give one of {}", options.mode,
+    return fmt::format("--mode '{}': no such mode. Likely cause: a typing error. Next: give one of {}", options.mode,
                        known_modes());
   }
   bool known_set = false;
   for (const FeatureSet& set : kFeatureSets) known_set = known_set || set.name == options.feature_set;
   if (!known_set) {
-    return fmt::format("--feature-set {}: no such set. Likely cause: a typing error. Next: give one of {}",
+    return fmt::format("--feature-set '{}': no such set. Likely cause: a typing error. Next: give one of {}",
                        options.feature_set, known_feature_sets());
   }
   model_text = fmt::format("{} (compiled in)", slip_tree::kName);
@@ -100,9 +114,11 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
 }
 
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options) {
+  const GridSize grid = session.app().state().tracker.field.grid;
   if (options.json) {
     nlohmann::json out;
     out["frames"] = summary.frames;
+    out["grid"] = grid_text(grid);
     out["accepted"] = summary.accepted;
     out["markers_mean"] = summary.mean_markers;
     out["markers_least"] = summary.least_markers;
@@ -113,9 +129,13 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     fmt::print("{}\n", out.dump());
     return;
   }
-  fmt::print("frames    {} read, {} accepted\n", summary.frames, summary.accepted);
-  fmt::print("markers   {:.2f} of {} on average, {} at least\n", summary.mean_markers,
-             session.app().state().tracker.field.grid.count(), summary.least_markers);
+  const long rejected = summary.frames - summary.accepted;
+  fmt::print("frames    {} read, {} accepted{}\n", summary.frames, summary.accepted,
+             rejected > 0
+                 ? fmt::format(", {} rejected; the last because {}", rejected, info(summary.last_rejection).what)
+                 : "");
+  fmt::print("markers   {:.2f} of {} ({}) on average, {} at least\n", summary.mean_markers, grid.count(),
+             grid_text(grid), summary.least_markers);
   if (summary.slip_frames.empty()) {
     fmt::print("slip      never raised\n");
   } else {
@@ -123,18 +143,37 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                summary.slip_frames.front(), summary.slip_times_s.front());
   }
   if (summary.saturations > 0) fmt::print("note      {} values were clamped to their range\n", summary.saturations);
-  for (const auto& [name, path] : {std::pair{"features", &options.paths.features},
-                                   {"markers", &options.paths.markers},
-                                   {"truth", &options.paths.truth},
-                                   {"overlay", &options.paths.overlay},
-                                   {"report", &options.paths.report}}) {
+  for (const auto& [name, path] : options.paths.named()) {
     if (!path->empty()) fmt::print("written   {}: {}\n", name, path->string());
   }
 }
 
+void note(const std::string& line) {
+  std::string shown = line;
+  std::replace_if(
+      shown.begin(), shown.end(), [](unsigned char c) { return c < 0x20 || c == 0x7F; }, '?');
+  fmt::print(stderr, "holdfast: {}\n", shown);
+}
+
 int fail(const std::string& line) {
-  fmt::print(stderr, "holdfast: {}\n", line);
+  note(line);
   return 1;
+}
+
+void heed_interrupts() {
+  struct sigaction once {};
+  once.sa_handler = [](int) { stop_asked = 1; };
+  once.sa_flags = static_cast<int>(SA_RESETHAND);
+  ::sigaction(SIGINT, &once, nullptr);
+  ::sigaction(SIGTERM, &once, nullptr);
+}
+
+bool interrupted() {
+  return stop_asked != 0;
+}
+
+std::string interrupted_line() {
+  return "interrupted. Likely cause: Ctrl-C. Next: run it again; nothing was written";
 }
 
 }  // namespace holdfast::tool

@@ -21,8 +21,11 @@ double now_s() {
 Progress::Progress(std::string what, long total)
     : what_(std::move(what)), total_(total), terminal_(isatty(STDERR_FILENO) == 1), start_s_(now_s()) {}
 
-Progress::~Progress() {
-  if (shown_) fmt::print(stderr, "\r\033[K");
+void Progress::clear() {
+  if (width_ == 0) return;
+  show("");
+  fmt::print(stderr, "\r");
+  width_ = 0;
 }
 
 void Progress::update(long done) {
@@ -31,15 +34,16 @@ void Progress::update(long done) {
   const double elapsed = now - start_s_;
   if (elapsed < 1.0 || now - last_s_ < 0.1) return;
   last_s_ = now;
-  shown_ = true;
-  if (total_ <= 0) {
-    fmt::print(stderr, "\r{} {} frames \033[K", what_, done);
-    return;
-  }
+  if (total_ <= 0) return show(fmt::format("{} {} frames", what_, done));
   const double share = std::clamp(static_cast<double>(done) / static_cast<double>(total_), 0.0, 1.0);
   const auto filled = static_cast<int>(share * 30);
-  fmt::print(stderr, "\r{} [{:#<{}}{:.<{}}] {}/{} {:.0f} s left \033[K", what_, "", filled, "", 30 - filled, done,
-             total_, share > 0 ? elapsed * (1 - share) / share : 0.0);
+  show(fmt::format("{} [{:#<{}}{:.<{}}] {}/{} {:.0f} s left", what_, "", filled, "", 30 - filled, done, total_,
+                   share > 0 ? elapsed * (1 - share) / share : 0.0));
+}
+
+void Progress::show(const std::string& text) {
+  fmt::print(stderr, "\r{:<{}}", text, width_);
+  width_ = std::max(width_, text.size());
 }
 
 }  // namespace holdfast::tool

@@ -15,6 +15,8 @@
 namespace holdfast::tool {
 namespace {
 
+namespace fs = std::filesystem;
+
 constexpr double kQ8 = 256.0;
 
 double nat(NatsQ16 value) {
@@ -27,8 +29,39 @@ double mm_per_s(MicrometresPerSec value) {
   return value.raw() / 1000.0;
 }
 
-std::unique_ptr<AtomicFile> open_output(const std::filesystem::path& path, const std::filesystem::path& input) {
-  return path.empty() ? nullptr : std::make_unique<AtomicFile>(path, input);
+// Also for files that do not exist yet, and through links.
+bool same_place(const fs::path& a, const fs::path& b) {
+  std::error_code ignored;
+  if (fs::equivalent(a, b, ignored)) return true;
+  const fs::path place = fs::weakly_canonical(fs::absolute(a, ignored), ignored);
+  return !place.empty() && place == fs::weakly_canonical(fs::absolute(b, ignored), ignored);
+}
+
+// Which output would destroy another one or something that the run reads. Empty: none. A folder of images is read as
+// a whole: a file more in it may be a frame more at the next run.
+std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inputs) {
+  const auto outputs = paths.named();
+  for (const auto* one = outputs.begin(); one != outputs.end(); ++one) {
+    const auto& [name, path] = *one;
+    if (path->empty()) continue;
+    for (const fs::path& input : inputs) {
+      if (input.empty()) continue;
+      std::error_code ignored;
+      const bool inside = fs::is_directory(input, ignored) && same_place(fs::absolute(*path).parent_path(), input);
+      if (!inside && !same_place(*path, input)) continue;
+      return fmt::format(
+          "{}: --{} would change {} input of this run. Likely cause: the same name given twice, or an output beside "
+          "the pictures. Next: give another place for the output",
+          path->string(), name, inside ? "the folder that is an" : "an");
+    }
+    for (const auto* other = std::next(one); other != outputs.end(); ++other) {
+      if (other->second->empty() || !same_place(*path, *other->second)) continue;
+      return fmt::format(
+          "{}: given for both --{} and --{}. Likely cause: a typing error. Next: give each output a file of its own",
+          path->string(), name, other->first);
+    }
+  }
+  return {};
 }
 
 // Working pixel to input pixel: pixel centres are whole numbers in both.
@@ -54,13 +87,17 @@ std::string explain(Reason reason, const App& app) {
   return fmt::format("{}. Likely cause: {}. Next: {}", what, row.cause, row.next);
 }
 
-Session::Session(SessionInfo info, const OutputPaths& paths)
+Session::Session(SessionInfo info, OutputPaths paths)
     : info_(std::move(info)),
-      paths_(paths),
-      features_(open_output(paths.features, info_.input)),
-      markers_(open_output(paths.markers, info_.input)),
-      truth_(open_output(paths.truth, info_.input)),
+      paths_(std::move(paths)),
+      error_(collision(paths_, info_.inputs)),
       gpio_(clock_, 1 << 20) {
+  if (!error_.empty()) return;
+  features_ = open(paths_.features);
+  markers_ = open(paths_.markers);
+  truth_ = open(paths_.truth);
+  report_file_ = open(paths_.report);
+  (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
   if (features_) {
     features_->stream()
         << "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok\n";
@@ -68,11 +105,11 @@ Session::Session(SessionInfo info, const OutputPaths& paths)
   if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
 }
 
-std::string Session::output_error() const {
-  for (const auto* file : {&features_, &markers_, &truth_}) {
-    if (*file && !(*file)->error().empty()) return (*file)->error();
-  }
-  return {};
+std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
+  if (path.empty()) return nullptr;
+  auto file = std::make_unique<AtomicFile>(path);
+  if (error_.empty()) error_ = file->error();
+  return file;
 }
 
 void Session::connect(hal::Camera& camera, const model::Tree* tree) {
@@ -135,6 +172,11 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
       fmt::print(markers_->stream(), "{},{},{},{},{:.4f},{:.4f},{:.4f},{:.4f}\n", frame, i / field.grid.cols,
                  i % field.grid.cols, arrow.valid ? 1 : 0, arrow.x_px, arrow.y_px, arrow.dx_px, arrow.dy_px);
     }
+  } else if (markers_ && app_->state().reference.known) {
+    // A rejected frame tells nothing, but keeps its rows: frames times markers is a full table.
+    for (int i = 0; i < rest.grid.count(); ++i) {
+      fmt::print(markers_->stream(), "{},{},{},0,,,,\n", frame, i / rest.grid.cols, i % rest.grid.cols);
+    }
   }
 
   ReportFrame row{};
@@ -168,7 +210,6 @@ void Session::keep_for_overlay(double scale, const hal::Frame& given) {
   best_entropy_ = entropy;
   picture_format_ = given.format;
   picture_bytes_.assign(given.bytes.begin(), given.bytes.end());
-  picture_width_ = given.width;
   picture_height_ = given.height;
   picture_scale_ = given.format == hal::PixelFormat::kLuma8 ? scale : 1.0;
   picture_arrows_ = arrows_;
@@ -190,9 +231,7 @@ Summary Session::summary() const {
 
 std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSeries> series,
                             std::vector<std::string> notes) {
-  // What may still fail is done first: pictures and report are written whole, the CSV files only renamed
-  // after.
-  if (!paths_.report.empty()) {
+  if (report_file_) {
     ReportInfo report{};
     const GridSize grid = app_->state().tracker.field.grid;
     report.title = info_.title;
@@ -207,30 +246,37 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report.notes = std::move(notes);
     report.histogram_range_mm = info_.params.histogram_range_um / 1000.0;
     report.saturations = app_->state().saturations.count;
-    if (std::string error = report_.write(paths_.report, report, info_.input); !error.empty()) return error;
+    report_file_->stream() << report_.html(report);
+  }
+  // What may still fail comes first: every byte is written, then the overlay, and only then files are renamed.
+  const std::array files{features_.get(), markers_.get(), truth_.get(), report_file_.get()};
+  for (AtomicFile* file : files) {
+    if (file != nullptr && !file->stream().flush()) return file->commit();
   }
   if (!paths_.overlay.empty()) {
-    cv::Mat picture;
-    std::vector<Arrow> arrows = picture_arrows_;
-    if (picture_format_ == hal::PixelFormat::kMjpeg) {
-      picture = cv::imdecode(picture_bytes_, cv::IMREAD_COLOR);
-    } else {
-      picture = cv::Mat(picture_height_, picture_width_, CV_8UC1, picture_bytes_.data());
-      for (Arrow& a : arrows) {
-        a = {(a.x_px + 0.5) / picture_scale_ - 0.5, (a.y_px + 0.5) / picture_scale_ - 0.5, a.dx_px / picture_scale_,
-             a.dy_px / picture_scale_, a.valid};
-      }
-    }
-    constexpr double kArrowFactor = 3.0;  // displacements are a few pixels of 320; longer arrows can be read
-    if (std::string error = write_overlay(paths_.overlay, picture, arrows, kArrowFactor, info_.input); !error.empty()) {
-      return error;
-    }
+    if (std::string error = draw_overlay(); !error.empty()) return error;
   }
-  for (const auto* file : {&features_, &markers_, &truth_}) {
-    if (!*file) continue;
-    if (std::string error = (*file)->commit(); !error.empty()) return error;
+  for (AtomicFile* file : files) {
+    if (file == nullptr) continue;
+    if (std::string error = file->commit(); !error.empty()) return error;
   }
   return {};
+}
+
+std::string Session::draw_overlay() const {
+  cv::Mat picture;
+  std::vector<Arrow> arrows = picture_arrows_;
+  if (picture_format_ == hal::PixelFormat::kMjpeg) {
+    picture = cv::imdecode(picture_bytes_, cv::IMREAD_COLOR);
+  } else {
+    picture = cv::Mat(picture_bytes_, true).reshape(1, picture_height_);
+    for (Arrow& a : arrows) {
+      a = {(a.x_px + 0.5) / picture_scale_ - 0.5, (a.y_px + 0.5) / picture_scale_ - 0.5, a.dx_px / picture_scale_,
+           a.dy_px / picture_scale_, a.valid};
+    }
+  }
+  constexpr double kArrowFactor = 3.0;  // displacements are a few pixels of 320; longer arrows can be read
+  return write_overlay(paths_.overlay, picture, arrows, kArrowFactor);
 }
 
 std::string Session::gpio_timeline() const {

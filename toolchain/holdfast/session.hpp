@@ -6,10 +6,13 @@
 // inside does not.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include <opencv2/core/mat.hpp>
@@ -30,12 +33,21 @@ struct OutputPaths {
   std::filesystem::path overlay;
   std::filesystem::path report;
   std::filesystem::path truth;  // simulated grasps only
+
+  // With the names of their options, without the dashes; a path may be empty.
+  [[nodiscard]] std::array<std::pair<std::string_view, const std::filesystem::path*>, 5> named() const {
+    return {{{"features", &features},
+             {"markers", &markers},
+             {"truth", &truth},
+             {"overlay", &overlay},
+             {"report", &report}}};
+  }
 };
 
 // What the run was, in words; goes into report and summary.
 struct SessionInfo {
   std::string title;
-  std::filesystem::path input;  // outputs must not overwrite it; empty for a simulated grasp
+  std::vector<std::filesystem::path> inputs;  // files and folders that this run reads: no output may touch them
   std::string input_text;
   std::string reference_text;
   std::string model_text;
@@ -58,10 +70,10 @@ struct Summary {
 
 class Session {
  public:
-  Session(SessionInfo info, const OutputPaths& paths);
+  Session(SessionInfo info, OutputPaths paths);
 
   // Why an output cannot be written, as far as known before the run. Empty: good.
-  [[nodiscard]] std::string output_error() const;
+  [[nodiscard]] const std::string& output_error() const { return error_; }
 
   // The firmware, over `camera`. The camera shares clock().
   // `tree`: decides instead of the compiled one; outlives the session. May be null.
@@ -85,11 +97,14 @@ class Session {
   [[nodiscard]] std::string gpio_timeline() const;
 
  private:
+  [[nodiscard]] std::unique_ptr<AtomicFile> open(const std::filesystem::path& path);
   void keep_for_overlay(double scale, const hal::Frame& given);
+  [[nodiscard]] std::string draw_overlay() const;
 
   SessionInfo info_;
   OutputPaths paths_;
-  std::unique_ptr<AtomicFile> features_, markers_, truth_;
+  std::string error_;
+  std::unique_ptr<AtomicFile> features_, markers_, truth_, report_file_;
   sim::Clock clock_;
   sim::Gpio gpio_;
   sim::Serial link_;
@@ -104,7 +119,7 @@ class Session {
   bool slip_kept_ = false;
   hal::PixelFormat picture_format_ = hal::PixelFormat::kLuma8;
   std::vector<std::uint8_t> picture_bytes_;
-  int picture_width_ = 0, picture_height_ = 0;
+  int picture_height_ = 0;
   double picture_scale_ = 1;
   std::vector<Arrow> picture_arrows_;
 };

@@ -31,14 +31,18 @@ int sim_grasp(const SimOptions& options) {
     for (const scene::Scene& s : scene::kScenes) fmt::print("{:14} {}\n", s.name, s.help);
     return 0;
   }
-  const scene::Scene* chosen = scene::find_scene(options.scene);
   std::string names;
   for (const scene::Scene& s : scene::kScenes) names += fmt::format("{}{}", names.empty() ? "" : ", ", s.name);
+  if (options.scene.empty()) {
+    return fail(fmt::format("sim: no scene given. Likely cause: its name was left out. Next: give one of {}", names));
+  }
+  const scene::Scene* chosen = scene::find_scene(options.scene);
   if (chosen == nullptr) {
     return fail(
         fmt::format("scene '{}': not known. Likely cause: a typing error. Next: give one of {}", options.scene, names));
   }
   SessionInfo info{};
+  info.inputs = {options.common.model};
   std::unique_ptr<model::Tree> tree;
   if (const std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text);
       !error.empty()) {
@@ -51,7 +55,7 @@ int sim_grasp(const SimOptions& options) {
     config.format = hal::PixelFormat::kLuma8;
   } else if (options.camera != "3280x2464") {
     return fail(
-        fmt::format("--camera {}: no such camera. Likely cause: a typing error. Next: give 3280x2464 (JPEG, as "
+        fmt::format("--camera '{}': no such camera. Likely cause: a typing error. Next: give 3280x2464 (JPEG, as "
                     "the sensor) or 320x240 (luma)",
                     options.camera));
   }
@@ -73,7 +77,7 @@ int sim_grasp(const SimOptions& options) {
   const long total = scene::frame_count(config.grasp);
   Progress progress("sim", total);
   long frame = 0;
-  while (session.app().step()) {
+  while (!interrupted() && session.app().step()) {
     if (session.app().result().quality.reason == Reason::kNoFrame) continue;
     const scene::GraspTruth& truth = camera.truth();
     const hal::Frame& given = camera.lent();
@@ -83,7 +87,9 @@ int sim_grasp(const SimOptions& options) {
     fraction.points.emplace_back(truth.time_s, truth.slip_fraction);
     progress.update(++frame);
   }
+  progress.clear();
   session.app().stop();
+  if (interrupted()) return fail(interrupted_line());
 
   const auto half = scene::onset_s(config.grasp, scene::SlipLevel::kHalf);
   std::vector<TruthMark> marks;

@@ -1,0 +1,655 @@
+// SPDX-License-Identifier: Apache-2.0
+// The program `holdfast` as a user meets it: right words and no files when something is wrong, right files when not.
+// Inputs are rendered grasps of known truth, written by OpenCV and libjpeg.
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <set>
+#include <sstream>
+
+#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/host_process.hpp"
+#include "tests/support/temp_dir.hpp"
+// last: it redefines new
+#include <CppUTest/TestHarness.h>
+
+namespace {
+
+using namespace holdfast;
+namespace fs = std::filesystem;
+using test::Finished;
+using test::HostProcess;
+using test::read_file;
+using test::TempDir;
+using test::write_file;
+
+using Words = std::vector<std::string>;
+
+constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
+constexpr const char* kFeaturesHeader =
+    "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok";
+constexpr const char* kMarkersHeader = "frame,row,col,valid,x_px,y_px,dx_px,dy_px";
+
+// A grasp seen by one camera. Frame 0 shows the empty gel, the others the object being pulled.
+struct Film {
+  scene::PictureConfig picture = scene::cropped_320x240();
+  scene::MarkerGrid grid{};
+
+  [[nodiscard]] static scene::GraspTruth truth(int frame) {
+    return scene::at(scene::sphere_slip(), frame == 0 ? 0.0 : 1.48 + 0.03 * frame);
+  }
+  [[nodiscard]] std::vector<scene::PointPx> dots(int frame) const {
+    return scene::dot_centers_px(picture, scene::markers_at(scene::sphere_slip(), truth(frame), grid));
+  }
+  [[nodiscard]] cv::Mat grey(int frame) const {
+    std::vector<std::uint8_t> out;
+    scene::render_luma(picture, dots(frame), nullptr, static_cast<std::uint64_t>(frame), out);
+    return cv::Mat(out, true).reshape(1, picture.height);
+  }
+  // 4:2:2 as the sensor sends it.
+  [[nodiscard]] std::string jpeg(int frame) const {
+    std::vector<std::uint8_t> rgb;
+    scene::render_rgb(picture, dots(frame), nullptr, static_cast<std::uint64_t>(frame), rgb);
+    const auto bytes = scene::encode_jpeg(rgb, picture.width, picture.height, scene::JpegInput::kRgb, 85);
+    return {bytes.begin(), bytes.end()};
+  }
+  [[nodiscard]] std::string stream(int frames) const {
+    std::string out;
+    for (int i = 0; i < frames; ++i) out += jpeg(i);
+    return out;
+  }
+};
+
+Film vga() {
+  return {scene::scaled(scene::cropped_320x240(), 640), {}};
+}
+
+// The gel with 8 columns and 10 rows, seen whole.
+Film tall_gel() {
+  Film film;
+  film.grid = {10, 8, 2.02};
+  film.picture.height = 320;
+  film.picture.center_y_px = 159.5;
+  film.picture.px_per_mm *= 0.85;
+  return film;
+}
+
+void write_frames(const fs::path& folder, int frames, const Film& film = {}) {
+  fs::create_directory(folder);
+  for (int i = 0; i < frames; ++i) cv::imwrite((folder / (std::to_string(i) + ".png")).string(), film.grey(i));
+}
+
+template <typename Picture>
+void write_video(const fs::path& path, const char* fourcc, int frames, Picture picture, double fps = 25) {
+  const cv::Mat first = picture(0);
+  cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG,
+                         cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]), fps, first.size());
+  CHECK_TEXT(frames == 0 || writer.isOpened(), "OpenCV cannot write this video here");
+  for (int i = 0; i < frames; ++i) {
+    cv::Mat colour = picture(i);
+    if (colour.channels() == 1) cv::cvtColor(colour, colour, cv::COLOR_GRAY2BGR);
+    writer.write(colour);
+  }
+}
+
+void write_gel_video(const fs::path& path, const char* fourcc, int frames, double fps = 25) {
+  write_video(
+      path, fourcc, frames, [](int i) { return Film{}.grey(i); }, fps);
+}
+
+cv::Mat noise(int seed, double blur_px) {
+  cv::Mat image(240, 320, CV_8U);
+  cv::RNG(static_cast<std::uint64_t>(seed) + 1).fill(image, cv::RNG::UNIFORM, 0, 255);
+  if (blur_px > 0) {
+    cv::GaussianBlur(image, image, cv::Size(), blur_px);
+    cv::normalize(image, image, 0, 255, cv::NORM_MINMAX);
+  }
+  return image;
+}
+
+struct Table {
+  std::string header;
+  std::vector<Words> rows;
+};
+
+Table read_csv(const fs::path& path) {
+  Table table;
+  std::ifstream file(path);
+  std::getline(file, table.header);
+  for (std::string line; std::getline(file, line);) {
+    Words cells;
+    std::istringstream in(line + ",");
+    for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
+    table.rows.push_back(cells);
+  }
+  return table;
+}
+
+std::string joined(const Words& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : " ") + word;
+  return text;
+}
+
+}  // namespace
+
+// clang-format off
+TEST_GROUP(Tool) {
+  TempDir dir;
+  // clang-format on
+
+  [[nodiscard]] std::string in(std::string_view name) const {
+    return (dir / name).string();
+  }
+
+  Finished ask(const Words& arguments) {
+    Words command{kTool};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    Finished done = test::run(command);
+    CHECK_TEXT(done.in_time, (joined(arguments) + ": did not end").c_str());
+    CHECK_TEXT((done.out + done.err).find('\033') == std::string::npos, "an escape code on something not a terminal");
+    return done;
+  }
+
+  Finished succeed(const Words& arguments) {
+    Finished done = ask(arguments);
+    LONGS_EQUAL_TEXT(0, done.status, (joined(arguments) + ": " + done.err).c_str());
+    return done;
+  }
+
+  // One line on stderr that names `named` and says `said`; no word on stdout, no file made or changed.
+  void check_line(const Finished& done, const std::string& about, const std::string& named, const std::string& said) {
+    const std::string text = about + " -> " + done.err;
+    CHECK_TEXT(done.status > 0 && done.status < 128, text.c_str());
+    STRCMP_EQUAL_TEXT("", done.out.c_str(), text.c_str());
+    LONGS_EQUAL_TEXT(1, std::count(done.err.begin(), done.err.end(), '\n'), text.c_str());
+    CHECK_TEXT(done.err.starts_with("holdfast: ") && done.err.ends_with("\n"), text.c_str());
+    STRCMP_CONTAINS_TEXT(named.c_str(), done.err.c_str(), text.c_str());
+    STRCMP_CONTAINS_TEXT(said.c_str(), done.err.c_str(), text.c_str());
+    const bool by_words =
+        done.err.find(". Likely cause: ") < done.err.find(". Next: ") && done.err.find(". Next: ") != std::string::npos;
+    const bool by_marks = done.err.find("; ", done.err.find(": ", 10)) != std::string::npos;
+    CHECK_TEXT(by_words || by_marks, (text + "says no cause or no next step").c_str());
+  }
+
+  // With every output asked for: two that are there already, two that are not.
+  void refused(Words arguments, const std::string& named, const std::string& said) {
+    const fs::path out = dir / "out";
+    fs::create_directory(out);
+    write_file(out / "f.csv", "older");
+    write_file(out / "r.html", "older");
+    const std::string about = joined(arguments);
+    for (const auto& [option, name] :
+         {std::pair{"--features", "f.csv"}, {"--markers", "m.csv"}, {"--overlay", "o.png"}, {"--report", "r.html"}}) {
+      arguments.insert(arguments.end(), {option, (out / name).string()});
+    }
+    check_line(ask(arguments), about, named, said);
+    LONGS_EQUAL_TEXT(2, std::distance(fs::directory_iterator(out), {}), about.c_str());
+    STRCMP_EQUAL_TEXT("older", read_file(out / "f.csv").c_str(), about.c_str());
+    STRCMP_EQUAL_TEXT("older", read_file(out / "r.html").c_str(), about.c_str());
+  }
+};
+
+TEST(Tool, RefusesWhatIsNoRecording) {
+  refused({"replay", in("absent.avi")}, in("absent.avi"), "No such file");
+  write_file(dir / "text.avi", "not a video\n");
+  refused({"replay", in("text.avi")}, in("text.avi"), "not a video");
+  write_file(dir / "text.mjpg", "not a stream\n");
+  refused({"replay", in("text.mjpg")}, in("text.mjpg"), "not an MJPEG stream");
+  const cv::Mat random = noise(1, 0);
+  write_file(dir / "random.mp4", {reinterpret_cast<const char*>(random.data), random.total()});
+  refused({"replay", in("random.mp4")}, in("random.mp4"), "not a video");
+  write_file(dir / "empty.avi", "");
+  refused({"replay", in("empty.avi")}, in("empty.avi"), "0 bytes");
+  write_gel_video(dir / "zero.avi", "MJPG", 0);
+  refused({"replay", in("zero.avi")}, in("zero.avi"), "holds no frames");
+  fs::create_directory(dir / "folder");
+  refused({"replay", in("folder")}, in("folder"), "the folder is empty");
+  write_file(dir / "folder/a.txt", "x");
+  refused({"replay", in("folder")}, in("folder"), "no images");
+  write_frames(dir / "mixed", 3);
+  cv::imwrite(in("mixed/3.png"), vga().grey(3));
+  refused({"replay", in("mixed")}, in("mixed/3.png"), "640x480");
+  refused({"replay", "/dev/null"}, "/dev/null", "neither a file nor a folder");
+  if (::geteuid() == 0) return;  // root may read everything
+  write_frames(dir / "secret", 1);
+  fs::permissions(dir / "secret/0.png", fs::perms::none);
+  refused({"replay", in("secret/0.png")}, in("secret/0.png"), "ermission");
+}
+
+TEST(Tool, RefusesPicturesWithoutAGrid) {
+  write_video(dir / "noise.avi", "MJPG", 2, [](int i) { return noise(i, 0); });
+  refused({"replay", in("noise.avi")}, in("noise.avi"), "too many blobs");
+  write_video(dir / "black.avi", "MJPG", 2, [](int) { return cv::Mat(240, 320, CV_8U, cv::Scalar(0)); });
+  refused({"replay", in("black.avi")}, in("black.avi"), "too few dark dots");
+  write_video(dir / "leaves.avi", "MJPG", 2, [](int i) { return noise(i, 6); });
+  refused({"replay", in("leaves.avi"), "--grid", "auto"}, in("leaves.avi"), "Likely cause: ");
+  write_video(dir / "pixel.avi", "FFV1", 2, [](int) { return cv::Mat(2, 2, CV_8U, cv::Scalar(99)); });
+  refused({"replay", in("pixel.avi")}, in("pixel.avi"), "too small (2x2");
+  fs::create_directory(dir / "one");
+  cv::imwrite(in("one/0.png"), cv::Mat(1, 1, CV_8U, cv::Scalar(99)));
+  refused({"replay", in("one")}, in("one/0.png"), "too small (1x1");
+  write_video(dir / "wide.avi", "MJPG", 2, [](int) { return cv::Mat(100, 20000, CV_8U, cv::Scalar(99)); });
+  refused({"replay", in("wide.avi")}, in("wide.avi"), "20000x100");
+  cv::imwrite(in("wide.png"), cv::Mat(100, 20000, CV_8U, cv::Scalar(99)));
+  refused({"replay", in("wide.png")}, in("wide.png"), "20000x100");
+}
+
+TEST(Tool, RefusesAGridThatIsNotThere) {
+  write_gel_video(dir / "gel.avi", "MJPG", 2);
+  for (const char* grid : {"8x7", "9x8", "5x5", "10x7", "7x9"}) {
+    refused({"replay", in("gel.avi"), "--grid", grid}, in("gel.avi"), "found 9x7");
+  }
+  for (const char* grid : {"9", "9x", "0x0", "99x99", "axb", "", "9x7x", " 9x7", "-9x7", "99999999999x7", "16x16"}) {
+    refused({"replay", in("gel.avi"), "--grid", grid}, "--grid '" + std::string(grid) + "'", "9x7, or auto");
+  }
+}
+
+TEST(Tool, RefusesAReferenceThatIsNone) {
+  write_gel_video(dir / "gel.avi", "MJPG", 3);
+  const auto refuse = [&](const std::string& reference, const std::string& named, const char* said) {
+    refused({"replay", in("gel.avi"), "--reference", reference}, named, said);
+  };
+  for (const char* number : {"3", "450", "-1", "99999999999", "99999999999999999999"}) {
+    refuse(number, in("gel.avi"), "from 0 to 2");
+  }
+  refuse("", "--reference", "empty");
+  refuse(in("absent.png"), in("absent.png"), "no such file");
+  refuse(dir.path().string(), dir.path().string(), "is a folder");
+  refuse(in("gel.avi"), in("gel.avi"), "not an image");
+  const cv::Mat good = Film{}.grey(0);
+  const auto image = [&](const char* name, const cv::Mat& picture) {
+    cv::imwrite(in(name), picture);
+    return in(name);
+  };
+  // A JPEG of twice the size comes out of the decoder at the same working size: it must not slip through.
+  for (const char* name : {"big.png", "big.jpg"}) refuse(image(name, vga().grey(0)), in(name), "is 640x480 pixels");
+  cv::Mat deep, alpha;
+  good.convertTo(deep, CV_16U, 257);
+  cv::cvtColor(good, alpha, cv::COLOR_GRAY2BGRA);
+  refuse(image("deep.png", deep), in("deep.png"), "more than 8 bits");
+  refuse(image("alpha.png", alpha), in("alpha.png"), "alpha");
+  refuse(image("blank.png", cv::Mat(240, 320, CV_8U, cv::Scalar(99))), in("blank.png"), "too few dark dots");
+  write_file(dir / "cut.jpg", Film{}.jpeg(0).substr(0, 5000));
+  refuse(in("cut.jpg"), in("cut.jpg"), "cut off");
+  write_file(dir / "cut.mjpg", Film{}.jpeg(0) + Film{}.jpeg(1).substr(0, 5000));
+  refused({"replay", in("cut.mjpg"), "--reference", "last"}, in("cut.mjpg"), "give another frame");
+}
+
+TEST(Tool, RefusesAVideoThatBreaksOff) {
+  for (const auto& [fourcc, name] : {std::pair{"MJPG", "a.avi"}, {"FFV1", "b.avi"}, {"mp4v", "c.mp4"}}) {
+    write_gel_video(dir / name, fourcc, 20);
+    const std::string whole = read_file(dir / name);
+    for (const std::size_t percent : {10U, 50U, 95U}) {
+      write_file(dir / name, whole.substr(0, whole.size() * percent / 100));
+      refused({"replay", in(name)}, in(name), std::string_view(name) == "c.mp4" ? "cut off" : "truncated");
+    }
+    const std::size_t index = whole.rfind("idx1");
+    if (index == std::string::npos) continue;
+    // Killed before the index was written, and the sizes were not filled in.
+    write_file(dir / name, whole.substr(0, index));
+    refused({"replay", in(name)}, in(name), "truncated: it holds 20 whole frames of 20");
+  }
+}
+
+TEST(Tool, PlaysAStreamThatBreaksOffInAPicture) {
+  const std::string whole = Film{}.stream(5);
+  write_file(dir / "cut.mjpg", whole.substr(0, whole.size() - 3000));
+  const Finished done = succeed({"replay", in("cut.mjpg"), "--features", in("f.csv")});
+  STRCMP_CONTAINS("5 read, 4 accepted, 1 rejected", done.out.c_str());
+  STRCMP_CONTAINS("the JPEG picture is damaged", done.out.c_str());
+  const Table table = read_csv(dir / "f.csv");
+  LONGS_EQUAL(5, table.rows.size());
+  STRCMP_EQUAL("none", table.rows[3][3].c_str());
+  STRCMP_EQUAL("jpeg_damaged", table.rows[4][3].c_str());
+}
+
+TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
+  write_frames(dir / "gel", 2);
+  refused({"replay", in("gel"), "--mode", "warp"}, "--mode 'warp'", "fast, balanced, precise");
+  refused({"replay", in("gel"), "--feature-set", "none"}, "--feature-set 'none'", "give one of paper");
+  for (const char* fps : {"0", "-1", "abc", "nan", "inf", "1e9", ""}) {
+    refused({"replay", in("gel"), "--fps", fps}, "--fps: '" + std::string(fps) + "'", "0.1 to 1000");
+  }
+  const std::string model = read_file(HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v1.tree");
+  const auto changed = [&](const std::string& from, const std::string& to) {
+    const std::size_t at = model.find(from);
+    CHECK_TEXT(at != std::string::npos, from.c_str());
+    write_file(dir / "m.tree", std::string(model).replace(at, from.size(), to));
+  };
+  const auto refuse = [&](const std::string& path, const char* said) {
+    refused({"replay", in("gel"), "--model", path}, path, said);
+  };
+  refuse(in("absent.tree"), "no such file");
+  refuse(in("gel"), "cannot be read as a model");
+  write_file(dir / "m.tree", "");
+  refuse(in("m.tree"), "holds no model");
+  write_file(dir / "m.tree", model.substr(0, model.size() - 20));
+  refuse(in("m.tree"), "m.tree:");
+  changed("\nformat 1", "\nformat 7");
+  refuse(in("m.tree"), "m.tree:");
+  changed("? 1 : 2", "? 1 : 1");  // every line can be read, but it is no tree
+  refuse(in("m.tree"), "child");
+}
+
+TEST(Tool, RefusesOutputsThatCannotBe) {
+  write_gel_video(dir / "gel.avi", "MJPG", 2);
+  write_frames(dir / "gel", 2);
+  cv::imwrite(in("rest.png"), Film{}.grey(0));
+  fs::copy_file(HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v1.tree", dir / "m.tree");
+  const std::string recording = read_file(dir / "gel.avi");
+  const auto files = [&] {
+    std::set<std::string> names;
+    for (const auto& entry : fs::recursive_directory_iterator(dir.path())) names.insert(entry.path().string());
+    return names;
+  };
+  const auto before = files();
+  const auto refuse = [&](Words arguments, const std::string& named, const char* said) {
+    arguments.insert(arguments.begin(), "replay");
+    check_line(ask(arguments), joined(arguments), named, said);
+  };
+  for (const char* option : {"--features", "--markers", "--overlay", "--report"}) {
+    refuse({in("gel.avi"), option, in("absent/f")}, in("absent/f"), "No such file");
+    refuse({in("gel.avi"), option, in("gel")}, in("gel"), "it is a folder");
+    refuse({in("gel.avi"), option, in("gel/../gel.avi")}, "gel.avi", "would change an input");
+    refuse({in("gel.avi"), option, ""}, option, "empty");
+  }
+  refuse({in("gel"), "--overlay", in("gel/2.png")}, in("gel/2.png"), "would change the folder");
+  refuse({in("gel.avi"), "--reference", in("rest.png"), "--overlay", in("rest.png")}, in("rest.png"), "an input");
+  refuse({in("gel.avi"), "--model", in("m.tree"), "--report", in("m.tree")}, in("m.tree"), "an input");
+  refuse({in("gel.avi"), "--features", in("f"), "--report", in("gel/../f")}, in("f"), "--features and --report");
+  check_line(ask({"sim", "sphere_slip", "--truth", in("f"), "--markers", in("f")}), "sim", in("f"), "given for both");
+  // The report can be made and the table of markers can not: none of them may appear.
+  const Finished full = test::run({"sh", "-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh", kTool, "replay",
+                                   in("gel"), "--features", in("f"), "--report", in("r"), "--overlay", in("o")});
+  check_line(full, "full disk", in("r"), "could not be written to its end");
+  CHECK(files() == before);
+  CHECK(read_file(dir / "gel.avi") == recording);
+  if (::geteuid() == 0) return;  // root may write everywhere
+  fs::permissions(dir / "gel", fs::perms::owner_read | fs::perms::owner_exec);
+  refuse({in("gel.avi"), "--features", in("gel/f")}, in("gel/f"), "ermission");
+  fs::permissions(dir / "gel", fs::perms::owner_all);
+}
+
+TEST(Tool, RefusesWordsThatItDoesNotKnow) {
+  write_frames(dir / "gel", 1);
+  const auto refuse = [&](const Words& arguments, const char* named, const char* said) {
+    check_line(ask(arguments), joined(arguments), named, said);
+  };
+  refuse({}, "no command given", "holdfast --help");
+  refuse({"frobnicate"}, "'frobnicate'", "give replay or sim");
+  refuse({"--frob"}, "'--frob'", "holdfast --help");
+  refuse({"replay"}, "INPUT", "holdfast replay --help");
+  refuse({"replay", ""}, "INPUT", "empty");
+  refuse({"replay", in("gel"), "--frob", "1"}, "'--frob'", "holdfast replay --help");
+  refuse({"replay", in("gel"), "more"}, "'more'", "holdfast replay --help");
+  refuse({"replay", in("gel"), "--grid"}, "--grid", "holdfast replay --help");
+  refuse({"replay", "no\nsuch\033[31mfile"}, "no?such?[31mfile", "check the path");
+  refuse({"sim"}, "no scene given", "sphere_slip");
+  refuse({"sim", "sphere_slop"}, "'sphere_slop'", "sphere_slip");
+  refuse({"sim", "sphere_slip", "--camera", "1x1"}, "--camera '1x1'", "320x240");
+  refuse({"sim", "sphere_slip", "--fps", "3"}, "'--fps'", "holdfast sim --help");
+}
+
+TEST(Tool, FeaturesHaveARowForEachFrame) {
+  std::string damaged = Film{}.jpeg(2);
+  damaged.replace(damaged.size() / 2, 600, 600, '\x55');  // a lost USB payload
+  write_file(dir / "gel.mjpg", Film{}.stream(2) + damaged + Film{}.jpeg(3) + Film{}.jpeg(4));
+  succeed({"replay", in("gel.mjpg"), "--features", in("f.csv"), "--markers", in("m.csv"), "--overlay", in("o.png"),
+           "--report", in("r.html")});
+  const Table features = read_csv(dir / "f.csv");
+  STRCMP_EQUAL(kFeaturesHeader, features.header.c_str());
+  LONGS_EQUAL(5, features.rows.size());
+  for (std::size_t i = 0; i < features.rows.size(); ++i) {
+    const Words& row = features.rows[i];
+    LONGS_EQUAL(11, row.size());
+    LONGS_EQUAL(i, std::stol(row[0]));
+    DOUBLES_EQUAL(static_cast<double>(i) / 25, std::stod(row[1]), 1e-6);  // no time in the stream: 25 fps
+    for (const std::size_t always : {2U, 3U, 9U, 10U}) CHECK(!row[always].empty());
+    for (std::size_t figure = 4; figure < 9; ++figure) LONGS_EQUAL(i == 2, row[figure].empty());
+    STRCMP_EQUAL(i == 2 ? "jpeg_damaged" : row[9] == "1" ? "slip" : "none", row[3].c_str());
+    for (const std::size_t bit : {9U, 10U}) CHECK(row[bit] == "0" || row[bit] == "1");
+  }
+  // All rows of markers too; those of the rejected frame say nothing.
+  const Table markers = read_csv(dir / "m.csv");
+  STRCMP_EQUAL(kMarkersHeader, markers.header.c_str());
+  LONGS_EQUAL(5 * 63, markers.rows.size());
+  for (std::size_t i = 0; i < markers.rows.size(); ++i) {
+    const Words& row = markers.rows[i];
+    LONGS_EQUAL(8, row.size());
+    LONGS_EQUAL(i / 63, std::stoul(row[0]));
+    LONGS_EQUAL(i % 63 / 9, std::stoul(row[1]));
+    LONGS_EQUAL(i % 9, std::stoul(row[2]));
+    STRCMP_EQUAL(i / 63 == 2 ? "0" : "1", row[3].c_str());
+    for (std::size_t figure = 4; figure < 8; ++figure) LONGS_EQUAL(i / 63 == 2, row[figure].empty());
+  }
+  const cv::Mat overlay = cv::imread(in("o.png"));
+  CHECK(overlay.cols >= 320 && overlay.channels() == 3);
+  const std::string report = read_file(dir / "r.html");
+  CHECK(report.starts_with("<!") && report.find("</html>") != std::string::npos);
+}
+
+TEST(Tool, TimeIsTheContainersOrThatOfFps) {
+  write_gel_video(dir / "gel.avi", "MJPG", 4, 20);
+  write_gel_video(dir / "gel.mkv", "FFV1", 4, 20);
+  write_frames(dir / "gel", 4);
+  struct {
+    const char* input;
+    const char* fps;
+    double period_s;
+    const char* note;
+  } const cases[]{{"gel.avi", "", 0.05, ""},
+                  {"gel.avi", "50", 0.05, "so --fps was not used"},
+                  {"gel.mkv", "", 0.05, ""},
+                  {"gel", "", 0.04, ""},
+                  {"gel", "18.75", 1 / 18.75, ""}};
+  for (const auto& c : cases) {
+    Words arguments{"replay", in(c.input), "--features", in("f.csv")};
+    if (*c.fps != '\0') arguments.insert(arguments.end(), {"--fps", c.fps});
+    const Finished done = succeed(arguments);
+    STRCMP_CONTAINS(c.note, done.err.c_str());
+    LONGS_EQUAL_TEXT(*c.note != '\0', std::count(done.err.begin(), done.err.end(), '\n'), done.err.c_str());
+    const Table table = read_csv(dir / "f.csv");
+    LONGS_EQUAL(4, table.rows.size());
+    // Matroska counts in whole milliseconds.
+    for (int i = 0; i < 4; ++i)
+      DOUBLES_EQUAL(i * c.period_s, std::stod(table.rows[static_cast<std::size_t>(i)][1]), 6e-4);
+  }
+}
+
+namespace {
+
+// Largest distance of a row's centre, and of its displacement, from the truth; in pixels of a picture of 320 columns.
+// `rest`: the frame that the displacements refer to.
+struct Worst {
+  double centre_px = 0, displacement_px = 0, largest_true_px = 0;
+};
+
+Worst against_truth(const fs::path& csv, const Film& film, int frames, int rest = 0) {
+  const Table table = read_csv(csv);
+  const auto count = static_cast<std::size_t>(film.grid.rows * film.grid.cols);
+  LONGS_EQUAL(static_cast<std::size_t>(frames) * count, table.rows.size());
+  const auto home = film.dots(rest);
+  const double to_320 = 320.0 / film.picture.width;
+  Worst worst;
+  for (std::size_t i = 0; i < table.rows.size(); ++i) {
+    const Words& row = table.rows[i];
+    const scene::PointPx dot = film.dots(std::stoi(row[0]))[i % count];
+    const scene::PointPx at_rest = home[i % count];
+    STRCMP_EQUAL("1", row[3].c_str());
+    const auto off = [&](std::size_t x, double true_x, double true_y) {
+      return to_320 * std::hypot(std::stod(row[x]) - true_x, std::stod(row[x + 1]) - true_y);
+    };
+    const double dx = dot.x - at_rest.x, dy = dot.y - at_rest.y;
+    worst.centre_px = std::max(worst.centre_px, off(4, dot.x, dot.y));
+    worst.displacement_px = std::max(worst.displacement_px, off(6, dx, dy));
+    worst.largest_true_px = std::max(worst.largest_true_px, to_320 * std::hypot(dx, dy));
+  }
+  return worst;
+}
+
+}  // namespace
+
+// The contract's pixels: those of the input, centre of the first pixel = 0, whatever the working image is. An error of
+// half a pixel in any of the conversions between the 1/8 picture and the input would be 0.2-0.5 px here.
+TEST(Tool, MarkersStandWhereTheDotsAre) {
+  const Film small, medium = vga(), camera{scene::camera_3280x2464(), {}};
+  write_gel_video(dir / "small.avi", "FFV1", 4);
+  write_frames(dir / "medium", 4, medium);
+  write_file(dir / "medium.mjpg", medium.stream(4));
+  write_file(dir / "camera.mjpg", camera.stream(3));
+  struct {
+    const char* input;
+    const Film& film;
+    int frames;
+    const char* mode;
+  } const cases[]{{"small.avi", small, 4, "fast"},        {"medium", medium, 4, "fast"},
+                  {"medium.mjpg", medium, 4, "fast"},     {"camera.mjpg", camera, 3, "fast"},
+                  {"camera.mjpg", camera, 3, "balanced"}, {"camera.mjpg", camera, 3, "precise"}};
+  for (const auto& c : cases) {
+    succeed({"replay", in(c.input), "--mode", c.mode, "--markers", in("m.csv")});
+    const Worst worst = against_truth(dir / "m.csv", c.film, c.frames);
+    CHECK_TEXT(worst.centre_px <= 0.3, (c.input + (" " + std::to_string(worst.centre_px)) + " px").c_str());
+    CHECK_TEXT(worst.displacement_px <= 0.3, (c.input + (" " + std::to_string(worst.displacement_px)) + " px").c_str());
+    CHECK(worst.largest_true_px >= 3);  // or the check above would say nothing
+  }
+}
+
+TEST(Tool, FindsTheLatticeByItself) {
+  write_frames(dir / "usual", 3);
+  write_frames(dir / "tall", 3, tall_gel());
+  for (const auto& [input, grid, film] : {std::tuple{"usual", "9x7", Film{}}, {"tall", "8x10", tall_gel()}}) {
+    for (const char* option : {"auto", grid}) {
+      const Finished done = succeed({"replay", in(input), "--grid", option, "--markers", in("m.csv"), "--json"});
+      STRCMP_EQUAL(grid, nlohmann::json::parse(done.out)["grid"].get<std::string>().c_str());
+      const double worst_px = against_truth(dir / "m.csv", film, 3).centre_px;
+      CHECK_TEXT(worst_px <= 0.3, (std::string(input) + " " + std::to_string(worst_px) + " px").c_str());
+    }
+  }
+  refused({"replay", in("tall")}, in("tall"), "found 8x10");
+}
+
+TEST(Tool, TakesTheReferenceThatIsGiven) {
+  const Film small, medium = vga(), camera{scene::camera_3280x2464(), {}};
+  write_frames(dir / "small", 4);
+  write_file(dir / "medium.mjpg", medium.stream(4));
+  write_frames(dir / "medium", 4, medium);
+  write_file(dir / "camera.mjpg", camera.stream(2));
+  cv::imwrite(in("small.png"), small.grey(2));
+  write_file(dir / "medium.jpg", medium.jpeg(2));
+  cv::imwrite(in("medium.png"), medium.grey(2));
+  cv::imwrite(in("camera.png"), camera.grey(0));
+  struct {
+    const char* input;
+    const Film& film;
+    int frames;
+    std::string reference;
+    int rest;
+  } const cases[]{{"small", small, 4, "first", 0},
+                  {"small", small, 4, "last", 3},
+                  {"small", small, 4, "2", 2},
+                  {"small", small, 4, in("small.png"), 2},
+                  {"medium.mjpg", medium, 4, "last", 3},
+                  {"medium.mjpg", medium, 4, in("medium.jpg"), 2},
+                  {"medium.mjpg", medium, 4, in("medium.png"), 2},
+                  {"medium", medium, 4, in("medium.jpg"), 2},
+                  {"camera.mjpg", camera, 2, in("camera.png"), 0}};
+  for (const auto& c : cases) {
+    succeed({"replay", in(c.input), "--reference", c.reference, "--markers", in("m.csv")});
+    const Worst worst = against_truth(dir / "m.csv", c.film, c.frames, c.rest);
+    CHECK_TEXT(worst.displacement_px <= 0.3,
+               (c.input + (" " + c.reference) + " " + std::to_string(worst.displacement_px) + " px").c_str());
+  }
+}
+
+TEST(Tool, SimulatesAGraspAndSaysItTwiceTheSame) {
+  std::map<std::string, std::string> first;
+  for (int round = 0; round < 2; ++round) {
+    const Finished done =
+        succeed({"sim", "sphere_slip", "--camera", "320x240", "--truth", in("t.csv"), "--features", in("f.csv"),
+                 "--markers", in("m.csv"), "--report", in("r.html"), "--overlay", in("o.png")});
+    STRCMP_EQUAL("", done.err.c_str());
+    STRCMP_CONTAINS("GRIP_OK", done.out.c_str());
+    for (const char* name : {"t.csv", "f.csv", "m.csv", "r.html", "o.png"}) {
+      const std::string text = read_file(dir / name);
+      CHECK_TEXT(!text.empty(), name);
+      if (round == 0) first[name] = text;
+      CHECK_TEXT(first[name] == text, name);
+    }
+  }
+  const auto frames = static_cast<std::size_t>(scene::frame_count(scene::sphere_slip()));
+  LONGS_EQUAL(frames, read_csv(dir / "t.csv").rows.size());
+  LONGS_EQUAL(frames, read_csv(dir / "f.csv").rows.size());
+  STRCMP_EQUAL(kFeaturesHeader, read_csv(dir / "f.csv").header.c_str());
+}
+
+TEST(Tool, ReplaysTheSameFileTwiceTheSame) {
+  write_gel_video(dir / "gel.mp4", "mp4v", 6);
+  write_file(dir / "gel.mjpg", Film{}.stream(6));
+  for (const char* input : {"gel.mp4", "gel.mjpg"}) {
+    std::map<std::string, std::string> first;
+    for (int round = 0; round < 2; ++round) {
+      first["out"] += succeed({"replay", in(input), "--json", "--features", in("f.csv"), "--markers", in("m.csv"),
+                               "--report", in("r.html"), "--overlay", in("o.png")})
+                          .out;
+      for (const char* name : {"f.csv", "m.csv", "r.html", "o.png"}) {
+        if (round == 0) first[name] = read_file(dir / name);
+        CHECK_TEXT(first[name] == read_file(dir / name), name);
+      }
+    }
+    const std::string& out = first["out"];
+    CHECK(out.substr(0, out.size() / 2) == out.substr(out.size() / 2));
+  }
+}
+
+TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
+  write_frames(dir / "gel", 2);
+  const auto summary = nlohmann::json::parse(succeed({"replay", in("gel"), "--json"}).out);
+  const std::set<std::string> expected{"accepted",    "frames",   "grid",        "markers_least", "markers_mean",
+                                       "saturations", "searches", "slip_frames", "slip_times_s"};
+  std::set<std::string> keys;
+  for (const auto& item : summary.items()) keys.insert(item.key());
+  CHECK(keys == expected);
+  LONGS_EQUAL(2, summary["frames"].get<int>());
+  LONGS_EQUAL(2, summary["accepted"].get<int>());
+  LONGS_EQUAL(63, summary["markers_least"].get<int>());
+  CHECK(summary["slip_frames"].is_array() && summary["slip_times_s"].is_array());
+  for (const Words& command : {Words{}, Words{"replay"}, Words{"sim"}}) {
+    Words arguments = command;
+    arguments.emplace_back("--help");
+    const Finished help = succeed(arguments);
+    STRCMP_EQUAL("", help.err.c_str());
+    STRCMP_CONTAINS(("Example:\n  holdfast " + joined(command)).c_str(), help.out.c_str());
+  }
+  STRCMP_CONTAINS("sphere_slip", succeed({"sim", "--list"}).out.c_str());
+}
+
+// The bar appears because eight-megapixel pictures take more than a second; then the user has had enough.
+TEST(Tool, ShowsABarOnATerminalAndLeavesNothingWhenStopped) {
+  fs::create_directory(dir / "out");
+  HostProcess tool(
+      {"env", "NO_COLOR=1", kTool, "sim", "sphere_slip", "--features", in("out/f.csv"), "--report", in("out/r.html")},
+      HostProcess::Stderr::kTerminal);
+  CHECK(tool.err_says(" s left"));
+  CHECK(!fs::is_empty(dir / "out"));  // the temporary files
+  tool.send(SIGTERM);
+  const Finished done = tool.finish();
+  CHECK(done.in_time);
+  LONGS_EQUAL(1, done.status);
+  STRCMP_EQUAL("", done.out.c_str());
+  CHECK(done.err.find('\033') == std::string::npos);
+  STRCMP_CONTAINS("sim [", done.err.c_str());
+  CHECK(
+      done.err.ends_with("\rholdfast: interrupted. Likely cause: Ctrl-C. Next: run it again; nothing was written\r\n"));
+  CHECK(fs::is_empty(dir / "out"));
+}
