@@ -96,13 +96,11 @@ Sums sums_scalar(const std::uint8_t* top_left, std::int32_t stride, std::int32_t
 }
 
 std::int32_t size_for(PixelsQ8 pitch) {
-  const std::int32_t wanted = (pitch.raw() * 25) >> 13;  // 0.78 pitch
-  constexpr std::array<std::int32_t, 7> kSizes{16, 24, 32, 48, 64, 96, 128};
-  std::int32_t best = kSizes[0];
+  constexpr std::array<std::int32_t, 6> kSizes{16, 24, 32, 48, 64, 96};
   for (const std::int32_t size : kSizes) {
-    if (std::abs(size - wanted) < std::abs(best - wanted)) best = size;
+    if (size * 10 * 256 >= pitch.raw() * 7) return size;
   }
-  return best;
+  return kMaxSize;
 }
 
 std::int32_t contrast_at(const LumaView& luma, std::int32_t size, PixelsQ8 x, PixelsQ8 y) {

@@ -629,7 +629,7 @@ TEST(App, NeverVouchesAfterARefusalUntilGripOkObeysAgain) {
     lines.plan = plan;
     const SimpleString what =
         StringFromFormat("call %d for %d calls, line %d, moves %d", static_cast<int>(plan.first_call),
-                         static_cast<int>(plan.calls), static_cast<int>(plan.who), plan.takes_it);
+                         static_cast<int>(plan.calls), static_cast<int>(plan.who), plan.takes_it ? 1 : 0);
     for (bool more = true; more;) {
       lines.begin_step();
       more = other.step();

@@ -149,6 +149,7 @@ TEST(Dots, SaysWhenThereAreTooMany) {
   config.shading = 0.0;
   const auto grid_of = [&](int count) {
     std::vector<Point> dots;
+    dots.reserve(static_cast<std::size_t>(count));
     for (int i = 0; i < count; ++i) dots.push_back({16.0 + 30.0 * (i % 16), 16.0 + 28.0 * std::floor(i / 16.0)});
     return dots;
   };

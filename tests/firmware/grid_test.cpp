@@ -76,9 +76,9 @@ TEST_GROUP(Grid) {
     for (std::size_t i = 0; i < truth.size(); ++i) {
       const Marker& m = lattice.field.markers[i];
       const double off = reference_model::distance(truth[i], {px(m.x), px(m.y)});
-      const SimpleString text =
-          StringFromFormat("%s: marker %d, off %.2f px, valid %d", what.c_str(), static_cast<int>(i), off, m.valid);
-      if (missing.count(i) != 0) {
+      const SimpleString text = StringFromFormat("%s: marker %d, off %.2f px, valid %d", what.c_str(),
+                                                 static_cast<int>(i), off, m.valid ? 1 : 0);
+      if (missing.contains(i)) {
         CHECK_TRUE_TEXT(!m.valid && off <= predicted_within_px, text.asCharString());
       } else {
         CHECK_TRUE_TEXT(m.valid && off <= 0.35 * step, text.asCharString());
@@ -90,7 +90,7 @@ TEST_GROUP(Grid) {
                          const std::set<std::size_t>& missing) {
     std::vector<Point> left;
     for (std::size_t i = 0; i < truth.size(); ++i) {
-      if (missing.count(i) == 0) left.push_back(truth[i]);
+      if (!missing.contains(i)) left.push_back(truth[i]);
     }
     return reference_model::picture_of(config, left, 4);
   }
@@ -100,7 +100,7 @@ TEST_GROUP(Grid) {
     for (std::size_t row = 0; row < 7; ++row) out.insert(9 * row + col);
     return out;
   }
-  static std::set<std::size_t> row(std::size_t row) {
+  static std::set<std::size_t> row_of(std::size_t row) {
     std::set<std::size_t> out;
     for (std::size_t col = 0; col < 9; ++col) out.insert(9 * row + col);
     return out;
@@ -381,9 +381,9 @@ TEST(Grid, SurvivesDotsThatNoDetectorWouldGive) {
   survive(kMaxDots);
   for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * i, 50.0);
   survive(kMaxDots);
-  for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 64), 50.0 + 8.0 * (i / 64));
+  for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 64), 50.0 + 8.0 * std::floor(i / 64.0));
   survive(kMaxDots);
-  for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 14), 50.0 + 8.0 * (i / 14));
+  for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 14), 50.0 + 8.0 * std::floor(i / 14.0));
   survive(kMaxDots);
   for (int round = 0; round < 50; ++round) {
     for (int i = 0; i < kMaxDots; ++i)
@@ -406,7 +406,7 @@ TEST(Grid, KeepsTheNamesWhenALineIsHidden) {
     named_right(truth, line, "hidden column " + std::to_string(col));
   }
   for (std::size_t row = 0; row < 7; ++row) {
-    const std::set<std::size_t> line = this->row(row);
+    const std::set<std::size_t> line = row_of(row);
     const bool outer = row == 0 || row == 6;
     reason_is(outer ? Reason::kGridMismatch : Reason::kNone, look(without(config, truth, line), kGrid, false, &prior));
     if (!outer) named_right(truth, line, "hidden row " + std::to_string(row));

@@ -64,7 +64,7 @@ TEST_GROUP(Tracker) {
     truth = lattice_px(grid, view, warp);
     std::vector<Point> seen;
     for (std::size_t i = 0; i < truth.size(); ++i) {
-      if (hidden.count(i) == 0) seen.push_back(truth[i]);
+      if (!hidden.contains(i)) seen.push_back(truth[i]);
     }
     seen.insert(seen.end(), dirt.begin(), dirt.end());
     return picture_of(view, seen, ++seed);
@@ -88,7 +88,7 @@ TEST_GROUP(Tracker) {
       if (!state->field.markers[i].valid) continue;
       const SimpleString text =
           StringFromFormat("%s: marker %d is %.2f px off", what.c_str(), static_cast<int>(i), off(i));
-      CHECK_TRUE_TEXT(off(i) <= 2.0 * view.width / 320.0 && hidden.count(i) == 0, text.asCharString());
+      CHECK_TRUE_TEXT(off(i) <= 2.0 * view.width / 320.0 && !hidden.contains(i), text.asCharString());
     }
   }
 

@@ -149,14 +149,15 @@ TEST(Window, FindsTheCentreOfACleanDot) {
   CHECK_TRUE(worst <= 0.012);
 }
 
-TEST(Window, PicksASizeOfAboutThreeQuartersOfThePitch) {
+TEST(Window, PicksTheSmallestSizeThatLeavesRoomAroundADot) {
   for (double pitch = 4.0; pitch < 400.0; pitch += 0.37) {
     const std::int32_t size = window::size_for(q8(pitch));
     CHECK_TRUE(std::find(kSizes.begin(), kSizes.end(), size) != kSizes.end());
-    // No other size lies nearer to 25/32 of the pitch. 2 px: the wanted size is rounded down by up to 1 px,
-    // which changes the difference of two distances by twice as much.
-    const double wanted = pitch * 25.0 / 32.0;
-    for (const std::int32_t other : kSizes) CHECK_TRUE(std::abs(size - wanted) <= std::abs(other - wanted) + 2.0);
+    for (const std::int32_t other : kSizes) {
+      // 0.01 px: the pitch is rounded to 1/256 px.
+      if (other < size) CHECK_TRUE(other < 0.70 * pitch + 0.01);
+    }
+    CHECK_TRUE(size >= 0.70 * pitch - 0.01 || size == window::kMaxSize);
   }
 }
 

@@ -9,7 +9,6 @@
 #include <iterator>
 #include <limits>
 #include <map>
-#include <ranges>
 #include <string_view>
 
 #include "toolchain/holdfast/atomic_file.hpp"
@@ -341,11 +340,12 @@ class TimePlots {
     body_ += fmt::format(R"(<text class="name" x="{}" y="{}">{} <tspan font-weight="400">{}</tspan></text>)", kLeft,
                          px(y_ + 13), escape(name), unit.empty() ? "" : "(" + escape(unit) + ")");
     double legend_x = kLeft + kColumns;
-    for (const Curve& curve : std::views::reverse(curves)) {
-      if (curve.label.empty()) continue;
+    // NOLINTNEXTLINE(modernize-loop-convert): clang 14 cannot read libstdc++ 12's std::views
+    for (auto curve = curves.rbegin(); curve != curves.rend(); ++curve) {
+      if (curve->label.empty()) continue;
       legend_x -= 56;
-      body_ += fmt::format(R"(<path class="{}" d="M{} {}h22"/><text x="{}" y="{}">{}</text>)", curve.css, px(legend_x),
-                           px(y_ + 9), px(legend_x + 27), px(y_ + 13), curve.label);
+      body_ += fmt::format(R"(<path class="{}" d="M{} {}h22"/><text x="{}" y="{}">{}</text>)", curve->css, px(legend_x),
+                           px(y_ + 9), px(legend_x + 27), px(y_ + 13), curve->label);
     }
     for (const Curve& curve : curves) {
       const bool dense = curve.points.size() > kColumns;
