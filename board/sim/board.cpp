@@ -12,6 +12,7 @@
 #include "drivers/sim/jpeg_turbo.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
+#include "vision/jpeg_dc.hpp"
 
 namespace holdfast::board {
 namespace {
@@ -35,7 +36,8 @@ struct Desk {
   sim::GraspCamera camera{filmed(), clock};
   sim::Gpio gpio{clock};
   sim::Serial link;
-  sim::TurboJpegDecoder jpeg;
+  sim::TurboJpegDecoder other_scales;
+  jpeg_dc::Decoder jpeg{other_scales};
   StandardOutput host;
   Devices devices{camera, gpio, link, clock, jpeg};
 };

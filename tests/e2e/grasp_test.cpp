@@ -14,6 +14,7 @@
 #include "drivers/sim/jpeg_turbo.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
+#include "vision/jpeg_dc.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
 
@@ -28,7 +29,8 @@ struct Desk {
   sim::GraspCamera camera;
   sim::Gpio gpio{clock};
   sim::Serial link;
-  sim::TurboJpegDecoder jpeg;
+  sim::TurboJpegDecoder other_scales;
+  jpeg_dc::Decoder jpeg{other_scales};
   std::unique_ptr<App> app = std::make_unique<App>(Devices{camera, gpio, link, clock, jpeg});
 };
 

@@ -24,6 +24,7 @@
 #include "drivers/sim/serial.hpp"
 #include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/report.hpp"
+#include "vision/jpeg_dc.hpp"
 
 namespace holdfast::tool {
 
@@ -108,7 +109,8 @@ class Session {
   sim::Clock clock_;
   sim::Gpio gpio_;
   sim::Serial link_;
-  sim::TurboJpegDecoder jpeg_;
+  sim::TurboJpegDecoder other_scales_;
+  jpeg_dc::Decoder jpeg_{other_scales_};
   std::unique_ptr<App> app_;
   Report report_;
   Summary summary_;
