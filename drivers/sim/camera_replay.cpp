@@ -25,8 +25,8 @@ hal::Capture CameraReplay::do_next(hal::Frame& frame, std::chrono::microseconds 
   }
   pending_ = false;
   clock_.advance_to(due);
-  const bool luma = frame_.format == hal::PixelFormat::kLuma8;
-  frame = {frame_.bytes, frame_.format, frame_.width, frame_.height, luma ? frame_.width : 0, due, frame_.sequence};
+  frame = as_frame(frame_);
+  frame.timestamp = due;
   return hal::Capture::kFrame;
 }
 

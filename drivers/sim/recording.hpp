@@ -58,6 +58,13 @@ struct RecordedFrame {
   bool damaged = false;        // the JPEG bytes have no end: cut off by the end of the file or by the next picture
 };
 
+// The same as the HAL hands it out; borrows the bytes. Stamped with the recording's own time.
+[[nodiscard]] inline hal::Frame as_frame(const RecordedFrame& recorded) {
+  const bool luma = recorded.format == hal::PixelFormat::kLuma8;
+  return {recorded.bytes, recorded.format,  recorded.width, recorded.height, luma ? recorded.width : 0,
+          recorded.time,  recorded.sequence};
+}
+
 enum class Read : std::uint8_t {
   kFrame,
   kEnd,    // the recording was read to its announced end

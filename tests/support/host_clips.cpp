@@ -30,18 +30,6 @@ std::vector<Interval> parse_intervals(const std::string& text) {
   return out;
 }
 
-hal::Frame as_frame(const sim::RecordedFrame& recorded) {
-  hal::Frame frame{};
-  frame.bytes = recorded.bytes;
-  frame.format = recorded.format;
-  frame.width = recorded.width;
-  frame.height = recorded.height;
-  frame.stride = recorded.width;
-  frame.timestamp = recorded.time;
-  frame.sequence = recorded.sequence;
-  return frame;
-}
-
 // Dark blobs by SimpleBlobDetector, after the shading is divided out and the mottled inside of the dots is
 // filled (opening by 9 px, half a dot). Thresholds at 60 to 90 % of the local background: the dot's rim.
 // Without the filling the detector's centre follows the mottles (0.5-1.5 px), which the eye sees to be wrong.
@@ -151,7 +139,8 @@ ClipFigures follow(const Clip& clip, int stride, void (*each)(const FrameSeen&, 
   sim::TurboJpegDecoder jpeg;
   const auto state = std::make_unique<pipeline::State>();
   const pipeline::Config config = pipeline_config(Params{});
-  if (const Status s = pipeline::learn(*state, config, jpeg, as_frame(std::get<sim::RecordedFrame>(last))); !s.ok()) {
+  if (const Status s = pipeline::learn(*state, config, jpeg, sim::as_frame(std::get<sim::RecordedFrame>(last)));
+      !s.ok()) {
     out.error = std::string(info(s.reason).what);
     return out;
   }
@@ -161,7 +150,7 @@ ClipFigures follow(const Clip& clip, int stride, void (*each)(const FrameSeen&, 
   std::vector<std::vector<std::pair<double, double>>> track(idx(markers));
   sim::RecordedFrame recorded;
   while (recording.next(recorded) == sim::Read::kFrame) {
-    const hal::Frame frame = as_frame(recorded);
+    const hal::Frame frame = sim::as_frame(recorded);
     const pipeline::Result result = pipeline::update(*state, config, jpeg, frame);
     const MarkerField& field = state->tracker.field;
     const bool all_valid = result.quality.ok() && field.valid_count() == markers;

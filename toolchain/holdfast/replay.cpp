@@ -14,18 +14,6 @@
 namespace holdfast::tool {
 namespace {
 
-hal::Frame as_frame(const sim::RecordedFrame& recorded) {
-  hal::Frame frame{};
-  frame.bytes = recorded.bytes;
-  frame.format = recorded.format;
-  frame.width = recorded.width;
-  frame.height = recorded.height;
-  frame.stride = recorded.width;
-  frame.timestamp = recorded.time;
-  frame.sequence = recorded.sequence;
-  return frame;
-}
-
 bool names_a_frame(const std::string& reference) {
   return reference == "first" || reference == "last" ||
          (!reference.empty() && reference.find_first_not_of("-+0123456789") == std::string::npos);
@@ -90,7 +78,7 @@ int replay(const ReplayOptions& options) {
 
   auto reference = reference_frame(recording, options.reference, pipeline_config(info.params).luma);
   if (const auto* error = std::get_if<sim::Error>(&reference)) return fail(error->line);
-  const hal::Frame rest = as_frame(std::get<sim::RecordedFrame>(reference));
+  const hal::Frame rest = sim::as_frame(std::get<sim::RecordedFrame>(reference));
 
   sim::CameraReplay camera(std::move(recording), session.clock());
   session.connect(camera, tree.get());
@@ -109,7 +97,7 @@ int replay(const ReplayOptions& options) {
   while (!interrupted() && session.app().step()) {
     const sim::RecordedFrame& current = camera.current();
     if (session.app().result().quality.reason == Reason::kNoFrame) continue;
-    const hal::Frame given = as_frame(current);
+    const hal::Frame given = sim::as_frame(current);
     const double scale = about.scale * luma_input::reduction({pipeline_config(info.params).luma.scale}, given);
     session.record(current.index, static_cast<double>(current.time.count()) * 1e-6, scale, given);
     progress.update(current.index + 1);
