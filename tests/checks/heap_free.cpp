@@ -114,7 +114,7 @@ int main(int argc, char** argv) {
   const auto app = std::make_unique<App>(Devices{*camera, gpio, link, clock, jpeg});
 
   Params params{};
-  params.mode = find_mode(library ? "balanced" : "fast").value();
+  params.mode = find_mode(library ? "balanced" : "fast").value_or(0);
   long accepted = 0, rejected = 0, slips = 0;
   marks->begin();
   const bool started = app->start(params).ok();
