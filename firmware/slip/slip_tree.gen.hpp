@@ -14,7 +14,7 @@ inline constexpr std::string_view kName = "slip_v1";
 inline constexpr std::string_view kFeatureSet = "paper";
 inline constexpr int kDepth = 4;
 inline constexpr int kNodes = 13;
-inline constexpr std::uint32_t kModelCrc32 = 0x212C8F7A;  // of the model's text
+inline constexpr std::uint32_t kModelCrc32 = 0xCA51BB89;  // of the model's text
 
 [[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, 4>& x) {
   const std::int32_t entropy_nat_q16 = x[2];

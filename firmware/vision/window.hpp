@@ -49,8 +49,8 @@ struct Plane {
                         std::uint8_t cap);
 
 // Window size for a lattice: the smallest of at least 0.70 pitch. A dot of 0.52 pitch then keeps room to its rim, also
-// when it is 1.25 px off the middle (0.157 px rms without that room); a neighbour's rim, 0.74 pitch away, stays
-// outside.
+// when it is 1.25 px off the middle (pitch 25.5 px: 0.029 px rms, but 0.157 in a window of 16); a neighbour's rim, 0.74
+// pitch away, stays outside.
 [[nodiscard]] std::int32_t size_for(PixelsQ8 pitch);
 
 // Finds the dot near (dot.x, dot.y), re-centring the window at most `passes` times; dot.contrast is what to expect.

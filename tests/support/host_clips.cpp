@@ -33,6 +33,9 @@ std::vector<Interval> parse_intervals(const std::string& text) {
 // Dark blobs by SimpleBlobDetector, after the shading is divided out and the mottled inside of the dots is
 // filled (opening by 9 px, half a dot). Thresholds at 60 to 90 % of the local background: the dot's rim.
 // Without the filling the detector's centre follows the mottles (0.5-1.5 px), which the eye sees to be wrong.
+// Chosen among about a dozen settings by how well the two agree on five of these clips, so their agreement is weaker
+// evidence than it looks: the first setting (no filling, 45 to 90 %) confirms 99.85 % of the markers, but all 63 at
+// once in only 56 to 90 % of the frames of those five.
 class BlobEye {
  public:
   BlobEye() {
