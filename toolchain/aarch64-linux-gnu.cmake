@@ -17,6 +17,8 @@ set(CMAKE_CXX_COMPILER ${holdfast_triplet}-g++)
 set(CMAKE_C_FLAGS_INIT "-mcpu=cortex-a72")
 set(CMAKE_CXX_FLAGS_INIT "-mcpu=cortex-a72")
 set(CMAKE_LIBRARY_ARCHITECTURE ${holdfast_triplet})
+# Debian's headers of one architecture (libjpeg's configuration): only a compiler at home there looks for them itself.
+set(CMAKE_CXX_STANDARD_INCLUDE_DIRECTORIES ${HOLDFAST_SYSROOT}/usr/include/${holdfast_triplet})
 
 # Not CMAKE_SYSROOT: libc and libstdc++ are the cross packages' (/usr/${holdfast_triplet}), which gcc knows by itself.
 set(CMAKE_FIND_ROOT_PATH ${HOLDFAST_SYSROOT} /usr/${holdfast_triplet})

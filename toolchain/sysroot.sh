@@ -1,15 +1,16 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Fetches what the rpi4 tests need beyond Debian's cross packages - CppUTest for arm64 - into build/sysroot-aarch64.
+# Fetches what the rpi4 build needs beyond Debian's cross packages - CppUTest and libjpeg-turbo for arm64 - into
+# build/sysroot-aarch64.
 # The host's package database and architectures stay as they are: apt runs on a state directory of its own, and the
-# package is only unpacked. Does nothing when the sysroot is complete. Needs apt, network, no root.
+# packages are only unpacked. Does nothing when the sysroot is complete. Needs apt, network, no root.
 # --force builds it again.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
 
-packages=(libcpputest-dev)
+packages=(libcpputest-dev libjpeg62-turbo libjpeg62-turbo-dev)
 sysroot=build/sysroot-aarch64
 stamp=$sysroot/packages.txt
 
