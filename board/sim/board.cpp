@@ -6,13 +6,16 @@
 
 #include <unistd.h>
 
+#include <array>
+
+#include "drivers/common/crew.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/sim/camera_grasp.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
-#include "drivers/sim/jpeg_turbo.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
-#include "vision/jpeg_dc.hpp"
+#include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::board {
 namespace {
@@ -31,13 +34,21 @@ sim::GraspCamera::Config filmed() {
   return config;
 }
 
+drivers::Threads::Config threads(const Params& params) {
+  drivers::Threads::Config config;
+  config.workers = static_cast<std::size_t>(params.jpeg_threads);
+  return config;
+}
+
 struct Desk {
   sim::Clock clock;
   sim::GraspCamera camera{filmed(), clock};
   sim::Gpio gpio{clock};
   sim::Serial link;
-  sim::TurboJpegDecoder other_scales;
-  jpeg_dc::Decoder jpeg{other_scales};
+  drivers::TurboJpegDecoder other_scales;
+  std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers;
+  drivers::Threads crew{threads(params())};
+  EighthDecoder jpeg{jpeg_config(params()), other_scales, workers, crew};
   StandardOutput host;
   Devices devices{camera, gpio, link, clock, jpeg};
 };

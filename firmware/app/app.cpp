@@ -27,6 +27,14 @@ supervisor::Config supervisor_config(const Params& params) {
   return config;
 }
 
+EighthDecoder::Config jpeg_config(const Params& params) {
+  EighthDecoder::Config config{};
+  config.walk = params.jpeg_lanes == 0 ? EighthDecoder::Walk::kPlain : EighthDecoder::Walk::kFast;
+  config.fast.lanes = params.jpeg_lanes;
+  config.limits.rows_pct = params.jpeg_rows_pct;
+  return config;
+}
+
 Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   config_ = pipeline_config(params, auto_size);

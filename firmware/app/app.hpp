@@ -16,6 +16,7 @@
 #include "hal/gpio.hpp"
 #include "hal/serial.hpp"
 #include "vision/jpeg.hpp"
+#include "vision/jpeg_decoder.hpp"
 
 namespace holdfast {
 
@@ -32,6 +33,8 @@ struct Devices {
 // `auto_size`: take whatever lattice is printed on the gel instead of grid_rows x grid_cols.
 [[nodiscard]] pipeline::Config pipeline_config(const Params& params, bool auto_size = false);
 [[nodiscard]] supervisor::Config supervisor_config(const Params& params);
+// For the board, which makes the decoder and its crew of `jpeg_threads`.
+[[nodiscard]] EighthDecoder::Config jpeg_config(const Params& params);
 
 class App {
  public:
@@ -83,5 +86,7 @@ class App {
 
 // DESIGN.md, budgets: the pipeline's static memory without camera buffers. The JPEG decoder adds its own.
 static_assert(sizeof(App) <= 3'500'000, "fixed memory of the pipeline");
+static_assert(sizeof(App) + sizeof(EighthDecoder) + sizeof(jpeg_fast::Worker) <= 4'500'000, "with one thread");
+static_assert(sizeof(App) + sizeof(EighthDecoder) + 2 * sizeof(jpeg_fast::Worker) <= 6'000'000, "with two");
 
 }  // namespace holdfast

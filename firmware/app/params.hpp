@@ -15,6 +15,8 @@
 
 #include "app/modes.hpp"
 #include "base/status.hpp"
+#include "hal/crew.hpp"
+#include "vision/jpeg_fast.hpp"
 #include "vision/markers.hpp"
 
 namespace holdfast {
@@ -31,6 +33,9 @@ struct Params {
   std::int32_t grid_rows = 7;
   std::int32_t grid_cols = 9;
   std::int32_t mode = 0;
+  std::int32_t jpeg_threads = 1;
+  std::int32_t jpeg_lanes = 3;
+  std::int32_t jpeg_rows_pct = 100;
   friend constexpr bool operator==(const Params&, const Params&) = default;
 };
 
@@ -45,7 +50,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 11> kParams{{
+inline constexpr std::array<ParamInfo, 14> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000,
      "displacement at which the last of the 15 histogram bins begins to overflow",
      "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
@@ -70,6 +75,15 @@ inline constexpr std::array<ParamInfo, 11> kParams{{
     {&Params::grid_cols, "grid_cols", "", 3, 16, "columns of the printed grid", "none: give the printed number"},
     {&Params::mode, "mode", "", 0, static_cast<std::int32_t>(kModes.size()) - 1,
      "speed setting: 0 fast, 1 balanced, 2 precise", "see the modes table"},
+    {&Params::jpeg_threads, "jpeg_threads", "", 1, static_cast<std::int32_t>(hal::kMaxWorkers),
+     "cores that decode one picture together (mode fast)",
+     "half a megabyte each, and a core taken from USB and others"},
+    {&Params::jpeg_lanes, "jpeg_lanes", "", 0, static_cast<std::int32_t>(jpeg_fast::kMaxLanes),
+     "places of the picture that a core decodes by turns (mode fast); 0: the plain walk",
+     "3 suits x86-64, 2 Cortex-A72; 0 takes about twice as long and no memory of its own"},
+    {&Params::jpeg_rows_pct, "jpeg_rows_pct", "%", 50, 100,
+     "rows of the picture that are decoded, from the top (mode fast)",
+     "below 100: saves its share of the time, but a picture that lost data above is not always refused"},
 }};
 
 static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// JPEG pictures to luma at 1/8: the firmware's own decoder, plain scalar form.
+// JPEG pictures to luma at 1/8: the firmware's own decoder, plain scalar form. The fast form is vision/jpeg_fast.
 //
 // Why 1/8 is cheap. JPEG cuts a picture into blocks of 8x8 pixels and sends each as 64 frequency coefficients. The
 // first, called DC, is 8 times the block's mean, so luma at 1/8 needs one number per block and no inverse transform
@@ -30,121 +30,31 @@
 // marker, DC outside of what 8-bit samples can give, anything but EOI after the scan. Padding after EOI is ignored.
 // What is accepted equals libjpeg-turbo's output (scale 1/8, JCS_GRAYSCALE) in every byte.
 //
-// Accepted streams: baseline and extended sequential Huffman (SOF0, SOF1) of 8 bits, one component, or YCbCr in a
-// single interleaved scan in which luma has the highest sampling (4:4:4, 4:2:2, 4:2:0, 4:4:0, 4:1:1 and the like);
-// any tables, restart intervals, fill bytes, APPn and COM. Tables that a picture does not bring are those of T.81
-// annex K, as UVC cameras leave them out; nothing else is carried over from picture to picture.
+// Which streams are accepted at all: vision/jpeg_stream.hpp.
 //
 // Memory: State, fixed. Reads stay inside the span. Time: at most one walk over the bytes, plus making at most
 // eight tables when a picture brings others than the one before.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <span>
-#include <string_view>
 
 #include "base/status.hpp"
-#include "vision/jpeg.hpp"
+#include "vision/jpeg_stream.hpp"
 #include "vision/luma.hpp"
 
 namespace holdfast::jpeg_dc {
-
-// Why a picture was refused, in more detail than the seam's reasons. For the console; not sent on the wire.
-enum class Error : std::uint8_t {
-  kNone,
-  kNoPicture,
-  kTruncated,
-  kNoMarker,
-  kStrayMarker,
-  kSegmentLength,
-  kJfifVersion,
-  kHuffmanTable,
-  kNoHuffmanTable,
-  kQuantTable,
-  kNoQuantTable,
-  kTwoFrames,
-  kNoFrame,
-  kEmptyPicture,
-  kTooSmall,
-  kTooLarge,
-  kProcess,
-  kPrecision,
-  kComponents,
-  kColourSpace,
-  kSampling,
-  kManyScans,
-  kScanHeader,
-  kBadCode,
-  kPastLastCoefficient,
-  kDcRange,
-  kMarkerInData,
-  kSpareData,
-  kRestartOrder,
-  kNoEnd,
-};
-
-struct ErrorInfo {
-  Error error;
-  Reason reason;          // as the seam says it
-  std::string_view name;  // stable key for the console
-  std::string_view text;
-};
-
-inline constexpr std::array<ErrorInfo, 30> kErrors{{
-    {Error::kNone, Reason::kNone, "none", "decoded"},
-    {Error::kNoPicture, Reason::kJpegDamaged, "no_picture", "the bytes do not begin with SOI"},
-    {Error::kTruncated, Reason::kJpegDamaged, "truncated", "the bytes end before the picture does"},
-    {Error::kNoMarker, Reason::kJpegDamaged, "no_marker", "something else stands where a marker must"},
-    {Error::kStrayMarker, Reason::kJpegDamaged, "stray_marker", "a marker that has no place in the headers"},
-    {Error::kSegmentLength, Reason::kJpegDamaged, "segment_length", "a segment's length does not fit its content"},
-    {Error::kJfifVersion, Reason::kJpegDamaged, "jfif_version", "JFIF of another major version than 1"},
-    {Error::kHuffmanTable, Reason::kJpegDamaged, "huffman_table", "a Huffman table that cannot be"},
-    {Error::kNoHuffmanTable, Reason::kJpegDamaged, "no_huffman_table", "the scan names a Huffman table not sent"},
-    {Error::kQuantTable, Reason::kJpegDamaged, "quant_table", "a quantisation table that cannot be"},
-    {Error::kNoQuantTable, Reason::kJpegDamaged, "no_quant_table", "the frame names a quantisation table not sent"},
-    {Error::kTwoFrames, Reason::kJpegDamaged, "two_frames", "a second frame header"},
-    {Error::kNoFrame, Reason::kJpegDamaged, "no_frame", "a scan before the frame header"},
-    {Error::kEmptyPicture, Reason::kJpegDamaged, "empty_picture", "width or height 0"},
-    {Error::kTooSmall, Reason::kPictureTooSmall, "too_small", "smaller than the limit"},
-    {Error::kTooLarge, Reason::kPictureTooLarge, "too_large", "larger than the fixed memory"},
-    {Error::kProcess, Reason::kFrameFormat, "process", "progressive, lossless, hierarchical or arithmetic"},
-    {Error::kPrecision, Reason::kFrameFormat, "precision", "not 8 bits per sample"},
-    {Error::kComponents, Reason::kFrameFormat, "components", "neither 1 nor 3 components"},
-    {Error::kColourSpace, Reason::kFrameFormat, "colour_space", "3 components that are not YCbCr"},
-    {Error::kSampling, Reason::kFrameFormat, "sampling", "sampling factors impossible, or luma not the finest"},
-    {Error::kManyScans, Reason::kFrameFormat, "many_scans", "more than one scan"},
-    {Error::kScanHeader, Reason::kJpegDamaged, "scan_header", "the scan header contradicts the frame header"},
-    {Error::kBadCode, Reason::kJpegDamaged, "bad_code", "bits that are no code, or a symbol that means nothing"},
-    {Error::kPastLastCoefficient, Reason::kJpegDamaged, "past_last", "a block of more than 64 coefficients"},
-    {Error::kDcRange, Reason::kJpegDamaged, "dc_range", "a luma level that 8-bit samples cannot give"},
-    {Error::kMarkerInData, Reason::kJpegDamaged, "marker_in_data", "a marker before the last block"},
-    {Error::kSpareData, Reason::kJpegDamaged, "spare_data", "bytes left over after the last block"},
-    {Error::kRestartOrder, Reason::kJpegDamaged, "restart_order", "restart marker missing or out of order"},
-    {Error::kNoEnd, Reason::kJpegDamaged, "no_end", "another marker than EOI after the scan"},
-}};
-
-[[nodiscard]] constexpr const ErrorInfo& info(Error error) {
-  return kErrors[static_cast<std::size_t>(error)];
-}
 
 // Index bits of a walk table. Price: 11 halves the tables (they compete for a first-level cache of 32 KB) and costs
 // 9 % more look-ups; 13 gains 1 % on x86.
 inline constexpr int kIndexBits = 12;
 inline constexpr int kMaxSkip = 18;
 inline constexpr int kDcIndexBits = 9;  // all codes of the standard DC tables
-inline constexpr int kTableIds = 4;
-
-// One Huffman code. `definition` is what DHT sends: 16 counts of codes per length, then the symbols in code order.
-// Codes of one length are consecutive numbers, and every code is less than all longer ones (left-aligned), so that
-// length l is the first with window < limit[l].
-struct Code {
-  std::array<std::uint8_t, 16 + 256> definition;
-  std::size_t size = 0;                 // bytes of `definition` in use; 0: no table made yet
-  std::array<std::uint32_t, 17> limit;  // first 16-bit window beyond the codes of length 1..16
-  std::array<std::int32_t, 17> offset;  // place of a symbol in `definition` minus its code
-};
 
 struct DcTable {
   Code code;
@@ -167,27 +77,93 @@ struct State {
 struct Limits {
   std::int32_t min_width = kMinLumaWidth;
   std::int32_t min_height = kMinLumaHeight;
+  // Percent of the rows that are wanted, from the top. Below 100 the walk ends there, which saves its share of the
+  // time (85: 15 %). Price: lost payload mostly shows as too few or too many blocks at the end, and the end is not
+  // looked at (see tests/bench/jpeg_corruption).
+  std::int32_t rows_pct = 100;
 };
 
-// Result: ceil(width / 8) x ceil(height / 8) pixels. `out` is undefined unless ok(); state.error says why. The state
-// serves the next picture after any error. kJpegDamaged, kFrameFormat, kPictureTooSmall, kPictureTooLarge.
+// Result: ceil(width / 8) x ceil(height / 8) pixels, or the rows asked for of them. `out` is undefined unless ok();
+// state.error says why. The state serves the next picture after any error. kJpegDamaged, kFrameFormat,
+// kPictureTooSmall, kPictureTooLarge.
 [[nodiscard]] Status decode(State& state, std::span<const std::uint8_t> bytes, LumaBuffer& out, Limits limits = {});
 
-// Behind the seam: 1/8 by the code above, other scales by another decoder, which must outlive this one.
-class Decoder final : public JpegDecoder {
- public:
-  explicit Decoder(JpegDecoder& other_scales) : other_scales_(other_scales) {}
-  // Of the last picture at 1/8.
-  [[nodiscard]] Error last_error() const { return state_.error; }
+// ---- What jpeg_fast shares with this form ----
 
- private:
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale, LumaBuffer& out) override {
-    if (scale != DecodeScale::kEighth) return other_scales_.decode(bytes, scale, out);
-    return jpeg_dc::decode(state_, bytes, out);
-  }
+// Bits 6 and 7 of a coefficient number after a look-up.
+inline constexpr std::uint32_t kSlow = 64;
+inline constexpr std::uint32_t kEnded = 128;
 
-  JpegDecoder& other_scales_;
-  State state_;
+// DC of 8-bit samples is within +-1024 even with divisor 1; twice that leaves room for encoders that round badly.
+inline constexpr std::int32_t kMaxDc = 2047;
+
+struct Block {
+  const DcTable* dc = nullptr;
+  const AcTable* ac = nullptr;
+  std::size_t component = 0;  // 0: luma
+  std::int32_t x = 0;         // place in the MCU, blocks
+  std::int32_t y = 0;
 };
+
+// The entropy-coded part of a picture whose headers were found good.
+struct Scan {
+  Cursor data{};                        // its first byte, and the end of the picture's bytes
+  std::array<Block, kMaxBlocks> block;  // of an MCU, in the order in which they are sent
+  std::size_t blocks = 0;               // in an MCU
+  std::int32_t across = 1;              // luma blocks of an MCU
+  std::int32_t down = 1;
+  std::int32_t mcus_across = 0;
+  std::int32_t mcus_down = 0;
+  std::int32_t luma_quant = 1;        // divisor of DC, 1..32767
+  std::int32_t restart_interval = 0;  // MCUs; 0: none
+  bool to_end = true;                 // false: the picture has more MCUs, which are not wanted
+};
+
+// Reads the headers, sizes `out`, makes the tables that are not those of the picture before.
+[[nodiscard]] Error open(State& state, Bytes bytes, const Limits& limits, LumaBuffer& out, Scan& scan);
+
+// The data of `scan` by the plain walk.
+[[nodiscard]] Error read_mcus(Scan& scan, LumaBuffer& out);
+
+struct AcStep {
+  std::uint32_t bits = 0;  // to skip
+  std::uint32_t k = 0;     // the next coefficient, kEnded after the last
+  Error error = Error::kNone;
+};
+
+// One AC symbol by the canonical rule: the judgement that both walks send their slow entries to.
+// Range: k 1..63; window16 holds the next 16 bits.
+[[nodiscard]] AcStep ac_step(const Code& code, std::uint32_t window16, std::uint32_t k);
+
+// The symbols settled by the kIndexBits of `index`, in the form at the head of this file.
+[[nodiscard]] std::uint16_t walk_entry(const Code& code, std::uint32_t index, std::uint32_t used = 0);
+
+// The value whose `size` bits lead the window (T.81, F.2.2.1): a leading 0 is negative.
+// Range: size 0..15, result within +-32767; size 0 gives 0.
+[[nodiscard]] constexpr std::int32_t difference(std::uint64_t window, std::uint32_t size) {
+  const auto bits = static_cast<std::int32_t>(window >> 1 >> (63 - size));
+  return bits < (1 << size) >> 1 ? bits - (1 << size) + 1 : bits;
+}
+
+// libjpeg's 1x1 inverse transform: the mean to the nearest, halves up, modulo 1024 as its range table has it, then
+// the level shift and the limits of a sample.
+// Range: dc within kMaxDc, quant 1..32767: the product is below 2^26.
+[[nodiscard]] constexpr std::uint8_t pixel(std::int32_t dc, std::int32_t quant) {
+  const std::int32_t mean = (((dc * quant + 4) >> 3) + 512) & 1023;  // 512 more than it is
+  return static_cast<std::uint8_t>(std::clamp(mean - 512 + 128, 0, 255));
+}
+
+// The next 8 bytes, first byte on top. Not spelled out in shifts: at -O3 gcc vectorises those instead of making one
+// load and one swap of them.
+[[nodiscard]] inline std::uint64_t next_eight(const std::uint8_t* at) {
+  std::uint64_t eight = 0;
+  std::memcpy(&eight, at, sizeof eight);
+  return std::endian::native == std::endian::little ? __builtin_bswap64(eight) : eight;
+}
+
+// A byte of 0xFF is somewhere among these eight.
+[[nodiscard]] constexpr bool any_ff(std::uint64_t bytes) {
+  return ((~bytes - 0x0101010101010101U) & bytes & 0x8080808080808080U) != 0;
+}
 
 }  // namespace holdfast::jpeg_dc

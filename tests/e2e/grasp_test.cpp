@@ -8,13 +8,13 @@
 
 #include "app/app.hpp"
 #include "base/math.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/sim/camera_grasp.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
-#include "drivers/sim/jpeg_turbo.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
-#include "vision/jpeg_dc.hpp"
+#include "vision/jpeg_decoder.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
 
@@ -29,8 +29,10 @@ struct Desk {
   sim::GraspCamera camera;
   sim::Gpio gpio{clock};
   sim::Serial link;
-  sim::TurboJpegDecoder other_scales;
-  jpeg_dc::Decoder jpeg{other_scales};
+  drivers::TurboJpegDecoder other_scales;
+  jpeg_fast::Worker worker;
+  hal::Alone crew;
+  EighthDecoder jpeg{{}, other_scales, {&worker, 1}, crew};
   std::unique_ptr<App> app = std::make_unique<App>(Devices{camera, gpio, link, clock, jpeg});
 };
 

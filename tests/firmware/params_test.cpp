@@ -43,7 +43,10 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"reference_frames", 10},
                       {"grid_rows", 7},
                       {"grid_cols", 9},
-                      {"mode", 0}};
+                      {"mode", 0},
+                      {"jpeg_threads", 1},
+                      {"jpeg_lanes", 3},
+                      {"jpeg_rows_pct", 100}};
   LONGS_EQUAL(std::size(want), kParams.size());
   for (const Row& row : want) {
     const auto* const info =

@@ -13,7 +13,7 @@
 
 #include "app/app.hpp"
 #include "base/math.hpp"
-#include "drivers/sim/jpeg_turbo.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/sim/recording.hpp"
 
 namespace holdfast::test {
@@ -139,7 +139,7 @@ ClipFigures follow(const Clip& clip, int stride, void (*each)(const FrameSeen&, 
     out.error = error->line;
     return out;
   }
-  sim::TurboJpegDecoder jpeg;
+  drivers::TurboJpegDecoder jpeg;
   const auto state = std::make_unique<pipeline::State>();
   const pipeline::Config config = pipeline_config(Params{});
   if (const Status s = pipeline::learn(*state, config, jpeg, sim::as_frame(std::get<sim::RecordedFrame>(last)));

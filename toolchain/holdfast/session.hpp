@@ -18,13 +18,13 @@
 #include <opencv2/core/mat.hpp>
 
 #include "app/app.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
-#include "drivers/sim/jpeg_turbo.hpp"
 #include "drivers/sim/serial.hpp"
 #include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/report.hpp"
-#include "vision/jpeg_dc.hpp"
+#include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::tool {
 
@@ -109,8 +109,10 @@ class Session {
   sim::Clock clock_;
   sim::Gpio gpio_;
   sim::Serial link_;
-  sim::TurboJpegDecoder other_scales_;
-  jpeg_dc::Decoder jpeg_{other_scales_};
+  drivers::TurboJpegDecoder other_scales_;
+  jpeg_fast::Worker worker_;
+  hal::Alone crew_;
+  EighthDecoder jpeg_{{}, other_scales_, {&worker_, 1}, crew_};
   std::unique_ptr<App> app_;
   Report report_;
   Summary summary_;

@@ -1,0 +1,96 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Builds the fuzz target of the JPEG decoder (preset fuzz), writes its seeds, and runs it on one core. See --help.
+# The last line is "no finding", or names the input that was found and how to replay it; exit status 0 and 1.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+# shellcheck source=toolchain/say.sh
+source toolchain/say.sh
+
+usage() {
+  cat <<'USAGE'
+usage: tests/fuzz/run.sh [SECONDS] [--build DIR] [--lines]
+  SECONDS      how long to run, 1 to 1000000; default 60
+  --build DIR  where to build; default build/fuzz. The corpus stays there, so that the next run goes on from it.
+  --lines      then tell which share of the decoder's lines the corpus reaches (a second build in DIR-lines)
+Needs clang-14 and libclang-rt-14-dev, and llvm-14 for --lines.
+Example: tests/fuzz/run.sh 600 --lines
+USAGE
+}
+
+seconds=60 build=build/fuzz lines=0
+while (($# > 0)); do
+  case $1 in
+    --build)
+      build=${2:-}
+      [[ -n $build ]] || { complain "--build names no folder" "a typing error" "see tests/fuzz/run.sh --help"; exit 2; }
+      shift
+      ;;
+    --lines) lines=1 ;;
+    --help | -h) usage && exit 0 ;;
+    *)
+      if ! [[ $1 =~ ^[1-9][0-9]{0,6}$ ]]; then
+        complain "'$1' is no number of seconds" "a typing error" "see tests/fuzz/run.sh --help"
+        exit 2
+      fi
+      seconds=$1
+      ;;
+  esac
+  shift
+done
+
+for tool in clang++-14 $( ((lines == 0)) || echo llvm-cov-14 llvm-profdata-14); do
+  command -v "$tool" >/dev/null || {
+    complain "no $tool" "not installed" "apt-get install clang-14 libclang-rt-14-dev llvm-14"
+    exit 1
+  }
+done
+
+# built DIR TARGETS [CMAKE_OPTION...]
+built() {
+  local dir=$1 targets=$2
+  shift 2
+  # shellcheck disable=SC2086  # several targets
+  if ! quietly "$dir.log" cmake --preset fuzz -B "$dir" "$@" || ! quietly "$dir.log" ninja -C "$dir" $targets; then
+    complain "the fuzz target does not build" "libFuzzer is not installed, or an error in the sources: see above" \
+      "apt-get install clang-14 libclang-rt-14-dev"
+    exit 1
+  fi
+}
+
+say "building in $build"
+built "$build" "jpeg_fuzz jpeg_seeds"
+mkdir -p "$build"/{seeds,corpus,findings}
+"$build/bin/jpeg_seeds" "$build/seeds" 1000
+known=()
+[[ ! -d tests/fuzz/regressions/jpeg ]] || known=(tests/fuzz/regressions/jpeg)
+
+say "running for $seconds s"
+log=$build/jpeg_fuzz.log
+status=0
+"$build/bin/jpeg_fuzz" -seed=1 -max_total_time="$seconds" -max_len=4096 -timeout=10 -use_value_profile=1 \
+  -dict=tests/fuzz/jpeg.dict -artifact_prefix="$build/findings/" -print_final_stats=1 \
+  "$build/corpus" "$build/seeds" "${known[@]}" >"$log" 2>&1 || status=$?
+executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
+edges=$(sed -n 's/.* cov: \([0-9]*\) .*/\1/p' "$log" | tail -n 1)
+inputs=$(find "$build/corpus" -type f | wc -l)
+say "${executions:-?} executions (${rate:-?}/s), ${edges:-?} edges covered, $inputs inputs in $build/corpus"
+
+if ((lines == 1)); then
+  built "$build-lines" jpeg_fuzz \
+    "-DCMAKE_CXX_FLAGS=-fsanitize=fuzzer-no-link -fprofile-instr-generate -fcoverage-mapping"
+  LLVM_PROFILE_FILE=$build-lines/jpeg.profraw "$build-lines/bin/jpeg_fuzz" -runs=0 "$build/corpus" "$build/seeds" \
+    "${known[@]}" >"$build-lines/replay.log" 2>&1 || true
+  llvm-profdata-14 merge -o "$build-lines/jpeg.profdata" "$build-lines/jpeg.profraw"
+  llvm-cov-14 report "$build-lines/bin/jpeg_fuzz" -instr-profile="$build-lines/jpeg.profdata" firmware/vision/jpeg_*
+fi
+
+if ((status != 0)); then
+  found=$(sed -n 's/.*Test unit written to //p' "$log" | tail -n 1)
+  grep -E '^jpeg_fuzz: |ERROR: |runtime error: ' "$log" >&2 || tail -n 5 "$log" >&2
+  complain "the fuzzer stopped at an input" "see the line above and $log" \
+    "replay it with $build/bin/jpeg_fuzz ${found:-(no input was written)}"
+  exit 1
+fi
+say "no finding"

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// A short run of the corruption campaign (bench/jpeg_corruption.cpp): no frame with lost payload passes for a whole
+// one.
+#include "tests/support/host_jpeg_damage.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace holdfast::test;
+
+TEST_GROUP(JpegCorruption){
+    static void check_sums(const Figures& figures, long frames){LONGS_EQUAL(frames, figures.frames);
+for (const Tally& tally : {figures.ours, figures.library, figures.both}) {
+  CHECK(tally.harmful <= tally.different);
+}
+LONGS_EQUAL(frames, figures.ours.rejected + figures.ours.identical + figures.ours.different);
+}
+static Film tracked_film(int width, int restart_interval, int shots) {
+  Film out = film(width, restart_interval, shots);
+  STRCMP_EQUAL("", out.error.c_str());
+  return out;
+}
+}
+;
+
+TEST(JpegCorruption, DamageIsWhatItsNameSays) {
+  const Film shots = tracked_film(640, 0, 1);
+  const Bytes& whole = shots.shots[0].bytes;
+  Random random(1);
+  for (int round = 0; round < 50; ++round) {
+    for (const Damage damage : kDamages) {
+      const Bytes bytes = damaged(whole, damage, random);
+      const auto begin = static_cast<std::ptrdiff_t>(data_begin(whole));
+      CHECK(std::equal(whole.begin(), whole.begin() + begin, bytes.begin()));  // the headers stay
+      const bool has_end = bytes[bytes.size() - 2] == 0xFF && bytes.back() == 0xD9;
+      if (damage == Damage::kLost512) LONGS_EQUAL(whole.size() - 512, bytes.size());
+      if (damage == Damage::kLost3072) LONGS_EQUAL(whole.size() - 3072, bytes.size());
+      if (damage == Damage::kTruncated) CHECK(bytes.size() < whole.size() - 2);
+      CHECK(has_end == (damage != Damage::kTruncated));
+      if (damage != Damage::kZeroed512 && damage != Damage::kBitFlipped && damage != Damage::kByteChanged) continue;
+      LONGS_EQUAL(whole.size(), bytes.size());
+      int others = 0;
+      for (std::size_t i = 0; i < whole.size(); ++i) others += whole[i] != bytes[i] ? 1 : 0;
+      CHECK(others >= 1 && others <= (damage == Damage::kZeroed512 ? 512 : 1));
+    }
+  }
+}
+
+TEST(JpegCorruption, NoLostPayloadPasses) {
+  for (const int restart_interval : {0, 4}) {
+    const Film at_640 = tracked_film(640, restart_interval, 4);
+    const Film at_3280 = tracked_film(3280, restart_interval, 1);
+    for (const Damage damage : kDamages) {
+      if (!is_loss(damage)) continue;
+      const Figures small = judge(at_640, damage, 0, 100, 1, 2);
+      check_sums(small, 100);
+      LONGS_EQUAL(0, small.losses_passed);
+      LONGS_EQUAL(0, small.ours.different);
+      LONGS_EQUAL(0, small.both.harmful);
+      const Figures large = judge(at_3280, damage, 0, 10, 1, 2);
+      check_sums(large, 10);
+      LONGS_EQUAL(0, large.losses_passed);
+      LONGS_EQUAL(0, large.ours.different);
+    }
+  }
+}
+
+// The campaign is able to see harm.
+TEST(JpegCorruption, SeesWhatFlippedBitsDo) {
+  const Film shots = tracked_film(640, 0, 4);
+  const Figures figures = judge(shots, Damage::kBitFlipped, 0, 600, 1, 2);
+  check_sums(figures, 600);
+  CHECK(figures.library.different > 300);
+  CHECK(figures.library.harmful > 0);
+  CHECK(figures.both.different <= figures.library.different);
+  CHECK(figures.both.harmful <= figures.library.harmful);
+  LONGS_EQUAL(0, figures.losses_passed);
+}
+
+TEST(JpegCorruption, DoesNotDependOnThreads) {
+  const Film shots = tracked_film(640, 4, 2);
+  const Figures alone = judge(shots, Damage::kByteChanged, 5, 60, 3, 1);
+  const Figures three = judge(shots, Damage::kByteChanged, 5, 60, 3, 3);
+  LONGS_EQUAL(alone.ours.rejected, three.ours.rejected);
+  LONGS_EQUAL(alone.library.harmful, three.library.harmful);
+  LONGS_EQUAL(alone.both.different, three.both.different);
+}

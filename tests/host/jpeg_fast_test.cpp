@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+// The oracles: libjpeg-turbo for what is accepted, and the plain walk for everything, to the error's reason.
+// Slices of a few bytes put hundreds of seams into the small pictures of the generator, which a camera's pictures
+// have only every 32 KB.
+#include "vision/jpeg_fast.hpp"
+
+#include <algorithm>
+#include <array>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "drivers/common/crew.hpp"
+#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/render.hpp"
+#include "tests/support/host_jpeg_streams.hpp"
+#include "vision/jpeg_dc.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using jpeg_dc::Error;
+using test::Bytes;
+using test::Random;
+using test::Recipe;
+
+namespace {
+
+constexpr jpeg_dc::Limits kAnySize{1, 1};
+constexpr std::int32_t kWhole = jpeg_fast::kMaxSlice;
+
+// Threads x lanes of the walk.
+struct Shape {
+  std::size_t threads;
+  std::int32_t lanes;
+};
+constexpr std::array<Shape, 5> kShapes{{{1, 1}, {1, 2}, {1, 3}, {2, 3}, {4, 2}}};
+
+struct Decoded {
+  Error error;
+  int width;
+  int height;
+  Bytes pixels;
+  friend bool operator==(const Decoded&, const Decoded&) = default;
+};
+
+}  // namespace
+
+TEST_GROUP(JpegFast) {
+  std::unique_ptr<jpeg_dc::State> plain_state = std::make_unique<jpeg_dc::State>();
+  std::unique_ptr<jpeg_fast::State> state = std::make_unique<jpeg_fast::State>();
+  std::vector<jpeg_fast::Worker> workers = std::vector<jpeg_fast::Worker>(hal::kMaxWorkers);
+  std::unique_ptr<LumaBuffer> out = std::make_unique<LumaBuffer>();
+  std::array<std::unique_ptr<drivers::Threads>, hal::kMaxWorkers + 1> crews;
+
+  hal::Crew& crew(std::size_t threads) {
+    drivers::Threads::Config config;
+    config.workers = threads;
+    if (!crews[threads]) crews[threads] = std::make_unique<drivers::Threads>(config);
+    return *crews[threads];
+  }
+  Decoded result(Error error) const {
+    if (error != Error::kNone) return {error, 0, 0, {}};
+    const auto size = static_cast<std::ptrdiff_t>(out->width) * out->height;
+    return {error, out->width, out->height, {out->pixels.begin(), out->pixels.begin() + size}};
+  }
+  Decoded plain(const Bytes& bytes, const jpeg_dc::Limits& limits = kAnySize) {
+    (void)jpeg_dc::decode(*plain_state, bytes, *out, limits);
+    return result(plain_state->error);
+  }
+  Decoded fast(const Bytes& bytes, Shape shape = {1, 3}, std::int32_t slice = kWhole,
+               const jpeg_dc::Limits& limits = kAnySize) {
+    const jpeg_fast::Config config{shape.lanes, slice, std::min(slice, 1024)};
+    const Status status = jpeg_fast::decode(*state, config, workers, crew(shape.threads), bytes, *out, limits);
+    CHECK(status.reason == jpeg_dc::info(state->plain.error).reason);
+    return result(state->plain.error);
+  }
+  // Same samples, or refused by both for the same reason of the seam.
+  void check_as_plain(const Bytes& bytes, Shape shape, std::int32_t slice, unsigned seed = 0) {
+    const Decoded wanted = plain(bytes);
+    const Decoded got = fast(bytes, shape, slice);
+    const bool refused =
+        wanted.error != Error::kNone && jpeg_dc::info(got.error).reason == jpeg_dc::info(wanted.error).reason;
+    if (refused || got == wanted) return;
+    FAIL(StringFromFormat("seed %u, %u threads x %d lanes, slices of %d: plain %s, fast %s", seed,
+                          static_cast<unsigned>(shape.threads), shape.lanes, slice,
+                          std::string(jpeg_dc::info(wanted.error).name).c_str(),
+                          std::string(jpeg_dc::info(got.error).name).c_str())
+             .asCharString());
+  }
+};
+
+TEST(JpegFast, EqualsTheLibraryOnGeneratedStreamsHoweverTheyAreCut) {
+  test::Oracle oracle;
+  for (unsigned seed = 1; seed <= 6000; ++seed) {
+    const Bytes bytes = test::any_stream(seed);
+    CHECK(oracle.decode(bytes));
+    const Shape shape = kShapes[seed % kShapes.size()];
+    const std::int32_t slice = std::array{100, 250, 700, kWhole}[seed / 5 % 4];
+    const Decoded got = fast(bytes, shape, slice);
+    if (got == Decoded{Error::kNone, oracle.width, oracle.height, oracle.pixels}) continue;
+    FAIL(StringFromFormat("seed %u, %u threads x %d lanes, slices of %d: %s", seed,
+                          static_cast<unsigned>(shape.threads), shape.lanes, slice,
+                          std::string(jpeg_dc::info(got.error).name).c_str())
+             .asCharString());
+  }
+  // What the plain walk did again would prove nothing of this one. Random codes and coefficients in slices of a few
+  // hundred bytes often find no match before the next slice ends (a third of these pictures); a camera's always do.
+  CHECK(state->counts.seams > 2000);
+  CHECK(state->counts.by_plain_walk < state->counts.pictures * 2 / 5);
+}
+
+TEST(JpegFast, NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures) {
+  Bytes rgb;
+  const auto check = [&](const scene::PictureConfig& config, int quality, int interval) {
+    scene::render_rgb(config, {}, nullptr, static_cast<std::uint64_t>(quality), rgb);
+    const Bytes bytes = test::encode_rgb(rgb, config.width, config.height, quality, interval);
+    const Decoded wanted = plain(bytes);
+    CHECK(wanted.error == Error::kNone);
+    const std::uint32_t by_plain = state->counts.by_plain_walk;
+    for (const Shape shape : kShapes) CHECK(fast(bytes, shape, kWhole) == wanted);
+    LONGS_EQUAL(by_plain, state->counts.by_plain_walk);
+  };
+  scene::PictureConfig config = scene::camera_3280x2464();
+  for (const int quality : {50, 85, 92}) check(config, quality, 0);
+  check(config, 85, 205);       // a restart marker for each row of MCUs
+  check(config, 85, 205 * 77);  // for each quarter
+  config.width = 640;
+  config.height = 480;
+  check(config, 85, 0);
+  check(config, 85, 7);
+}
+
+TEST(JpegFast, TakesThePicturesThatHoldTheMostAndTheFewestBits) {
+  // Flat: 10 bits a block. White noise: 1 KB an MCU, more than memory holds slices for in a large picture.
+  for (const test::Content content : {test::Content::kFlat, test::Content::kNoise}) {
+    Recipe recipe;
+    recipe.content = content;
+    recipe.width = 1640;
+    recipe.height = 1232;
+    recipe.quality = 95;
+    for (const test::Tables tables : {test::Tables::kStandard, test::Tables::kOptimised}) {
+      recipe.tables = tables;
+      const Bytes bytes = test::encode(recipe);
+      const Decoded wanted = plain(bytes);
+      CHECK(wanted.error == Error::kNone);
+      for (const Shape shape : kShapes) CHECK(fast(bytes, shape, kWhole) == wanted);
+    }
+  }
+}
+
+TEST(JpegFast, RefusesWhatThePlainWalkRefuses) {
+  for (unsigned seed = 1; seed <= 1500; ++seed) {
+    Random random(seed);
+    const Bytes whole = test::any_stream(seed);
+    const Shape shape = kShapes[seed % kShapes.size()];
+    const std::int32_t slice = std::array{50, 200, kWhole}[seed % 3];
+    for (int round = 0; round < 8; ++round) {
+      const std::size_t at = random() % whole.size();
+      const std::size_t count = std::min<std::size_t>(1 + random() % 200, whole.size() - at);
+      switch (round % 4) {
+        case 0:
+          check_as_plain(test::erased(whole, at, count), shape, slice, seed);
+          break;
+        case 1:
+          check_as_plain(test::zeroed(whole, at, count), shape, slice, seed);
+          break;
+        case 2:
+          check_as_plain(test::changed(whole, at, whole[at] ^ 1 << random() % 8), shape, slice, seed);
+          break;
+        default:
+          check_as_plain(Bytes(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(at)), shape, slice, seed);
+      }
+    }
+  }
+}
+
+TEST(JpegFast, EveryCutOfASmallPictureIsRefused) {
+  for (const int interval : {0, 3}) {
+    Recipe recipe;
+    recipe.width = 200;
+    recipe.height = 100;
+    recipe.restart_interval = interval;
+    const Bytes whole = test::encode(recipe);
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      // A span of exactly this memory, so that a sanitizer sees a read beyond it.
+      const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      CHECK(fast(cut, {1, 3}, 100).error != Error::kNone);
+    }
+    CHECK(fast(whole, {1, 3}, 100) == plain(whole));
+  }
+}
+
+TEST(JpegFast, LeavesAMarkerInThePaddingToThePlainWalk) {
+  Recipe recipe;
+  recipe.width = recipe.height = 300;
+  Bytes bytes = test::encode(recipe);
+  const Decoded wanted = plain(bytes);
+  bytes.resize(bytes.size() + 3000, 0x55);
+  CHECK(fast(bytes) == wanted);
+  LONGS_EQUAL(0, state->counts.by_plain_walk);
+  bytes.insert(bytes.end(), {0xFF, 0xD9});
+  CHECK(fast(bytes) == wanted);
+  LONGS_EQUAL(1, state->counts.by_plain_walk);
+}
+
+TEST(JpegFast, StopsAfterTheRowsThatAreWanted) {
+  const scene::PictureConfig config = scene::camera_3280x2464();
+  Bytes rgb;
+  for (const int interval : {0, 100, 205, 30'000}) {
+    for (std::uint64_t noise = 1; noise <= 2; ++noise) {
+      scene::render_rgb(config, {}, nullptr, noise, rgb);
+      const Bytes bytes = test::encode_rgb(rgb, config.width, config.height, 85, interval);
+      Decoded wanted = plain(bytes);
+      wanted.height = 262;  // 85 % of 308, whole rows
+      wanted.pixels.resize(static_cast<std::size_t>(wanted.width) * 262);
+      const jpeg_dc::Limits limits{1, 1, 85};
+      CHECK(plain(bytes, limits) == wanted);
+      for (const Shape shape : kShapes) CHECK(fast(bytes, shape, kWhole, limits) == wanted);
+      // The second picture and later ones are expected to end where the one before did.
+      if (interval == 0) CHECK(state->bytes_wanted < bytes.size() * 88 / 100);
+    }
+  }
+  LONGS_EQUAL(0, state->counts.by_plain_walk);
+}
+
+TEST(JpegFast, LooksFartherWhenAPictureIsLongerThanExpected) {
+  const jpeg_dc::Limits limits{1, 1, 50};
+  Recipe recipe;
+  recipe.width = recipe.height = 800;
+  const Bytes simple = test::encode(recipe);
+  recipe.content = test::Content::kNoise;
+  const Bytes rich = test::encode(recipe);
+  const auto check = [&](const Bytes& bytes) { CHECK(fast(bytes, {1, 3}, kWhole, limits) == plain(bytes, limits)); };
+  check(simple);
+  check(simple);
+  check(rich);
+  check(rich);
+  check(simple);
+  LONGS_EQUAL(0, state->counts.by_plain_walk);
+}
+
+TEST(JpegFast, MakesTablesOfItsOwnForEveryPairOfCodes) {
+  std::vector<Bytes> streams;
+  for (const test::Tables tables : {test::Tables::kStandard, test::Tables::kShuffled, test::Tables::kOptimised}) {
+    for (const std::size_t components : {std::size_t{1}, std::size_t{3}}) {
+      Recipe recipe;
+      recipe.width = recipe.height = 120;
+      recipe.tables = tables;
+      recipe.sampling.assign(components, {1, 1});
+      streams.push_back(test::encode(recipe, static_cast<unsigned>(streams.size())));
+    }
+  }
+  for (int round = 0; round < 3; ++round) {
+    for (const Bytes& first : streams) {
+      for (const Bytes& second : streams) {
+        CHECK(fast(first) == plain(first));
+        CHECK(fast(second) == plain(second));
+      }
+    }
+  }
+}

@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/support/host_jpeg_damage.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <span>
+#include <thread>
+
+#include "app/pipeline.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
+#include "drivers/sim/scene/grasp.hpp"
+#include "vision/jpeg_dc.hpp"
+#include "vision/luma_input.hpp"
+
+namespace holdfast::test {
+namespace {
+
+constexpr int kQuality = 85;
+constexpr double kFramesPerSecond = 8.0;
+
+scene::PictureConfig picture_of(int width) {
+  scene::PictureConfig picture = scene::camera_3280x2464();
+  if (width == picture.width) return picture;
+  picture = scene::scaled(picture, width);
+  picture.height = width * 3 / 4;  // 640x480; the full size is a little taller than 4:3
+  return picture;
+}
+
+Bytes pixels_of(const LumaBuffer& luma) {
+  return {luma.pixels.begin(), luma.pixels.begin() + static_cast<std::ptrdiff_t>(luma.width) * luma.height};
+}
+
+bool same(const Bytes& pixels, const LumaBuffer& luma) {
+  return pixels.size() == static_cast<std::size_t>(luma.width) * static_cast<std::size_t>(luma.height) &&
+         std::equal(pixels.begin(), pixels.end(), luma.pixels.begin());
+}
+
+scene::PointPx centre(const Marker& marker) {
+  return {marker.x.raw() / 256.0, marker.y.raw() / 256.0};
+}
+
+// The two decoders, each with a picture, and a tracker to try things on: the memory of one thread.
+class Bench {
+ public:
+  explicit Bench(const Film& film) : film_(film) {}
+
+  bool decode_ours(const Bytes& bytes) {
+    return jpeg_dc::decode(*state_, bytes, *eighth_, {.min_width = 1, .min_height = 1}).ok();
+  }
+  bool decode_library(const Bytes& bytes) { return library_.decode(bytes, film_.scale, *working_).ok(); }
+  [[nodiscard]] const LumaBuffer& eighth() const { return *eighth_; }
+  // What the firmware tracks on.
+  [[nodiscard]] const LumaBuffer& working() const { return film_.scale == DecodeScale::kEighth ? *eighth_ : *working_; }
+
+  void judge(const Shot& shot, const Bytes& bytes, Figures& sum) {
+    ++sum.frames;
+    const bool ours = decode_ours(bytes);
+    const bool at_eighth = film_.scale == DecodeScale::kEighth;
+    const bool ours_same = ours && same(shot.eighth, *eighth_);
+    count(sum.ours, ours, ours_same, at_eighth && ours && !ours_same && harms(shot));
+    if (at_eighth) {
+      sum.losses_passed += ours && !ours_same ? 1 : 0;
+      return;
+    }
+    const bool library = decode_library(bytes);
+    const bool library_same = library && same(shot.working, *working_);
+    const bool harmful = library && !library_same && harms(shot);
+    count(sum.library, library, library_same, harmful);
+    count(sum.both, library && ours, library_same, harmful && ours);
+    sum.losses_passed += ours && !(ours_same && (library_same || !library)) ? 1 : 0;
+  }
+
+ private:
+  static void count(Tally& tally, bool accepted, bool identical, bool harmful) {
+    ++(!accepted ? tally.rejected : identical ? tally.identical : tally.different);
+    tally.harmful += harmful ? 1 : 0;
+  }
+
+  // As pipeline::update goes on after decoding.
+  bool harms(const Shot& shot) {
+    *tracker_ = *shot.before;
+    if (!tracker::update(*tracker_, config_.tracker, working().view()).ok()) return false;
+    const MarkerField& field = tracker_->field;
+    if (field.valid_count() * 100 < field.grid.count() * config_.fault_markers_pct) return false;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(field.grid.count()); ++i) {
+      const scene::PointPx now = centre(field.markers[i]);
+      if (field.markers[i].valid && std::hypot(now.x - shot.centres[i].x, now.y - shot.centres[i].y) > kHarmPx) {
+        return true;
+      }
+    }
+    return false;
+  }
+
+  const Film& film_;
+  const pipeline::Config config_;
+  std::unique_ptr<jpeg_dc::State> state_ = std::make_unique<jpeg_dc::State>();
+  std::unique_ptr<LumaBuffer> eighth_ = std::make_unique<LumaBuffer>();
+  std::unique_ptr<LumaBuffer> working_ = std::make_unique<LumaBuffer>();
+  std::unique_ptr<tracker::State> tracker_ = std::make_unique<tracker::State>();
+  drivers::TurboJpegDecoder library_;
+};
+
+void write(const std::filesystem::path& path, const Bytes& bytes) {
+  std::ofstream(path, std::ios::binary)
+      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+}
+
+Tally& operator+=(Tally& sum, const Tally& more) {
+  sum.rejected += more.rejected;
+  sum.identical += more.identical;
+  sum.different += more.different;
+  sum.harmful += more.harmful;
+  return sum;
+}
+
+}  // namespace
+
+std::string_view name(Damage damage) {
+  constexpr std::array<std::string_view, kDamages.size()> kNames{
+      "512 bytes lost",  "512 bytes zeroed", "3072 bytes lost", "truncated",
+      "truncated + EOI", "1 bit flipped",    "1 byte changed"};
+  return kNames[static_cast<std::size_t>(damage)];
+}
+
+Bytes damaged(const Bytes& whole, Damage damage, Random& random) {
+  const std::size_t begin = data_begin(whole), end = whole.size() - 2;  // EOI
+  const auto place = [&](std::size_t size) { return begin + random() % (end - begin - size + 1); };
+  switch (damage) {
+    case Damage::kLost512:
+      return erased(whole, place(512), 512);
+    case Damage::kZeroed512:
+      return zeroed(whole, place(512), 512);
+    case Damage::kLost3072:
+      return erased(whole, place(3072), 3072);
+    case Damage::kTruncated:
+    case Damage::kTruncatedWithEnd: {
+      Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(place(1)));
+      if (damage == Damage::kTruncatedWithEnd) cut.insert(cut.end(), {0xFF, 0xD9});
+      return cut;
+    }
+    case Damage::kBitFlipped: {
+      const std::size_t at = place(1);
+      return changed(whole, at, whole[at] ^ (1 << random() % 8));
+    }
+    case Damage::kByteChanged: {
+      const std::size_t at = place(1);
+      return changed(whole, at, (whole[at] + in_range(random, 1, 255)) & 255);
+    }
+  }
+  return whole;
+}
+
+Film film(int width, int restart_interval, int shots) {
+  Film out{width, restart_interval, luma_input::scale_for(DecodeScale::kEighth, width), {}, {}};
+  const scene::PictureConfig picture = picture_of(width);
+  const scene::GraspConfig grasp;
+  Bench bench(out);
+  tracker::Config config;
+  auto state = std::make_unique<tracker::State>();
+  Bytes rgb;
+  for (int i = -1; i < shots; ++i) {  // the first is the rest position, and no shot
+    const scene::GraspTruth truth = scene::at(grasp, i / kFramesPerSecond);
+    const scene::Contact contact = scene::contact_px(picture, grasp, truth);
+    scene::render_rgb(picture, scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {})), &contact,
+                      static_cast<std::uint64_t>(i + 2), rgb);
+    Shot shot;
+    shot.bytes = encode_rgb(rgb, picture.width, picture.height, kQuality, restart_interval);
+    shot.before = std::make_shared<const tracker::State>(*state);
+    const bool decoded =
+        bench.decode_ours(shot.bytes) && (out.scale == DecodeScale::kEighth || bench.decode_library(shot.bytes));
+    const bool tracked = decoded && tracker::update(*state, config, bench.working().view()).ok();
+    if (!tracked || state->field.valid_count() != state->field.grid.count()) {
+      out.error = "frame " + std::to_string(i) + (decoded ? ": markers missing" : ": not decoded");
+      return out;
+    }
+    if (i < 0) {
+      tracker::set_home(*state, state->field);
+      continue;
+    }
+    shot.eighth = pixels_of(bench.eighth());
+    shot.working = pixels_of(bench.working());
+    std::transform(state->field.markers.begin(), state->field.markers.end(), shot.centres.begin(), centre);
+    out.shots.push_back(std::move(shot));
+  }
+  return out;
+}
+
+Figures judge(const Film& film, Damage damage, long first, long count, std::uint32_t seed, int threads,
+              const std::filesystem::path& keep) {
+  std::vector<Figures> sums(static_cast<std::size_t>(threads));
+  std::vector<std::thread> workers;
+  workers.reserve(sums.size());
+  const auto work = [&](int worker) {
+    Bench bench(film);
+    Figures& sum = sums[static_cast<std::size_t>(worker)];
+    for (long number = first + worker; number < first + count; number += threads) {
+      std::seed_seq seeds{seed, static_cast<std::uint32_t>(damage), static_cast<std::uint32_t>(number)};
+      Random random(seeds);
+      const Shot& shot = film.shots[static_cast<std::size_t>(number) % film.shots.size()];
+      const Bytes bytes = damaged(shot.bytes, damage, random);
+      const long passed = sum.losses_passed;
+      bench.judge(shot, bytes, sum);
+      if (!is_loss(damage)) sum.losses_passed = passed;
+      if (sum.losses_passed != passed && !keep.empty()) {
+        write(keep / (std::to_string(film.width) + "_restart" + std::to_string(film.restart_interval) + "_damage" +
+                      std::to_string(static_cast<int>(damage)) + "_" + std::to_string(number) + ".jpg"),
+              bytes);
+      }
+    }
+  };
+  for (int worker = 0; worker < threads; ++worker) workers.emplace_back(work, worker);
+  for (std::thread& worker : workers) worker.join();
+  Figures total;
+  for (const Figures& sum : sums) total += sum;
+  return total;
+}
+
+Figures& operator+=(Figures& sum, const Figures& more) {
+  sum.frames += more.frames;
+  sum.ours += more.ours;
+  sum.library += more.library;
+  sum.both += more.both;
+  sum.losses_passed += more.losses_passed;
+  return sum;
+}
+
+}  // namespace holdfast::test
