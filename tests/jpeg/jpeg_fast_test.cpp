@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "drivers/common/crew.hpp"
-#include "drivers/sim/scene/jpeg_encode.hpp"
 #include "drivers/sim/scene/render.hpp"
 #include "tests/support/host_jpeg_streams.hpp"
 #include "vision/jpeg_dc.hpp"

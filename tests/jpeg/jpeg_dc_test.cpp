@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/scene/jpeg_encode.hpp"
 #include "drivers/sim/scene/render.hpp"
 #include "tests/support/host_jpeg_streams.hpp"
 
@@ -89,7 +88,7 @@ TEST(JpegDc, EqualsTheLibraryOnTheCamerasPictures) {
   Bytes rgb;
   for (const int quality : {50, 85, 92}) {
     scene::render_rgb(config, {}, nullptr, static_cast<std::uint64_t>(quality), rgb);
-    check_identical(scene::encode_jpeg(rgb, config.width, config.height, scene::JpegInput::kRgb, quality));
+    check_identical(encode_rgb(rgb, config.width, config.height, quality, 0));
     LONGS_EQUAL(410, out->width);
     LONGS_EQUAL(308, out->height);
   }
