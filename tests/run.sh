@@ -8,7 +8,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
 
-parts=(packages format sim heap tidy asan rpi4)
+parts=(packages format sim heap tidy asan tsan rpi4 fuzz)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
   [format]="clang-format on every source"
@@ -16,7 +16,9 @@ declare -A what=(
   [heap]="heap calls from start() to stop(), counted"
   [tidy]="clang-tidy on every source that the host build compiles"
   [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
+  [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
+  [fuzz]="fuzz the JPEG decoder with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
 
 usage() {
@@ -139,7 +141,7 @@ read_report() {
 
 part_packages() {
   local status=0
-  ensure_packages build test cross || status=1
+  ensure_packages build test cross fuzz || status=1
   count_one packages "$status"
 }
 part_format() {
@@ -157,6 +159,27 @@ part_tidy() {
   count_one "tidy (tests/checks/tidy.sh)" "$status"
 }
 part_asan() { build asan && run_ctest "asan tests" asan; }
+part_tsan() {
+  step "tsan configure" cmake --preset tsan || {
+    count_one "tsan: configure" 1
+    return 1
+  }
+  step "tsan build" cmake --build --preset tsan --target firmware_tests jpeg_tests || {
+    count_one "tsan: build" 1
+    return 1
+  }
+  local status=0
+  step "tsan crew" build/tsan/bin/firmware_tests -v -sg Crew || status=1
+  step "tsan jpeg" build/tsan/bin/jpeg_tests -v -sg JpegFast -sn NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures ||
+    status=1
+  count_one "tsan (tests/run.sh --only tsan)" "$status"
+}
+part_fuzz() {
+  local status=0
+  step fuzz tests/fuzz/run.sh 60 || status=1
+  grep -E 'executions|finding' "$logs/fuzz.log" | sed 's/^/   /'
+  count_one "fuzz (tests/fuzz/run.sh)" "$status"
+}
 part_rpi4() {
   step "rpi4 sysroot" toolchain/sysroot.sh || {
     count_one "rpi4: sysroot" 1

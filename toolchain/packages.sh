@@ -7,7 +7,8 @@
 # shellcheck source=toolchain/say.sh
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
-# GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator.
+# GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; fuzz:
+# libFuzzer.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -28,6 +29,8 @@ test libopencv-video-dev 4.6.0+dfsg-12
 test clang-format 1:14.0-55.7~deb12u1
 test clang-tidy 1:14.0-55.7~deb12u1
 test valgrind 1:3.19.0-1
+fuzz clang-14 1:14.0.6-12
+fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3
 cross qemu-user 1:7.2+dfsg-7+deb12u18+b3
 cross qemu-user-static 1:7.2+dfsg-7+deb12u18+b3

@@ -568,7 +568,7 @@ class Stitcher {
   // The seam's blocks before the match, then `next` from its MCU `start` on.
   Error join(const Slice& next, const Walk& walk, std::span<const std::uint32_t> seam, std::uint32_t start,
              std::uint32_t& blocks, std::uint32_t& from, std::uint32_t& valid) {
-    if (walk.bad != 0) return Error::kBadCode;
+    if (walk.bad != 0) return to_end_ ? Error::kBadCode : kUnsure;  // it may stand after the last block wanted
     const auto listed = static_cast<std::uint32_t>(seam.size());
     const std::uint32_t count = to_end_ ? listed : std::min(listed, blocks);
     std::uint32_t first = 0;

@@ -36,6 +36,30 @@ bool is_stricter(Error error, std::span<const std::uint8_t> bytes) {
   });
 }
 
+constexpr jpeg_dc::Limits kWhole{1, 1};
+constexpr jpeg_dc::Limits kUpperRows{1, 1, 60};
+
+// Without threads, which would make findings hard to repeat; the slices do not know.
+class OneAfterTheOther final : public hal::Crew {
+ public:
+  explicit OneAfterTheOther(std::size_t workers) : workers_(workers) {}
+
+ private:
+  [[nodiscard]] std::size_t do_size() const override { return workers_; }
+  void do_run(hal::Task& task) override {
+    for (std::size_t i = 0; i < workers_; ++i) task.work(i);
+  }
+
+  std::size_t workers_;
+};
+
+struct Shape {
+  std::size_t workers;
+  std::int32_t lanes;
+  std::int32_t slice;
+};
+constexpr std::array<Shape, 3> kShapes{{{1, 1, 30}, {1, 3, 100}, {2, 2, 300}}};
+
 bool equal(const Oracle& oracle, const LumaBuffer& ours) {
   return oracle.width == ours.width && oracle.height == ours.height &&
          std::equal(oracle.pixels.begin(), oracle.pixels.end(), ours.pixels.begin());
@@ -48,9 +72,31 @@ std::string JpegCheck::check(std::span<const std::uint8_t> bytes) {
   if (!finding.empty() && check_plain(bytes, *std::make_unique<jpeg_dc::State>()).empty()) {
     finding += "; not with a fresh state: something stayed from the inputs before";
   }
-  // The place for another decoder: one more check_x(bytes), if this far all is well. state_->error and *out_ hold the
-  // answer of the plain one.
+  if (finding.empty()) finding = check_fast(bytes, kWhole);
+  if (finding.empty()) {
+    (void)jpeg_dc::decode(*state_, bytes, *out_, kUpperRows);
+    finding = check_fast(bytes, kUpperRows);
+  }
   return finding;
+}
+
+std::string JpegCheck::check_fast(std::span<const std::uint8_t> bytes, const jpeg_dc::Limits& limits) {
+  const jpeg_dc::ErrorInfo& plain = jpeg_dc::info(state_->error);
+  for (const Shape& shape : kShapes) {
+    OneAfterTheOther crew(shape.workers);
+    const jpeg_fast::Config config{shape.lanes, shape.slice, shape.slice};
+    const Status status = jpeg_fast::decode(*fast_state_, config, workers_, crew, bytes, *fast_out_, limits);
+    const std::size_t size = static_cast<std::size_t>(out_->width) * static_cast<std::size_t>(out_->height);
+    const bool same =
+        status.reason == plain.reason &&
+        (!status.ok() || (fast_out_->width == out_->width && fast_out_->height == out_->height &&
+                          std::equal(out_->pixels.begin(), out_->pixels.begin() + size, fast_out_->pixels.begin())));
+    if (same) continue;
+    return "fast walk, " + std::to_string(shape.workers) + " workers of " + std::to_string(shape.lanes) +
+           " lanes, slices of " + std::to_string(shape.slice) + ": " +
+           std::string(jpeg_dc::info(fast_state_->plain.error).name) + " instead of " + std::string(plain.name);
+  }
+  return {};
 }
 
 std::string JpegCheck::check_plain(std::span<const std::uint8_t> bytes, jpeg_dc::State& state) {
