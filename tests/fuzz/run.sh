@@ -81,7 +81,11 @@ if ((lines == 1)); then
   built "$build-lines" jpeg_fuzz \
     "-DCMAKE_CXX_FLAGS=-fsanitize=fuzzer-no-link -fprofile-instr-generate -fcoverage-mapping"
   LLVM_PROFILE_FILE=$build-lines/jpeg.profraw "$build-lines/bin/jpeg_fuzz" -runs=0 "$build/corpus" "$build/seeds" \
-    "${known[@]}" >"$build-lines/replay.log" 2>&1 || true
+    "${known[@]}" -artifact_prefix="$build/findings/" >"$build-lines/replay.log" 2>&1 || {
+    complain "an input of the corpus is a finding in the other build" "a build from changing sources, or a finding" \
+      "see $build-lines/replay.log"
+    exit 1
+  }
   llvm-profdata-14 merge -o "$build-lines/jpeg.profdata" "$build-lines/jpeg.profraw"
   llvm-cov-14 report "$build-lines/bin/jpeg_fuzz" -instr-profile="$build-lines/jpeg.profdata" firmware/vision/jpeg_*
 fi
