@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From the camera's frame to the working image: decodes JPEG at the mode's scale, borrows luma as it is.
+// From the camera's frame to the working image: decodes JPEG at the mode's scale, borrows luma as it is. Pictures in
+// which a pixel is a block of the JPEG are asked whether they can be what was sent (picture_check).
 #pragma once
 
 #include <cstdint>
@@ -8,17 +9,20 @@
 #include "hal/camera.hpp"
 #include "vision/jpeg.hpp"
 #include "vision/luma.hpp"
+#include "vision/picture_check.hpp"
 
 namespace holdfast::luma_input {
 
 struct Config {
   DecodeScale scale = DecodeScale::kEighth;
+  picture_check::Config check;
 };
 
 struct State {
   LumaBuffer decoded;
   std::int32_t width = 0;  // of the first picture; a stream never changes its size
   std::int32_t height = 0;
+  picture_check::State check;
 };
 
 // Below this width the error of the centres grows fast (measured: it triples under 200 px), so small cameras are
@@ -39,11 +43,14 @@ inline constexpr std::int32_t kLeastWorkingWidth = 300;
   return static_cast<std::int32_t>(scale_for(config.scale, frame.width));
 }
 
-// kJpegDamaged, kFrameFormat (size changed or inconsistent), kPictureTooSmall, kPictureTooLarge.
+// kJpegDamaged (refused by the decoder or by the check), kFrameFormat (size changed or inconsistent), kPictureTooSmall,
+// kPictureTooLarge.
 [[nodiscard]] inline Status update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame,
                                    LumaView& out) {
-  if (frame.format == hal::PixelFormat::kMjpeg) {
-    const Status status = jpeg.decode(frame.bytes, scale_for(config.scale, frame.width), state.decoded);
+  const bool mjpeg = frame.format == hal::PixelFormat::kMjpeg;
+  const DecodeScale scale = scale_for(config.scale, frame.width);
+  if (mjpeg) {
+    const Status status = jpeg.decode(frame.bytes, scale, state.decoded);
     if (!status.ok()) return status;
     out = state.decoded.view();
   } else {
@@ -59,7 +66,8 @@ inline constexpr std::int32_t kLeastWorkingWidth = 300;
   if (state.width != 0 && (state.width != out.width || state.height != out.height)) return {Reason::kFrameFormat};
   state.width = out.width;
   state.height = out.height;
-  return kOkStatus;
+  const bool block_is_pixel = mjpeg && scale == DecodeScale::kEighth && out.width >= kLeastWorkingWidth;
+  return block_is_pixel ? picture_check::update(state.check, config.check, out) : kOkStatus;
 }
 
 }  // namespace holdfast::luma_input

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vision/picture_check.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+
+#include "base/math.hpp"
+
+namespace holdfast::picture_check {
+namespace {
+
+std::int32_t columns_of(std::int32_t width) {
+  return width / kGroup * kGroup;
+}
+
+void measure(const LumaView& luma, std::int32_t cap, RowSteps& out) {
+  out[0] = 0;
+  for (std::int32_t y = 1; y < luma.height; ++y) {
+    const Rows rows{luma.row(std::max(y - 2, 0)), luma.row(y - 1), luma.row(y),
+                    luma.row(std::min(y + 1, luma.height - 1))};
+    out[idx(y)] = row_steps(rows, columns_of(luma.width), cap);
+  }
+}
+
+// From row y on. Range: 0 <= y <= height - 3.
+std::int32_t three_rows(const RowSteps& steps, std::int32_t y) {
+  return steps[idx(y)] + steps[idx(y + 1)] + steps[idx(y + 2)];
+}
+
+// The largest excess of a sum over those of the picture before; steps up and down are different things.
+std::int32_t worst_excess(const RowSteps& seen, const RowSteps& believed, std::int32_t height) {
+  std::int32_t worst = 0;
+  for (std::int32_t y = 0; y + 2 < height; ++y) {
+    std::int32_t most = 0;
+    std::int32_t least = 0;
+    for (std::int32_t near = std::max(y - 1, 0); near <= std::min(y + 1, height - 3); ++near) {
+      const std::int32_t before = three_rows(believed, near);
+      most = std::max(most, before);
+      least = std::min(least, before);
+    }
+    const std::int32_t now = three_rows(seen, y);
+    worst = std::max({worst, now - most, least - now});
+  }
+  return worst;
+}
+
+}  // namespace
+
+std::int32_t row_steps_scalar(const Rows& rows, std::int32_t columns, std::int32_t cap) {
+  std::int32_t sum = 0;
+  for (std::int32_t x = 0; x < columns; ++x) {
+    const std::int32_t difference = rows.row[x] - rows.above[x];
+    const std::int32_t before = std::abs(rows.above[x] - rows.two_above[x]);
+    const std::int32_t after = std::abs(rows.below[x] - rows.row[x]);
+    const std::int32_t step = std::clamp(std::abs(difference) - std::max(before, after), 0, cap);
+    sum += difference > 0 ? step : -step;
+  }
+  return sum;
+}
+
+Status update(State& state, const Config& config, const LumaView& luma) {
+  measure(luma, config.cap, state.seen);
+  const bool first = state.width != luma.width || state.height != luma.height;
+  const bool implausible = !first && worst_excess(state.seen, state.believed, luma.height) * 100 >
+                                         columns_of(luma.width) * config.cap * config.limit_pct;
+  if (implausible && state.refused_in_a_row < config.patience) {
+    ++state.refused_in_a_row;
+    return {Reason::kJpegDamaged};
+  }
+  state.refused_in_a_row = 0;
+  state.believed = state.seen;
+  state.width = luma.width;
+  state.height = luma.height;
+  return kOkStatus;
+}
+
+}  // namespace holdfast::picture_check
