@@ -151,7 +151,7 @@ struct AcStep {
 // Range: dc within kMaxDc, quant 1..32767: the product is below 2^26.
 [[nodiscard]] constexpr std::uint8_t pixel(std::int32_t dc, std::int32_t quant) {
   const std::int32_t mean = (((dc * quant + 4) >> 3) + 512) & 1023;  // 512 more than it is
-  return static_cast<std::uint8_t>(std::clamp(mean - 512 + 128, 0, 255));
+  return static_cast<std::uint8_t>(std::min(std::max(mean - 512 + 128, 0), 255));
 }
 
 // The next 8 bytes, first byte on top. Not spelled out in shifts: at -O3 gcc vectorises those instead of making one

@@ -69,11 +69,6 @@ void prepare(State& state, const Scan& scan) {
                       &block.ac->code};
   }
   state.luma_blocks = static_cast<std::uint32_t>(scan.across * scan.down);
-  if (state.sample_quant == scan.luma_quant) return;
-  state.sample_quant = scan.luma_quant;
-  for (std::int32_t i = 0; i < 4096; ++i) {
-    state.sample[static_cast<std::size_t>(i)] = jpeg_dc::pixel(std::clamp(i - 2048, -kMaxDc, kMaxDc), scan.luma_quant);
-  }
 }
 
 // ---- Bytes ----
@@ -405,9 +400,9 @@ bool cut(State& state, const std::uint8_t* begin, const std::uint8_t* end, std::
   const auto slice_size = static_cast<std::size_t>(config.slice);
   // Lanes end together when each has the same number of slices.
   const std::size_t useful = std::clamp<std::size_t>(size / static_cast<std::size_t>(config.least_slice), 1, lanes);
-  const std::size_t count =
-      std::max<std::size_t>(1, ((size + slice_size - 1) / slice_size + useful - 1) / useful * useful);
-  if (count > kMaxSlices - state.slices || count - 1 > kMaxGuesses - guesses) return false;
+  const std::size_t wanted = ((size + slice_size - 1) / slice_size + useful - 1) / useful * useful;
+  const std::size_t count = std::clamp<std::size_t>(wanted, 1, 1 + kMaxGuesses - guesses);
+  if (state.slices + count > kMaxSlices || size > count * kMaxSlice) return false;
   const std::uint8_t* from = begin;
   for (std::size_t i = 1; i <= count; ++i) {
     const std::uint8_t* to = begin + size * i / count;
@@ -637,21 +632,21 @@ Error stitch(State& state, const Scan& scan) {
 
 // ---- Pixels ----
 
-// Levels of all pieces to samples, in the order of sending.
-Error make_samples(State& state) {
+// Levels of all pieces to samples, in the order of sending. Plain arithmetic, because gcc makes vector code of it.
+Error make_samples(State& state, std::int32_t luma_quant) {
   std::uint8_t* out = state.in_order.data();
-  std::uint32_t outside = 0;
+  std::int32_t outside = 0;  // negative once a level was outside of +-kMaxDc
   for (std::size_t i = 0; i < state.pieces; ++i) {
-    const Piece& piece = state.piece[i];
+    const Piece piece = state.piece[i];  // a copy: bytes written may lie anywhere, as far as the compiler knows
     const std::int16_t* value = state.value.data() + piece.first;
     for (std::uint32_t j = 0; j < piece.count; ++j) {
-      // Range: level + 2048 is 1..4095 for levels within kMaxDc; anything else has a higher bit, or is 0.
-      const auto level = static_cast<std::uint32_t>(static_cast<std::int16_t>(value[j] + piece.base) + 2048);
-      outside |= level | (level - 1);
-      *out++ = state.sample[level & 4095];
+      const auto level = static_cast<std::int16_t>(value[j] + piece.base);
+      outside |= (level + kMaxDc) | (kMaxDc - level);
+      out[j] = jpeg_dc::pixel(level, luma_quant);
     }
+    out += piece.count;
   }
-  return (outside >> 12) == 0 ? Error::kNone : Error::kDcRange;
+  return outside < 0 ? Error::kDcRange : Error::kNone;
 }
 
 // One line of the picture from the samples of its row of MCUs. The width of an MCU is a constant, because a division
@@ -706,7 +701,7 @@ Error decode_scan(State& state, const Config& config, std::span<Worker> workers,
   Error error = find_pieces(state, config, workers, crew, scan, bytes);
   if (error != Error::kNone && bytes != 0) error = find_pieces(state, config, workers, crew, scan, 0);
   if (error != Error::kNone) return error;
-  error = make_samples(state);
+  error = make_samples(state, scan.luma_quant);
   if (error != Error::kNone) return error;
   arrange(state, scan, out);
   return Error::kNone;

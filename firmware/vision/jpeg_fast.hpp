@@ -80,7 +80,8 @@ struct Config {
   // Cortex-A72 (estimate of a model).
   std::int32_t lanes = 3;
   // Slices, bytes, 16..kMaxSlice. Price: each seam walks the synchronisation distance twice and alone (about 100
-  // bytes); longer slices have fewer seams, but leave the first-level cache colder and the last lanes longer alone.
+  // bytes); longer slices have fewer seams, but leave the first-level cache colder and the last lanes longer alone
+  // (12 to 32 KB: within 3 %). They are longer where kMaxGuesses asks for it.
   std::int32_t slice = static_cast<std::int32_t>(kMaxSlice);
   // A picture shorter than that for each lane of all workers is cut into shorter slices, down to this.
   std::int32_t least_slice = 1024;
@@ -171,9 +172,6 @@ struct State {
   static constexpr std::int16_t kLongValue = -32768;
   std::array<std::int16_t, 1U << jpeg_dc::kIndexBits> difference;
   std::array<Phase, jpeg_dc::kMaxBlocks> phase;
-  // Samples by level, for one divisor.
-  std::array<std::uint8_t, 4096> sample;
-  std::int32_t sample_quant = 0;
   // The picture in work.
   std::size_t slices = 0;
   std::uint32_t luma_blocks = 1;  // of an MCU

@@ -98,7 +98,7 @@ int replay(const ReplayOptions& options) {
     const sim::RecordedFrame& current = camera.current();
     if (session.app().result().quality.reason == Reason::kNoFrame) continue;
     const hal::Frame given = sim::as_frame(current);
-    const double scale = about.scale * luma_input::reduction({pipeline_config(info.params).luma.scale}, given);
+    const double scale = about.scale * luma_input::reduction(pipeline_config(info.params).luma, given);
     session.record(current.index, static_cast<double>(current.time.count()) * 1e-6, scale, given);
     progress.update(current.index + 1);
   }
