@@ -15,7 +15,7 @@ namespace holdfast::luma_input {
 
 struct Config {
   DecodeScale scale = DecodeScale::kEighth;
-  picture_check::Config check;
+  picture_check::Config check{};
 };
 
 struct State {

@@ -69,6 +69,7 @@ long run_cell(const Options& options, const Film& film, Damage damage, long fram
   }
   if (film.scale == holdfast::DecodeScale::kEighth) {
     print_row(options.csv, film, damage, frames, "ours", sum.ours, true);
+    print_row(options.csv, film, damage, frames, "ours + picture check", sum.checked, true);
   } else {
     print_row(options.csv, film, damage, frames, "ours at 1/8", sum.ours, false);
     print_row(options.csv, film, damage, frames, "library at 1/2", sum.library, true);

@@ -50,6 +50,10 @@ class Bench {
   }
   bool decode_library(const Bytes& bytes) { return library_.decode(bytes, film_.scale, *working_).ok(); }
   [[nodiscard]] const LumaBuffer& eighth() const { return *eighth_; }
+  // Of the picture at 1/8.
+  bool is_plausible(picture_check::State& check) const {
+    return picture_check::update(check, config_.luma.check, eighth_->view()).ok();
+  }
   // What the firmware tracks on.
   [[nodiscard]] const LumaBuffer& working() const { return film_.scale == DecodeScale::kEighth ? *eighth_ : *working_; }
 
@@ -58,8 +62,12 @@ class Bench {
     const bool ours = decode_ours(bytes);
     const bool at_eighth = film_.scale == DecodeScale::kEighth;
     const bool ours_same = ours && same(shot.eighth, *eighth_);
-    count(sum.ours, ours, ours_same, at_eighth && ours && !ours_same && harms(shot));
+    const bool misleads = at_eighth && ours && !ours_same && harms(shot);
+    count(sum.ours, ours, ours_same, misleads);
     if (at_eighth) {
+      picture_check::State check = shot.check_before;
+      const bool plausible = ours && is_plausible(check);
+      count(sum.checked, plausible, ours_same, misleads && plausible);
       sum.losses_passed += ours && !ours_same ? 1 : 0;
       return;
     }
@@ -158,6 +166,7 @@ Film film(int width, int restart_interval, int shots) {
   Bench bench(out);
   tracker::Config config;
   auto state = std::make_unique<tracker::State>();
+  picture_check::State check;
   Bytes rgb;
   for (int i = -1; i < shots; ++i) {  // the first is the rest position, and no shot
     const scene::GraspTruth truth = scene::at(grasp, i / kFramesPerSecond);
@@ -167,11 +176,16 @@ Film film(int width, int restart_interval, int shots) {
     Shot shot;
     shot.bytes = encode_rgb(rgb, picture.width, picture.height, kQuality, restart_interval);
     shot.before = std::make_shared<const tracker::State>(*state);
+    shot.check_before = check;
     const bool decoded =
         bench.decode_ours(shot.bytes) && (out.scale == DecodeScale::kEighth || bench.decode_library(shot.bytes));
     const bool tracked = decoded && tracker::update(*state, config, bench.working().view()).ok();
     if (!tracked || state->field.valid_count() != state->field.grid.count()) {
       out.error = "frame " + std::to_string(i) + (decoded ? ": markers missing" : ": not decoded");
+      return out;
+    }
+    if (out.scale == DecodeScale::kEighth && !bench.is_plausible(check)) {
+      out.error = "frame " + std::to_string(i) + ": whole, and refused by the picture check";
       return out;
     }
     if (i < 0) {
@@ -219,6 +233,7 @@ Figures judge(const Film& film, Damage damage, long first, long count, std::uint
 Figures& operator+=(Figures& sum, const Figures& more) {
   sum.frames += more.frames;
   sum.ours += more.ours;
+  sum.checked += more.checked;
   sum.library += more.library;
   sum.both += more.both;
   sum.losses_passed += more.losses_passed;

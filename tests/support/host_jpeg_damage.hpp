@@ -7,9 +7,10 @@
 // frames go on into the tracker as it was after the frame before; what passes the firmware's own checks there (enough
 // markers) and moves a valid marker by more than kHarmPx is harmful.
 //
-// The firmware decodes 3280x2464 at 1/8 by its own decoder and 640x480 at 1/2 by libjpeg-turbo (vision/luma_input). So
-// at 640x480 three verdicts are counted: the library's, which decides today, our decoder's at 1/8 on the same bytes,
-// and the library's with ours as a gate: accepted by both.
+// The firmware decodes 3280x2464 at 1/8 by its own decoder, asks vision/picture_check whether the picture can be what
+// was sent, and decodes 640x480 at 1/2 by libjpeg-turbo (vision/luma_input). So at 3280x2464 two verdicts are counted:
+// our decoder's, and that of decoder and check, which decides. At 640x480 three: the library's, which decides, our
+// decoder's at 1/8 on the same bytes, and the library's with ours as a gate: accepted by both.
 #pragma once
 
 #include <array>
@@ -23,6 +24,7 @@
 #include "drivers/sim/scene/render.hpp"
 #include "tests/support/host_jpeg_streams.hpp"
 #include "vision/jpeg.hpp"
+#include "vision/picture_check.hpp"
 #include "vision/tracker.hpp"
 
 namespace holdfast::test {
@@ -57,6 +59,7 @@ struct Shot {
   Bytes eighth;                                     // luma at 1/8 by our decoder
   Bytes working;                                    // the working image
   std::shared_ptr<const tracker::State> before;     // the tracker as the frame finds it
+  picture_check::State check_before;                // the same of the check; at 3280 only
   std::array<scene::PointPx, kMaxMarkers> centres;  // where the tracker then sees the markers
 };
 
@@ -80,6 +83,7 @@ struct Tally {
 struct Figures {
   long frames = 0;
   Tally ours;     // harmful is counted where the firmware works on our picture: at 3280
+  Tally checked;  // ours, and the check; at 3280 only. Fewer identical ones than ours: rejected though whole
   Tally library;  // at 640 only, as the next
   Tally both;
   // Lost payload that our decoder, or at 640 both decoders, took for a frame, and that made a difference.

@@ -81,7 +81,7 @@ int sim_grasp(const SimOptions& options) {
     if (session.app().result().quality.reason == Reason::kNoFrame) continue;
     const scene::GraspTruth& truth = camera.truth();
     const hal::Frame& given = camera.lent();
-    const double scale = luma_input::reduction({pipeline_config(info.params).luma.scale}, given);
+    const double scale = luma_input::reduction(pipeline_config(info.params).luma, given);
     session.record(frame, truth.time_s, scale, given);
     session.record_truth(kTruthHeader, truth_line(frame, truth));
     fraction.points.emplace_back(truth.time_s, truth.slip_fraction);
