@@ -324,8 +324,9 @@ Bytes encode_rgb(std::span<const std::uint8_t> rgb, int width, int height, int q
 }
 
 Bytes grey_by_hand(int blocks, const std::string& bits, const Bytes& extra_segment) {
-  Bytes bytes{0xFF, 0xD8, 0xFF, 0xDB, 0, 67, 0};
-  bytes.insert(bytes.end(), 64, 8);
+  Bytes bytes(7 + 64, 8);  // every divisor 8
+  const Bytes start{0xFF, 0xD8, 0xFF, 0xDB, 0, 67, 0};
+  std::copy(start.begin(), start.end(), bytes.begin());
   bytes.insert(bytes.end(), extra_segment.begin(), extra_segment.end());
   const auto width = static_cast<unsigned>(blocks * 8);
   bytes.insert(bytes.end(), {0xFF, 0xC0, 0, 11, 8, 0, 8, static_cast<std::uint8_t>(width >> 8),
