@@ -1,0 +1,518 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "drivers/sim/scene/contact_springs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace holdfast::scene {
+namespace {
+
+using std::numbers::pi;
+
+constexpr double kMost = 1e40;
+// A spring on its limit carries it up to a few roundings.
+constexpr double kOnLimit = 1.0 - 1e-12;
+// Newton's steps double the digits once the slipping set is right; each step before that finds springs that slip.
+constexpr int kMostNewtonSteps = 100;
+constexpr double kForceAccuracy = 1e-14;
+// Below this the squares of radii in the traction underflow; no marker sees such a contact.
+constexpr double kLeastFieldRadius_mm = 1e-60;
+
+double positive(double value) {
+  return value > 0.0 ? std::clamp(value, 1.0 / kMost, kMost) : 0.0;
+}
+
+double bounded(double value) {
+  return std::clamp(value, -kMost, kMost);
+}
+
+Vec2 operator+(Vec2 a, Vec2 b) {
+  return {a.x + b.x, a.y + b.y};
+}
+Vec2 operator-(Vec2 a, Vec2 b) {
+  return {a.x - b.x, a.y - b.y};
+}
+Vec2 operator*(double s, Vec2 v) {
+  return {s * v.x, s * v.y};
+}
+double dot(Vec2 a, Vec2 b) {
+  return a.x * b.x + a.y * b.y;
+}
+
+// std::hypot differs in its last bit between machines.
+double length(Vec2 v) {
+  const double square = dot(v, v);
+  if (square > 1e-280 && square < 1e280) return std::sqrt(square);
+  const double most = std::max(std::abs(v.x), std::abs(v.y));
+  if (most == 0.0) return 0.0;
+  const Vec2 unit{v.x / most, v.y / most};
+  return most * std::sqrt(dot(unit, unit));
+}
+
+double power(double base, int exponent) {
+  double result = 1.0;
+  for (int i = 0; i < exponent; ++i) result *= base;
+  return result;
+}
+
+// value^(1/degree), value >= 0. Newton from above: each step is at least as small as the last until rounding.
+double root(double value, int degree) {
+  if (!(value > 0.0)) return 0.0;
+  if (degree == 1) return value;
+  if (degree == 2) return std::sqrt(value);
+  int exponent = 0;
+  std::frexp(value, &exponent);
+  const int above = exponent > 0 ? (exponent + degree - 1) / degree : -(-exponent / degree);
+  double x = std::ldexp(1.0, above);
+  for (int i = 0; i < 64; ++i) {
+    const double lower = power(x, degree - 1);
+    // Where the power underflows the value does too: x is as good as any.
+    if (!(lower > 0.0)) break;
+    const double next = x - (x - value / lower) / degree;
+    if (!(next < x)) break;
+    x = next;
+  }
+  return x;
+}
+
+// kappa_n = (sqrt(pi) / 2) n Gamma(n/2) / Gamma((n+1)/2), which rises by n / (n - 1) every two.
+double reduction_factor(int exponent) {
+  double kappa = exponent % 2 == 0 ? 2.0 : 0.5 * pi;
+  for (int n = exponent % 2 == 0 ? 4 : 3; n <= exponent; n += 2) kappa *= static_cast<double>(n) / (n - 1);
+  return kappa;
+}
+
+Vec2 dome_unit(const Gel& gel, double radius_mm, double strength, Vec2 at) {
+  return dome_field_mm(gel, radius_mm, strength, at);
+}
+
+Vec2 punch_unit(const Gel& gel, double radius_mm, double strength, Vec2 at) {
+  return stuck_field_mm(gel, radius_mm, strength, at);
+}
+
+// Motion of a point per load along x and along y.
+struct Response {
+  double xx, xy, yy;
+};
+
+// Both fields are mean + fan cos(2 phi) along the load and fan sin(2 phi) across it: on the diagonal one call has both.
+Response response(Vec2 (*unit)(const Gel&, double, double, Vec2), const Gel& gel, double radius_mm,
+                  const FieldPoint& at) {
+  const Vec2 u = unit(gel, radius_mm, 1.0, {at.diagonal_mm, at.diagonal_mm});
+  return {u.x + u.y * at.cos_2, u.y * at.sin_2, u.x - u.y * at.cos_2};
+}
+
+}  // namespace
+
+FieldPoint::FieldPoint(Vec2 at_mm) {
+  const double r = std::hypot(at_mm.x, at_mm.y);
+  if (!(r > 0.0)) return;
+  const Vec2 unit{at_mm.x / r, at_mm.y / r};
+  diagonal_mm = r * std::numbers::sqrt2 / 2.0;
+  cos_2 = (unit.x - unit.y) * (unit.x + unit.y);
+  sin_2 = 2.0 * unit.x * unit.y;
+}
+
+Indenter sphere_indenter(double radius_mm) {
+  return {radius_mm > 0.0 ? 0.5 / radius_mm : 0.0, 2};
+}
+
+// Force of all springs after a travel, and how it grows with it.
+struct SpringContact::Total {
+  Vec2 force_n;
+  double xx = 0.0;
+  double xy = 0.0;
+  double yy = 0.0;
+};
+
+SpringContact::SpringContact(const SpringSetup& setup)
+    : gel_{positive(setup.gel.shear_modulus_mpa), std::clamp(setup.gel.poisson, 0.0, 0.5)},
+      exponent_(std::clamp(setup.indenter.exponent, 1, 8)),
+      springs_(std::clamp(setup.springs, 1, kMostSprings)),
+      extent_mm_(positive(setup.extent_mm)),
+      normal_modulus_(effective_modulus_mpa(gel_)),
+      shear_modulus_(4.0 * gel_.shear_modulus_mpa / (2.0 - gel_.poisson)),
+      static_friction_(std::max(setup.static_friction, 0.0)),
+      kinetic_friction_(std::clamp(setup.kinetic_friction, 0.0, static_friction_)) {
+  const double coefficient = positive(setup.indenter.coefficient);
+  if (extent_mm_ > 0.0 && gel_.shear_modulus_mpa > 0.0) {
+    extent_depth_mm_ = positive(reduction_factor(exponent_) * coefficient * power(extent_mm_, exponent_));
+  }
+  for (int i = 0; i <= springs_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    edge_[k] = static_cast<double>(i) / springs_;
+    profile_integral_[k] = power(edge_[k], exponent_ + 1) / (exponent_ + 1);
+  }
+}
+
+// P = 2 E* d a n / (n + 1), and d = g(a).
+double SpringContact::depth_for_force_mm(double force_n) const {
+  if (!(force_n > 0.0) || !(extent_depth_mm_ > 0.0)) return 0.0;
+  const double full_n = 2.0 * normal_modulus_ * extent_depth_mm_ * extent_mm_ * exponent_ / (exponent_ + 1);
+  return extent_depth_mm_ * power(root(std::min(force_n / full_n, 1.0), exponent_ + 1), exponent_);
+}
+
+double SpringContact::limit_n(int i, bool slips) const {
+  const double normal = 2.0 * normal_modulus_ * extent_depth_mm_ * extent_mm_ * line_load_[static_cast<std::size_t>(i)];
+  // Infinite friction on no load is no hold.
+  return normal > 0.0 ? (slips ? kinetic_friction_ : static_friction_) * normal : 0.0;
+}
+
+// The spring comes to rest after an elastic step to `trial_n`, which its limit held back from `start_limit_n` on.
+void SpringContact::settle(int i, Vec2 trial_n, double start_limit_n) {
+  const auto k = static_cast<std::size_t>(i);
+  const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+  const double trial = length(trial_n);
+  if (!(trial > limit_n(i, slips_[k]))) {
+    if (trial < kOnLimit * limit_n(i, true)) slips_[k] = false;
+    force_n_[k] = trial_n;
+    return;
+  }
+  slips_[k] = true;
+  const double limit = limit_n(i, true);
+  force_n_[k] = (limit / trial) * trial_n;
+  const double slip_mm = (trial - limit) / stiffness;
+  if (i == 0) state_.slid_mm = state_.slid_mm + (slip_mm / trial) * trial_n;
+  // Slip at the limit, and what the spring held above it when it let go.
+  const double shed = std::max(std::min(trial, start_limit_n) - limit, 0.0);
+  state_.dissipated_mj += limit * slip_mm + 0.5 * shed * (shed / stiffness);
+}
+
+void SpringContact::press_to(double depth_mm) {
+  const double depth = extent_depth_mm_ > 0.0 ? std::clamp(depth_mm / extent_depth_mm_, 0.0, 1.0) : 0.0;
+  if (depth == rim_depth_) return;
+  rim_depth_ = depth;
+  rim_ = std::min(root(depth, exponent_), 1.0);
+  const int before = touching_;
+  touching_ = 0;
+  for (int i = 0; i < springs_ && edge_[static_cast<std::size_t>(i)] < rim_; ++i) ++touching_;
+  for (int i = 0; i < std::max(before, touching_); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double width = width_[k];
+    if (i >= touching_) {
+      width_[k] = line_load_[k] = 0.0;
+    } else {
+      const bool whole = rim_ >= edge_[k + 1];
+      const double up_to = whole ? edge_[k + 1] : rim_;
+      const double profile = whole ? profile_integral_[k + 1] : power(rim_, exponent_ + 1) / (exponent_ + 1);
+      width_[k] = up_to - edge_[k];
+      line_load_[k] = std::max(depth * width_[k] - (profile - profile_integral_[k]), 0.0);
+    }
+    const double force = length(force_n_[k]);
+    if (width_[k] < width && force > 0.0) {
+      // The part that leaves takes its share of force and energy along.
+      const double left = width_[k] / width;
+      state_.dissipated_mj += 0.5 * (1.0 - left) * force * (force / (2.0 * shear_modulus_ * extent_mm_ * width));
+      force_n_[k] = left * force_n_[k];
+    }
+    if (i < touching_) {
+      settle(i, force_n_[k], force);
+    } else {
+      force_n_[k] = {};
+      slips_[k] = false;
+    }
+  }
+  if (touching_ == 0) state_.slid_mm = {};
+}
+
+void SpringContact::travel(Vec2 travel_mm) {
+  if (travel_mm == Vec2{}) return;
+  for (int i = 0; i < touching_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+    settle(i, force_n_[k] + stiffness * travel_mm, limit_n(i, slips_[k]));
+  }
+}
+
+const SpringState& SpringContact::move_to(double depth_mm, Vec2 displacement_mm) {
+  press_to(depth_mm);
+  const Vec2 to{bounded(displacement_mm.x), bounded(displacement_mm.y)};
+  travel(to - state_.displacement_mm);
+  return summarize(to);
+}
+
+SpringContact::Total SpringContact::total_at(Vec2 travel_mm) const {
+  Total total;
+  for (int i = 0; i < touching_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+    const Vec2 trial_n = force_n_[k] + stiffness * travel_mm;
+    const double trial = length(trial_n);
+    const double limit = limit_n(i, slips_[k]);
+    if (!(trial > limit)) {
+      total.force_n = total.force_n + trial_n;
+      total.xx += stiffness;
+      total.yy += stiffness;
+      continue;
+    }
+    // A force on its limit only turns.
+    const double share = limit / trial;
+    const Vec2 unit{trial_n.x / trial, trial_n.y / trial};
+    total.force_n = total.force_n + share * trial_n;
+    total.xx += stiffness * share * unit.y * unit.y;
+    total.xy -= stiffness * share * unit.x * unit.y;
+    total.yy += stiffness * share * unit.x * unit.x;
+  }
+  return total;
+}
+
+// Each spring's force is its trial force brought to the nearest point of a disc: the gradient of a convex function of
+// the travel. So is the sum, and Newton's direction always brings it nearer to the load.
+Vec2 SpringContact::travel_for(Vec2 force_n) const {
+  double stiffness = 0.0;
+  double at_work = length(force_n);
+  for (int i = 0; i < touching_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    stiffness += 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+    at_work += length(force_n_[k]);
+  }
+  if (!(stiffness > 0.0)) return {};
+  Vec2 way;
+  Total total = total_at(way);
+  Vec2 missing = force_n - total.force_n;
+  for (int step = 0; step < kMostNewtonSteps && length(missing) > kForceAccuracy * at_work; ++step) {
+    const double xx = total.xx / stiffness + 1e-15;
+    const double yy = total.yy / stiffness + 1e-15;
+    const double xy = total.xy / stiffness;
+    const double determinant = xx * yy - xy * xy;
+    Vec2 push = missing;
+    if (determinant > 1e-30) {
+      push = {(yy * missing.x - xy * missing.y) / determinant, (xx * missing.y - xy * missing.x) / determinant};
+    }
+    bool nearer = false;
+    double share = 1.0 / stiffness;
+    for (int halving = 0; halving < 50 && !nearer; ++halving, share *= 0.5) {
+      const Vec2 next = way + share * push;
+      const Total there = total_at(next);
+      const Vec2 rest = force_n - there.force_n;
+      nearer = length(rest) < length(missing);
+      if (nearer) {
+        way = next;
+        total = there;
+        missing = rest;
+      }
+    }
+    if (!nearer) break;
+  }
+  return way;
+}
+
+// Springs which that travel tears off their static limit slip from now on.
+bool SpringContact::let_go(Vec2 travel_mm) {
+  bool any = false;
+  for (int i = 0; i < touching_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+    if (!slips_[k] && length(force_n_[k] + stiffness * travel_mm) > limit_n(i, false)) slips_[k] = any = true;
+  }
+  return any;
+}
+
+void SpringContact::slide_along(Vec2 force_n) {
+  const double load = length(force_n);
+  const Vec2 unit = load > 0.0 ? Vec2{force_n.x / load, force_n.y / load} : Vec2{};
+  double way = 0.0;
+  for (int i = 0; i < touching_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+    way = std::max(way, length(limit_n(i, true) * unit - force_n_[k]) / stiffness);
+  }
+  way = bounded(way);
+  for (int i = 0; i < touching_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+    const double held = length(force_n_[k]);
+    const Vec2 limit = limit_n(i, true) * unit;
+    const Vec2 slip = way * unit + (1.0 / stiffness) * (force_n_[k] - limit);
+    const double shed = std::max(std::min(held, limit_n(i, false)) - limit_n(i, true), 0.0);
+    state_.dissipated_mj += std::max(dot(limit, slip), 0.0) + 0.5 * shed * (shed / stiffness);
+    if (i == 0) state_.slid_mm = state_.slid_mm + slip;
+    force_n_[k] = limit;
+    slips_[k] = true;
+  }
+  state_.displacement_mm = {bounded(state_.displacement_mm.x + way * unit.x),
+                            bounded(state_.displacement_mm.y + way * unit.y)};
+}
+
+const SpringState& SpringContact::load_to(double depth_mm, Vec2 force_n) {
+  press_to(depth_mm);
+  const Vec2 load{bounded(force_n.x), bounded(force_n.y)};
+  if (touching_ == 0) return summarize(state_.displacement_mm);
+  // With kinetic below static friction each spring that lets go loads the others: at most one round per spring.
+  while (true) {
+    double hold = 0.0;
+    for (int i = 0; i < touching_; ++i) hold += limit_n(i, slips_[static_cast<std::size_t>(i)]);
+    if (length(load) > 0.0 && length(load) >= hold) {
+      slide_along(load);
+      return summarize(state_.displacement_mm);
+    }
+    const Vec2 way = travel_for(load);
+    if (kinetic_friction_ < static_friction_ && let_go(way)) continue;
+    const Vec2 to{bounded(state_.displacement_mm.x + way.x), bounded(state_.displacement_mm.y + way.y)};
+    travel(to - state_.displacement_mm);
+    return summarize(to);
+  }
+}
+
+// Radius (of the extent) at which the stick area that ends with this spring ends. The room to the limit is linear in
+// the pressure: mu q - G* delta under monotone shear, 2 mu q - G* delta after a reversal.
+double SpringContact::stick_edge(int last_stuck) const {
+  const auto k = static_cast<std::size_t>(last_stuck);
+  const double outer = std::min(edge_[k + 1], rim_);
+  if (!(static_friction_ > 0.0) || std::isinf(static_friction_)) return outer;
+  const double unit_n = 2.0 * normal_modulus_ * extent_depth_mm_ * extent_mm_;
+  const auto pressure = [&](std::size_t i) { return line_load_[i] / width_[i]; };
+  const auto room = [&](std::size_t i) {
+    return pressure(i) - length(force_n_[i]) / (unit_n * width_[i]) / static_friction_;
+  };
+  double slope = 1.0;
+  if (k > 0 && !slips_[k - 1]) {
+    const double rise = room(k - 1) - room(k);
+    const double run = pressure(k - 1) - pressure(k);
+    // Just turned back: the room is the same all over, and says nothing yet.
+    if (rise < (1.0 - 1e-6) * run) return outer;
+    slope = std::clamp(run / rise, 0.5, 1.0);
+  }
+  const double pressure_there = std::clamp(pressure(k) - slope * room(k), 0.0, rim_depth_);
+  const double next = last_stuck + 1 < touching_ ? std::min(edge_[k + 2], rim_) : rim_;
+  return std::clamp(root(rim_depth_ - pressure_there, exponent_), edge_[k], next);
+}
+
+const SpringState& SpringContact::summarize(Vec2 displacement_mm) {
+  SpringState& s = state_;
+  s.displacement_mm = displacement_mm;
+  s.depth_mm = rim_depth_ * extent_depth_mm_;
+  s.contact_radius_mm = rim_ * extent_mm_;
+  s.force_n = s.gel_mm = {};
+  s.normal_force_n = s.stored_mj = 0.0;
+  const double unit_n = 2.0 * normal_modulus_ * extent_depth_mm_ * extent_mm_;
+  double stuck = 0.0;
+  int sticking = 0;
+  for (int i = 0; i < touching_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
+    s.normal_force_n += unit_n * line_load_[k];
+    s.force_n = s.force_n + force_n_[k];
+    const double force = length(force_n_[k]);
+    s.stored_mj += 0.5 * force * (force / stiffness);
+    if (slips_[k]) continue;
+    ++sticking;
+    const bool last = i + 1 == touching_ || slips_[k + 1];
+    const double inner = edge_[k] / rim_;
+    const double outer = (last ? stick_edge(i) : edge_[k + 1]) / rim_;
+    stuck += (outer - inner) * (outer + inner);
+  }
+  s.sliding = touching_ > 0 && sticking == 0;
+  s.stick_fraction = std::clamp(stuck, 0.0, 1.0);
+  s.slip_fraction = touching_ > 0 ? 1.0 - s.stick_fraction : 0.0;
+  s.stick_radius_mm = s.contact_radius_mm * std::sqrt(s.stick_fraction);
+  if (touching_ > 0) {
+    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[0];
+    s.gel_mm = {force_n_[0].x / stiffness, force_n_[0].y / stiffness};
+  }
+  return s;
+}
+
+// Each spring's mean is the value of the line load at its mean x^2, if the load is linear in x^2 there (slip under a
+// sphere: exactly). Inside the first knot the load is constant; between the last and the rim it falls to the part
+// that the spring would carry there with endless friction: nothing if it slips.
+Traction SpringContact::traction() const {
+  Traction result;
+  const double a = rim_ * extent_mm_;
+  if (touching_ == 0 || !(a > kLeastFieldRadius_mm)) return result;
+  const auto knot = [&](int i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double inner = edge_[k];
+    const double outer = inner + width_[k];
+    return (inner * inner + inner * outer + outer * outer) / 3.0;
+  };
+  const auto line_load = [&](int i) {
+    const auto k = static_cast<std::size_t>(i);
+    return (1.0 / (2.0 * extent_mm_ * width_[k])) * force_n_[k];
+  };
+  const int last = touching_ - 1;
+  const double hold = limit_n(last, false);
+  const double carried = length(force_n_[static_cast<std::size_t>(last)]);
+  const double step_share = slips_[static_cast<std::size_t>(last)] || !(hold > 0.0) ? 0.0 : 1.0 - carried / hold;
+  const Vec2 step = std::clamp(step_share, 0.0, 1.0) * line_load(last);
+  result.punch_radius_mm = a;
+  result.punch_n = 2.0 * a * step;  // the springs under a punch carry the same everywhere
+  result.count = touching_ + 1;
+  double most = 0.0;
+  for (int i = 0; i < touching_; ++i) most = std::max(most, length(line_load(i)));
+
+  Vec2 slope_before;
+  double knot_before = 0.0;
+  for (int i = 0; i <= touching_; ++i) {
+    const bool rim = i == touching_;
+    const double here = rim ? rim_ * rim_ : knot(i);
+    Vec2 slope;
+    double reach = here - knot_before;
+    if (!rim) {
+      const double next = i == last ? rim_ * rim_ : knot(i + 1);
+      const Vec2 fall = line_load(i) - (i == last ? step : line_load(i + 1));
+      if (next > here) slope = (1.0 / ((next - here) * extent_mm_ * extent_mm_)) * fall;
+      reach = next - knot_before;
+    }
+    Vec2 change = slope_before - slope;
+    // Rounding alone: leaving it out costs the field about 1e-12.
+    if (length(change) * reach * extent_mm_ * extent_mm_ <= 1e-13 * most) change = {};
+    result.domes[static_cast<std::size_t>(i)] = {std::sqrt(here) * extent_mm_, (2.0 / pi) * change};
+    slope_before = slope;
+    knot_before = here;
+  }
+  return result;
+}
+
+Vec2 traction_field_mm(const Gel& gel, const Traction& traction, Vec2 at_mm) {
+  const FieldPoint at(at_mm);
+  Vec2 sum;
+  const auto add = [&](Vec2 (*unit)(const Gel&, double, double, Vec2), double radius_mm, Vec2 strength) {
+    if (strength == Vec2{}) return;
+    const Response r = response(unit, gel, radius_mm, at);
+    sum.x += r.xx * strength.x + r.xy * strength.y;
+    sum.y += r.xy * strength.x + r.yy * strength.y;
+  };
+  for (int i = 0; i < traction.count; ++i) {
+    const Traction::Dome& dome = traction.domes[static_cast<std::size_t>(i)];
+    add(dome_unit, dome.radius_mm, dome.slope_mpa_per_mm);
+  }
+  add(punch_unit, traction.punch_radius_mm, traction.punch_n);
+  return sum;
+}
+
+SpringField::SpringField(const Gel& gel, std::span<const Vec2> points_mm)
+    : gel_(gel), points_(std::min(points_mm.size(), kMostFieldPoints)) {
+  std::transform(points_mm.begin(), points_mm.begin() + static_cast<std::ptrdiff_t>(points_), at_.begin(),
+                 [](Vec2 at) { return FieldPoint(at); });
+}
+
+void SpringField::add(Column& column, Unit unit, double radius_mm, Vec2 strength) {
+  if (strength == Vec2{}) return;
+  if (column.radius_mm != radius_mm) {
+    column.radius_mm = radius_mm;
+    for (std::size_t p = 0; p < points_; ++p) {
+      const Response r = response(unit, gel_, radius_mm, at_[p]);
+      column.xx[p] = r.xx;
+      column.xy[p] = r.xy;
+      column.yy[p] = r.yy;
+    }
+  }
+  for (std::size_t p = 0; p < kMostFieldPoints; ++p) {
+    x_[p] += column.xx[p] * strength.x + column.xy[p] * strength.y;
+    y_[p] += column.xy[p] * strength.x + column.yy[p] * strength.y;
+  }
+}
+
+void SpringField::evaluate(const Traction& traction, std::span<Vec2> motion_mm) {
+  x_.fill(0.0);
+  y_.fill(0.0);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(traction.count); ++i) {
+    add(dome_[i], dome_unit, traction.domes[i].radius_mm, traction.domes[i].slope_mpa_per_mm);
+  }
+  add(punch_, punch_unit, traction.punch_radius_mm, traction.punch_n);
+  for (std::size_t p = 0; p < points_; ++p) motion_mm[p] = {x_[p], y_[p]};
+}
+
+}  // namespace holdfast::scene

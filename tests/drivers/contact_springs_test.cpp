@@ -1,0 +1,601 @@
+// SPDX-License-Identifier: Apache-2.0
+// Oracles: the closed forms of contact_closed.hpp (tested on their own), Masing's rule for the way back, Ciavarella's
+// and Jaeger's rule for any round body, energy balance, symmetry, and point springs by the thousand.
+#include "drivers/sim/scene/contact_springs.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <numbers>
+#include <vector>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast::scene;
+using std::numbers::pi;
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr Gel kGel{0.1, 0.49};
+constexpr double kSphere_mm = 8.0;
+constexpr double kPress_n = 8.0;
+constexpr double kFriction = 0.6;
+constexpr double kLimit_n = kFriction * kPress_n;
+
+FrictionContact closed(double press_n = kPress_n, double friction = kFriction) {
+  return {kGel, press_sphere(kGel, kSphere_mm, press_n), friction};
+}
+
+// The springs stand on the contact of `extent_n`.
+SpringSetup setup_of(int springs, double friction = kFriction, double extent_n = kPress_n) {
+  return {kGel,
+          sphere_indenter(kSphere_mm),
+          press_sphere(kGel, kSphere_mm, extent_n).contact_radius_mm,
+          friction,
+          friction,
+          springs};
+}
+
+double depth_of(double press_n) {
+  return press_sphere(kGel, kSphere_mm, press_n).depth_mm;
+}
+
+double norm(Vec2 v) {
+  return std::hypot(v.x, v.y);
+}
+
+double order(double coarse, double fine) {
+  return std::log2(coarse / fine);
+}
+
+// Numerical Recipes' quick generator: a path that is the same everywhere.
+struct Dice {
+  std::uint32_t seed = 1;
+  double next() {
+    seed = seed * 1664525U + 1013904223U;
+    return static_cast<double>(seed >> 8) / 16777216.0;
+  }
+};
+
+// 9 x 7 around the contact.
+Vec2 marker(int index) {
+  const int row = index / 9;
+  const int column = index % 9;
+  return {(column - 4) * 1.976, (row - 3) * 1.907};
+}
+
+void check_finite(const SpringState& s) {
+  for (const double value : {s.depth_mm, s.normal_force_n, s.contact_radius_mm, s.force_n.x, s.force_n.y,
+                             s.displacement_mm.x, s.displacement_mm.y, s.gel_mm.x, s.gel_mm.y, s.slid_mm.x, s.slid_mm.y,
+                             s.stick_radius_mm, s.stick_fraction, s.slip_fraction, s.stored_mj}) {
+    CHECK(std::isfinite(value));
+  }
+  CHECK(s.dissipated_mj >= 0.0);
+  CHECK(s.stick_fraction >= 0.0 && s.slip_fraction >= 0.0 && s.stick_radius_mm <= s.contact_radius_mm);
+}
+
+constexpr std::array<Vec2, 8> kPoints{{{0, 0}, {1, 0.5}, {2, -1.5}, {3.6, 0.2}, {0.4, 4.3}, {5, 2}, {-7, 1}, {1, 11}}};
+
+}  // namespace
+
+TEST_GROUP(ContactSprings){};
+
+TEST(ContactSprings, HertzHoldsForAnyNumberOfSprings) {
+  for (const int springs : {1, 2, 7, 64, kMostSprings}) {
+    SpringContact contact(setup_of(springs, kFriction, 20.0));
+    for (const double press_n : {1e-9, 0.3, 8.0, 20.0}) {
+      const Press press = press_sphere(kGel, kSphere_mm, press_n);
+      DOUBLES_EQUAL(press.depth_mm, contact.depth_for_force_mm(press_n), 1e-14 * press.depth_mm);
+      const SpringState& state = contact.move_to(press.depth_mm, {});
+      DOUBLES_EQUAL(press_n, state.normal_force_n, 1e-13 * press_n);
+      DOUBLES_EQUAL(press.contact_radius_mm, state.contact_radius_mm, 1e-14 * press.contact_radius_mm);
+      DOUBLES_EQUAL(1.0, state.stick_fraction, 1e-13);
+      CHECK_FALSE(state.sliding);
+    }
+    // Deeper than the springs stand: the depth stops.
+    DOUBLES_EQUAL(20.0, contact.move_to(1e3, {}).normal_force_n, 1e-12);
+    DOUBLES_EQUAL(depth_of(20.0), contact.depth_for_force_mm(1e3), 1e-13);
+  }
+}
+
+TEST(ContactSprings, MonotoneShearMeetsTheClosedFormAtSecondOrder) {
+  const FrictionContact exact = closed();
+  const double gross = gross_displacement_mm(exact);
+  double force_before = 0.0;
+  double gross_before = 0.0;
+  double way_before = 0.0;
+  for (const int springs : {8, 16, 32, 64, 128}) {
+    double force_error = 0.0;
+    double way_error = 0.0;
+    for (int i = 0; i <= 1200; ++i) {
+      const double way = gross * i / 1000.0;
+      SpringContact contact(setup_of(springs));
+      const SpringState& state = contact.move_to(depth_of(kPress_n), {way, 0.0});
+      const Shear shear = shear_by_displacement(exact, way);
+      force_error = std::max(force_error, std::abs(state.force_n.x - shear.force_n) / kLimit_n);
+      DOUBLES_EQUAL(0.0, state.force_n.y, 0.0);
+      // Where the outermost stuck spring is right the rest of the stick disc is: no error of its own.
+      if (i < 900) DOUBLES_EQUAL(shear.stick_radius_mm, state.stick_radius_mm, 1e-7);
+      if (i % 5 == 0 && i < 950) {
+        SpringContact by_force(setup_of(springs));
+        const SpringState& there = by_force.load_to(depth_of(kPress_n), {shear.force_n, 0.0});
+        DOUBLES_EQUAL(shear.force_n, there.force_n.x, 1e-12 * kLimit_n);
+        way_error = std::max(way_error, std::abs(there.displacement_mm.x - way) / gross);
+      }
+    }
+    // The innermost spring holds the mean of its cell: (1 - 1 / 3N^2) of the peak pressure.
+    SpringContact contact(setup_of(springs));
+    const double lets_go = gross * (1.0 - 1.0 / (3.0 * springs * springs));
+    CHECK_FALSE(contact.move_to(depth_of(kPress_n), {lets_go * (1.0 - 1e-9), 0.0}).sliding);
+    CHECK_TRUE(contact.move_to(depth_of(kPress_n), {lets_go * (1.0 + 1e-9), 0.0}).sliding);
+    DOUBLES_EQUAL(kLimit_n, contact.state().force_n.x, 1e-13 * kLimit_n);
+    if (force_before > 0.0) {
+      DOUBLES_EQUAL(2.0, order(force_before, force_error), 0.2);
+      DOUBLES_EQUAL(2.0, order(way_before, way_error), 0.2);
+    }
+    CHECK(force_error < 0.4 / (springs * springs));  // 3/8: a chord over a spring of the parabola mu q
+    force_before = force_error;
+    way_before = way_error;
+    gross_before = lets_go;
+  }
+  CHECK(gross_before < gross);
+}
+
+TEST(ContactSprings, AnyRoundBodyFollowsItsOwnIndentationCurve) {
+  // Ciavarella 1998, Jaeger 1998: Q = mu (P(d) - P(d_c)), delta = mu (E* / G*) (d - d_c), with d_c what the stick
+  // disc would sink alone. P(d) from the textbooks: cone (2/pi) E* d^2 / A, sphere (4/3) E* sqrt(R) d^1.5,
+  // r^4: d = (8/3) A a^4 and P = (8/5) E* a d.
+  const double modulus = effective_modulus_mpa(kGel);
+  const double ratio = modulus * (2.0 - kGel.poisson) / (4.0 * kGel.shear_modulus_mpa);
+  struct Case {
+    Indenter body;
+    double (*press)(double depth);
+  };
+  const std::array<Case, 3> cases{
+      {{{0.3, 1}, [](double d) { return 2.0 / pi * d * d / 0.3; }},
+       {{0.05, 2}, [](double d) { return 4.0 / 3.0 * std::sqrt(10.0) * std::pow(d, 1.5); }},
+       {{0.002, 4}, [](double d) { return 1.6 * d * std::pow(d * 3.0 / (8.0 * 0.002), 0.25); }}}};
+  for (const Case& c : cases) {
+    SpringContact contact({kGel, c.body, 6.0, 0.5, 0.5, kMostSprings});
+    for (const double depth : {0.3, 0.9}) {
+      const double press = modulus * c.press(depth);
+      DOUBLES_EQUAL(depth, contact.depth_for_force_mm(press), 1e-12);
+      DOUBLES_EQUAL(press, contact.move_to(depth, {}).normal_force_n, 1e-12 * press);
+      for (const double share : {0.2, 0.5, 0.9}) {
+        SpringContact fresh({kGel, c.body, 6.0, 0.5, 0.5, kMostSprings});
+        const SpringState& state = fresh.move_to(depth, {0.5 * ratio * share * depth, 0.0});
+        const double expected = 0.5 * (press - modulus * c.press(depth * (1.0 - share)));
+        DOUBLES_EQUAL(expected, state.force_n.x, 3e-4 * press);  // 0.4 N^-2 with the 27 or more in contact
+      }
+    }
+  }
+}
+
+TEST(ContactSprings, TheWayBackIsMasings) {
+  const FrictionContact exact = closed();
+  const double gross = gross_displacement_mm(exact);
+  const auto virgin = [&](double way) { return shear_by_displacement(exact, way).force_n; };
+  const double depth = depth_of(kPress_n);
+  for (const double most : {0.3 * gross, 0.8 * gross}) {
+    SpringContact contact(setup_of(kMostSprings));
+    contact.move_to(depth, {most, 0.0});
+    const double top = contact.state().force_n.x;
+    const double old_stick_mm = shear_by_displacement(exact, most).stick_radius_mm;
+    // Every spring sticks at once.
+    CHECK(contact.move_to(depth, {most * (1.0 - 1e-9), 0.0}).stick_fraction > 1.0 - 1e-6);
+    constexpr int kSteps = 200;
+    double area = 0.0;  // of the loop, from the closed form
+    for (int i = 1; i <= kSteps; ++i) {
+      const double way = most - 2.0 * most * i / kSteps;
+      const SpringState& state = contact.move_to(depth, {way, 0.0});
+      const double expected = virgin(most) - 2.0 * virgin(0.5 * (most - way));
+      DOUBLES_EQUAL(expected, state.force_n.x, 2e-5 * kLimit_n);  // 3 x 0.36 N^-2
+      // The new stick disc is that of half the way.
+      const double c = shear_by_displacement(exact, 0.5 * (most - way)).stick_radius_mm;
+      // Exact where the room of the last springs is linear in their pressure: all in the old annulus, turned round.
+      // Elsewhere a spring, 0.02 mm.
+      const bool in_annulus = c < state.contact_radius_mm - 0.1 && c > old_stick_mm + 0.1;
+      if (i < kSteps) DOUBLES_EQUAL(c, state.stick_radius_mm, in_annulus ? 1e-6 : 0.02);
+    }
+    DOUBLES_EQUAL(-top, contact.state().force_n.x, 1e-12 * kLimit_n);
+    const double lost = contact.state().dissipated_mj;
+    for (int i = 1; i <= kSteps; ++i) contact.move_to(depth, {-most + 2.0 * most * i / kSteps, 0.0});
+    DOUBLES_EQUAL(top, contact.state().force_n.x, 1e-12 * kLimit_n);  // the loop closes
+    constexpr int kStrips = 20000;
+    for (int i = 0; i < kStrips; ++i) {
+      const double way = most - 2.0 * most * (i + 0.5) / kStrips;
+      const double back = virgin(most) - 2.0 * virgin(0.5 * (most - way));
+      const double there = -virgin(most) + 2.0 * virgin(0.5 * (most + way));
+      area += (there - back) * 2.0 * most / kStrips;
+    }
+    // Energy lost in one full cycle: 2 x the way back.
+    const double cycle = contact.state().dissipated_mj;
+    SpringContact half(setup_of(kMostSprings));
+    half.move_to(depth, {most, 0.0});
+    const double first = half.state().dissipated_mj;
+    DOUBLES_EQUAL(area, cycle - first, 1e-3 * area);
+    DOUBLES_EQUAL(0.5 * area, lost - first, 1e-3 * area);
+  }
+}
+
+TEST(ContactSprings, PressingHarderUnderLoadSticksEverything) {
+  SpringContact contact(setup_of(kMostSprings, kFriction, 12.0));
+  const SpringState before = contact.load_to(depth_of(8.0), {4.0, 0.0});
+  CHECK(before.slip_fraction > 0.3);
+  const SpringState pressed = contact.load_to(depth_of(12.0), {4.0, 0.0});
+  DOUBLES_EQUAL(before.displacement_mm.x, pressed.displacement_mm.x, 1e-12);
+  DOUBLES_EQUAL(before.dissipated_mj, pressed.dissipated_mj, 1e-12);
+  // The outer springs are fresh. They slip once mu dP is added (Mindlin & Deresiewicz); before, 8 G a / (2 - nu).
+  CHECK(pressed.stick_fraction > 0.999);
+  const double stiffness = 8.0 * kGel.shear_modulus_mpa * pressed.contact_radius_mm / (2.0 - kGel.poisson);
+  const SpringState nudged = contact.load_to(depth_of(12.0), {4.001, 0.0});
+  DOUBLES_EQUAL(0.001 / stiffness, nudged.displacement_mm.x - before.displacement_mm.x, 0.01 * 0.001 / stiffness);
+  // From Q + mu dP on nobody can tell that the force grew on the way.
+  for (const double load : {6.5, 6.9, 7.1}) {
+    const SpringState& state = contact.load_to(depth_of(12.0), {load, 0.0});
+    const Shear shear = shear_by_force(closed(12.0), load);
+    DOUBLES_EQUAL(shear.displacement_mm, state.displacement_mm.x, 1e-4 * shear.displacement_mm);
+    DOUBLES_EQUAL(shear.stick_radius_mm, state.stick_radius_mm, 0.02);
+  }
+}
+
+TEST(ContactSprings, AGripThatLoosensSlidesWhenFrictionIsUsedUp) {
+  SpringContact contact(setup_of(kMostSprings));
+  constexpr double kLoad_n = 2.0;
+  for (double press_n = kPress_n; press_n > 1e-9 + kLoad_n / kFriction; press_n -= 0.02) {
+    const SpringState& state = contact.load_to(depth_of(press_n), {kLoad_n, 0.0});
+    const Shear shear = shear_by_force(closed(press_n), kLoad_n);
+    CHECK_FALSE(state.sliding);
+    DOUBLES_EQUAL(kLoad_n, state.force_n.x, 1e-11);
+    // Falling P under constant Q leads through the states of monotone shear (Mindlin & Deresiewicz 1953).
+    DOUBLES_EQUAL(shear.displacement_mm, state.displacement_mm.x, 3e-4 * shear.displacement_mm);
+  }
+  contact.load_to(depth_of(kLoad_n / kFriction * 1.0001), {kLoad_n, 0.0});
+  CHECK_FALSE(contact.state().sliding);
+  DOUBLES_EQUAL(0.0, norm(contact.state().slid_mm), 0.0);
+  contact.load_to(depth_of(kLoad_n / kFriction * 0.9999), {kLoad_n, 0.0});
+  CHECK_TRUE(contact.state().sliding);
+  DOUBLES_EQUAL(0.9999 * kLoad_n, contact.state().force_n.x, 1e-9);
+  DOUBLES_EQUAL(1.0, contact.state().slip_fraction, 0.0);
+  contact.move_to(contact.state().depth_mm, {contact.state().displacement_mm.x + 5.0, 0.0});
+  DOUBLES_EQUAL(5.0, contact.state().slid_mm.x, 1e-3);
+  const SpringState off = contact.move_to(0.0, {9.0, 0.0});
+  CHECK(off.force_n == Vec2{});
+  CHECK(off.slid_mm == Vec2{});
+  DOUBLES_EQUAL(0.0, off.contact_radius_mm, 0.0);
+  CHECK_FALSE(off.sliding);
+  // Touched again elsewhere it starts anew.
+  CHECK(contact.move_to(depth_of(4.0), {9.0, 0.0}).force_n == Vec2{});
+}
+
+TEST(ContactSprings, AnyPathAgreesWithThousandsOfPointSprings) {
+  constexpr int kMany = 3000;
+  const SpringSetup setup = setup_of(64);
+  const double dx = setup.extent_mm / kMany;
+  const double modulus = effective_modulus_mpa(kGel);
+  const double along = 4.0 * kGel.shear_modulus_mpa / (2.0 - kGel.poisson);
+  std::vector<Vec2> stretch(kMany);
+  SpringContact contact(setup);
+  const double gross = gross_displacement_mm(closed());
+  Dice dice;
+  Vec2 at;
+  double depth = 0.0;
+  double worst = 0.0;
+  for (int leg = 0; leg < 12; ++leg) {
+    const Vec2 to{gross * (2.0 * dice.next() - 1.0), gross * (2.0 * dice.next() - 1.0)};
+    const double deeper = depth_of(kPress_n) * (0.2 + 0.8 * dice.next());
+    const Vec2 from = at;
+    const double shallow = depth;
+    for (int i = 1; i <= 10; ++i) {
+      const Vec2 next{from.x + (to.x - from.x) * i / 10.0, from.y + (to.y - from.y) * i / 10.0};
+      depth = shallow + (deeper - shallow) * i / 10.0;
+      Vec2 sum;
+      for (int k = 0; k < kMany; ++k) {
+        const double x = (k + 0.5) * dx;
+        const double load = std::max(0.0, modulus * (depth - x * x / kSphere_mm));
+        Vec2& u = stretch[static_cast<std::size_t>(k)];
+        for (const Vec2 move : {Vec2{}, Vec2{next.x - at.x, next.y - at.y}}) {
+          u = {u.x + move.x, u.y + move.y};
+          const double force = along * norm(u);
+          if (force > kFriction * load) u = {u.x * kFriction * load / force, u.y * kFriction * load / force};
+        }
+        sum = {sum.x + 2.0 * dx * along * u.x, sum.y + 2.0 * dx * along * u.y};
+      }
+      at = next;
+      const SpringState& state = contact.move_to(depth, at);
+      worst = std::max(worst, norm({state.force_n.x - sum.x, state.force_n.y - sum.y}) / kLimit_n);
+      check_finite(state);
+    }
+  }
+  CHECK(worst < 1e-3);  // of mu P: some times N^-2 = 2.4e-4
+}
+
+TEST(ContactSprings, ATurnedPathGivesTheTurnedResult) {
+  SpringContact straight(setup_of(32));
+  SpringContact turned(setup_of(32));
+  const auto turn = [](Vec2 v) { return Vec2{0.6 * v.x - 0.8 * v.y, 0.8 * v.x + 0.6 * v.y}; };
+  Dice dice;
+  for (int i = 0; i < 200; ++i) {
+    const double depth = depth_of(kPress_n) * dice.next();
+    const Vec2 value{4.0 * dice.next() - 2.0, 4.0 * dice.next() - 2.0};
+    const bool by_force = i % 3 == 0;
+    const SpringState& a = by_force ? straight.load_to(depth, value) : straight.move_to(depth, value);
+    const SpringState& b = by_force ? turned.load_to(depth, turn(value)) : turned.move_to(depth, turn(value));
+    DOUBLES_EQUAL(turn(a.force_n).x, b.force_n.x, 1e-9 * kLimit_n);
+    DOUBLES_EQUAL(turn(a.force_n).y, b.force_n.y, 1e-9 * kLimit_n);
+    DOUBLES_EQUAL(a.dissipated_mj, b.dissipated_mj, 1e-9 * (1.0 + a.dissipated_mj));
+  }
+}
+
+TEST(ContactSprings, AnyLoadThatFrictionCanCarryIsCarried) {
+  SpringSetup setup = setup_of(64);
+  Dice dice;
+  for (const double kinetic : {kFriction, 0.9 * kFriction}) {
+    setup.kinetic_friction = kinetic;
+    SpringContact contact(setup);
+    for (int i = 0; i < 400; ++i) {
+      const double press_n = kPress_n * (0.1 + 0.9 * dice.next());
+      const double angle = 2.0 * pi * dice.next();
+      // Every tenth a hair below the limit, where the stiffness along the load is all but gone.
+      const double load = kinetic * press_n * (i % 10 == 0 ? 1.0 - 1e-9 : dice.next());
+      const Vec2 force{load * std::cos(angle), load * std::sin(angle)};
+      const SpringState& state = contact.load_to(depth_of(press_n), force);
+      DOUBLES_EQUAL(force.x, state.force_n.x, 1e-12 * kLimit_n);
+      DOUBLES_EQUAL(force.y, state.force_n.y, 1e-12 * kLimit_n);
+      check_finite(state);
+    }
+  }
+}
+
+TEST(ContactSprings, CirclesStayInsideCoulombsAndLoseWhatTheyAreGiven) {
+  for (const double radius : {0.3, 0.9, 3.0}) {
+    SpringContact contact(setup_of(64));
+    const double way = radius * gross_displacement_mm(closed());
+    constexpr int kSteps = 5000;
+    double work = 0.0;
+    Vec2 force;
+    Vec2 at;
+    double lost = 0.0;
+    for (int i = 0; i <= kSteps; ++i) {
+      const double angle = 4.0 * pi * i / kSteps;
+      const Vec2 next{way * std::cos(angle), way * std::sin(angle)};
+      const SpringState& state = contact.move_to(depth_of(kPress_n), next);
+      CHECK(norm(state.force_n) <= kLimit_n * (1.0 + 1e-12));
+      CHECK(state.dissipated_mj >= lost);
+      lost = state.dissipated_mj;
+      if (i > 0)
+        work += 0.5 * ((force.x + state.force_n.x) * (next.x - at.x) + (force.y + state.force_n.y) * (next.y - at.y));
+      if (i == 0) work = state.dissipated_mj + state.stored_mj;
+      force = state.force_n;
+      at = next;
+    }
+    // First order in a step of 2.5e-3 of the radius.
+    DOUBLES_EQUAL(work, lost + contact.state().stored_mj, 2e-3 * work);
+  }
+}
+
+TEST(ContactSprings, WithoutFrictionNothingWithEndlessFrictionNoSlip) {
+  SpringContact smooth(setup_of(64, 0.0));
+  for (const double way : {0.0, 0.1, -4.0}) {
+    CHECK(smooth.move_to(depth_of(kPress_n), {way, way}).force_n == Vec2{});
+    DOUBLES_EQUAL(0.0, smooth.state().dissipated_mj, 0.0);
+  }
+  CHECK_TRUE(smooth.state().sliding);
+  CHECK(smooth.load_to(depth_of(kPress_n), {1.0, 0.0}).force_n == Vec2{});
+
+  const FrictionContact exact = closed(kPress_n, kInfinity);
+  SpringContact bonded(setup_of(64, kInfinity));
+  for (const double way : {0.1, 2.0, -7.0}) {
+    const SpringState& state = bonded.move_to(depth_of(kPress_n), {0.0, way});
+    const double force = shear_by_displacement(exact, way).force_n;
+    DOUBLES_EQUAL(force, state.force_n.y, 1e-13 * std::abs(force));
+    DOUBLES_EQUAL(1.0, state.stick_fraction, 1e-14);
+    DOUBLES_EQUAL(0.0, state.dissipated_mj, 0.0);
+    for (const Vec2 at : kPoints) {
+      const Vec2 u = traction_field_mm(kGel, bonded.traction(), at);
+      const Vec2 v = stuck_field_mm(kGel, bonded.state().contact_radius_mm, force, {at.y, -at.x});
+      DOUBLES_EQUAL(v.x, u.y, 1e-10 * std::abs(way));
+      DOUBLES_EQUAL(-v.y, u.x, 1e-10 * std::abs(way));
+    }
+  }
+  DOUBLES_EQUAL(3.0, bonded.load_to(depth_of(kPress_n), {3.0, 0.0}).force_n.x, 1e-11);
+  // What is peeled off forgets: the rest is the punch of its own radius.
+  SpringContact peeled(setup_of(64, kInfinity));
+  peeled.move_to(depth_of(kPress_n), {0.0, 2.0});
+  const double left = shear_by_displacement(closed(3.0, kInfinity), 2.0).force_n;
+  DOUBLES_EQUAL(left, peeled.move_to(depth_of(3.0), {0.0, 2.0}).force_n.y, 1e-12 * left);
+  // Peeled off whole, nothing comes back.
+  bonded.move_to(0.0, {0.0, 1.0});
+  CHECK(bonded.move_to(depth_of(kPress_n), {0.0, 1.0}).force_n == Vec2{});
+}
+
+TEST(ContactSprings, KineticFrictionDropsTheForceUntilItSticksAgain) {
+  SpringSetup setup = setup_of(64);
+  setup.kinetic_friction = 0.4;
+  SpringContact contact(setup);
+  const double depth = depth_of(kPress_n);
+  const double gross = gross_displacement_mm(closed());
+  double peak = 0.0;
+  for (int i = 0; i <= 300; ++i) peak = std::max(peak, contact.move_to(depth, {gross * i / 200.0, 0.0}).force_n.x);
+  CHECK_TRUE(contact.state().sliding);
+  DOUBLES_EQUAL(0.4 * kPress_n, contact.state().force_n.x, 1e-12);
+  CHECK(peak > 0.4 * kPress_n && peak < kLimit_n);
+  // Backed off by a hair it sticks, and takes more than mu_k before the outer springs let go again.
+  contact.move_to(depth, {1.49 * gross, 0.0});
+  DOUBLES_EQUAL(1.0, contact.state().stick_fraction, 1e-12);
+  contact.move_to(depth, {1.51 * gross, 0.0});
+  CHECK(contact.state().force_n.x > 0.401 * kPress_n);
+  // Loaded by force: one spring's fall loads the others, and past the peak nothing holds.
+  SpringContact forced(setup);
+  CHECK_FALSE(forced.load_to(depth, {0.98 * peak, 0.0}).sliding);
+  DOUBLES_EQUAL(0.98 * peak, forced.state().force_n.x, 1e-11);
+  CHECK_TRUE(forced.load_to(depth, {1.02 * peak, 0.0}).sliding);
+  DOUBLES_EQUAL(0.4 * kPress_n, forced.state().force_n.x, 1e-12);
+  // Energy: the work is stored or lost, whatever the drop.
+  SpringContact slow(setup);
+  double work = 0.0;
+  double force = slow.move_to(depth, {}).force_n.x;
+  for (int i = 1; i <= 20000; ++i) {
+    const double next = slow.move_to(depth, {1.5 * gross * i / 20000.0, 0.0}).force_n.x;
+    work += 0.5 * (force + next) * 1.5 * gross / 20000.0;
+    force = next;
+  }
+  DOUBLES_EQUAL(work, slow.state().dissipated_mj + slow.state().stored_mj, 1e-4 * work);
+}
+
+TEST(ContactSprings, FieldMeetsTheClosedFormAtSecondOrder) {
+  const FrictionContact exact = closed();
+  const double gross = gross_displacement_mm(exact);
+  double before = 0.0;
+  for (const int springs : {16, 64, 256}) {
+    double worst = 0.0;
+    double squares = 0.0;
+    int count = 0;
+    for (int i = 1; i <= 60; ++i) {
+      const double way = gross * i / 50.0;
+      SpringContact contact(setup_of(springs));
+      contact.move_to(depth_of(kPress_n), {way, 0.0});
+      const Traction traction = contact.traction();
+      const Shear shear = shear_by_displacement(exact, way);
+      for (int p = 0; p < 63; ++p) {
+        const Vec2 at = marker(p);
+        const Vec2 u = traction_field_mm(kGel, traction, at);
+        const Vec2 v = shear_field_mm(exact, shear, at);
+        const double error = norm({u.x - v.x, u.y - v.y}) / gross;
+        worst = std::max(worst, error);
+        squares += error * error;
+        ++count;
+      }
+    }
+    const double rms = std::sqrt(squares / count);
+    // Beside the rim of the stick disc a kink rounded over one spring counts with the root of its width.
+    CHECK(worst < 0.3 * std::pow(springs, -1.5));
+    CHECK(rms < 0.2 / (springs * springs));
+    if (before > 0.0) DOUBLES_EQUAL(2.0, 0.5 * order(before, rms), 0.2);
+    before = rms;
+  }
+}
+
+TEST(ContactSprings, FieldOfTheWayBackIsMasingsAndFarAwayAPointLoads) {
+  const FrictionContact exact = closed();
+  const double gross = gross_displacement_mm(exact);
+  SpringContact contact(setup_of(128));
+  const double most = 0.9 * gross;
+  contact.move_to(depth_of(kPress_n), {0.0, most});
+  for (const double way : {0.7 * gross, 0.1 * gross, -0.5 * gross}) {
+    contact.move_to(depth_of(kPress_n), {0.0, way});
+    const Traction traction = contact.traction();
+    for (const Vec2 at : kPoints) {
+      const Vec2 along{at.y, -at.x};
+      const Vec2 there = shear_field_mm(exact, shear_by_displacement(exact, most), along);
+      const Vec2 back = shear_field_mm(exact, shear_by_displacement(exact, 0.5 * (most - way)), along);
+      const Vec2 u = traction_field_mm(kGel, traction, at);
+      DOUBLES_EQUAL(there.x - 2.0 * back.x, u.y, 2e-4 * gross);  // a few N^-2
+      DOUBLES_EQUAL(-(there.y - 2.0 * back.y), u.x, 2e-4 * gross);
+    }
+    const double r = 1e4;
+    const double point = contact.state().force_n.y / (2.0 * pi * kGel.shear_modulus_mpa * r);
+    DOUBLES_EQUAL(point, traction_field_mm(kGel, traction, {0.0, r}).y, 2e-4 * kLimit_n / (2.0 * pi * 0.1 * r));
+  }
+}
+
+TEST(ContactSprings, RememberedFieldIsTheField) {
+  std::array<Vec2, 63> points;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    points[i] = marker(static_cast<int>(i));
+  }
+  const auto field = std::make_unique<SpringField>(kGel, points);
+  SpringContact contact(setup_of(64));
+  std::array<Vec2, 63> motion;
+  Dice dice;
+  for (int i = 0; i < 60; ++i) {
+    contact.move_to(depth_of(kPress_n) * (i % 10 == 9 ? 0.0 : dice.next()), {dice.next() - 0.5, dice.next() - 0.5});
+    const Traction traction = contact.traction();
+    field->evaluate(traction, motion);
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      const Vec2 u = traction_field_mm(kGel, traction, points[k]);
+      DOUBLES_EQUAL(u.x, motion[k].x, 1e-13);
+      DOUBLES_EQUAL(u.y, motion[k].y, 1e-13);
+    }
+  }
+}
+
+TEST(ContactSprings, NoNumberBreaksIt) {
+  constexpr std::array<double, 9> kValues{0.0, 5e-324, 1e-300, 1e-9, 1.0, 1e9, 1e40, 1e300, 1.7e308};
+  for (const double modulus : kValues) {
+    for (const double radius : kValues) {
+      for (const double friction : {0.0, 5e-324, 0.5, 1e300, kInfinity}) {
+        for (const int springs : {1, 5}) {
+          SpringSetup setup{{modulus, 0.5}, sphere_indenter(radius), radius, friction, 0.7 * friction, springs};
+          SpringContact contact(setup);
+          double lost = 0.0;
+          for (const double value : kValues) {
+            for (const double sign : {1.0, -1.0}) {
+              check_finite(contact.move_to(contact.depth_for_force_mm(value), {sign * value, 0.5 * value}));
+              check_finite(contact.load_to(value, {sign * value, -value}));
+              check_finite(contact.move_to(sign * value, {-value, value}));
+              CHECK(contact.state().dissipated_mj >= lost);
+              lost = contact.state().dissipated_mj;
+              const Vec2 u = traction_field_mm(kGel, contact.traction(), {1.0, 2.0});
+              CHECK_FALSE(std::isnan(u.x) || std::isnan(u.y));
+            }
+          }
+        }
+      }
+    }
+  }
+  // No body, no springs' room, no gel: no contact.
+  for (const SpringSetup& setup :
+       {SpringSetup{kGel, sphere_indenter(0.0), 5.0, 0.5, 0.5, 8}, SpringSetup{kGel, {1.0, 2}, 0.0, 0.5, 0.5, 8},
+        SpringSetup{{0.0, 0.49}, {1.0, 2}, 5.0, 0.5, 0.5, 8}}) {
+    SpringContact contact(setup);
+    CHECK(contact.move_to(1.0, {1.0, 0.0}).force_n == Vec2{});
+    CHECK(contact.load_to(1.0, {1.0, 0.0}).force_n == Vec2{});
+    DOUBLES_EQUAL(0.0, contact.state().normal_force_n, 0.0);
+    DOUBLES_EQUAL(0.0, contact.depth_for_force_mm(1.0), 0.0);
+    LONGS_EQUAL(0, contact.traction().count);
+  }
+}
+
+TEST(ContactSprings, SmallStepsKeepAllDigits) {
+  for (const double load : {1e-300, 1e-30, 1e-15, 1e-9}) {
+    SpringContact contact(setup_of(64));
+    const SpringState& state = contact.load_to(depth_of(kPress_n), {load, 0.0});
+    const double rigid = load * (2.0 - kGel.poisson) / (8.0 * kGel.shear_modulus_mpa * state.contact_radius_mm);
+    DOUBLES_EQUAL(rigid, state.displacement_mm.x, 1e-12 * rigid);
+    DOUBLES_EQUAL(1.0, state.stick_fraction, 1e-8);
+  }
+  // Modulus scales out: the same depth and way under a gel of any stiffness.
+  for (const double modulus : {1e-6, 1.0, 1e6}) {
+    SpringSetup setup = setup_of(64);
+    SpringContact soft(setup);
+    setup.gel.shear_modulus_mpa = modulus;
+    SpringContact other(setup);
+    const double soft_n = soft.move_to(0.5, {0.2, 0.1}).force_n.x;
+    DOUBLES_EQUAL(soft_n * modulus / 0.1, other.move_to(0.5, {0.2, 0.1}).force_n.x, 1e-12 * soft_n * modulus / 0.1);
+  }
+}
+
+TEST(ContactSprings, TheSameBitsOnEveryMachine) {
+  SpringSetup setup = setup_of(64);
+  setup.extent_mm = 5.0;
+  setup.kinetic_friction = 0.5;
+  SpringContact contact(setup);
+  Dice dice;
+  std::uint64_t hash = 14695981039346656037ULL;
+  for (int i = 0; i < 2000; ++i) {
+    const double depth = 2.0 * dice.next();
+    const Vec2 value{3.0 * dice.next() - 1.5, 3.0 * dice.next() - 1.5};
+    const SpringState& s = i % 4 == 0 ? contact.load_to(depth, value) : contact.move_to(depth, value);
+    for (const double v : {s.force_n.x, s.force_n.y, s.displacement_mm.x, s.slid_mm.y, s.stick_radius_mm,
+                           s.normal_force_n, s.dissipated_mj, s.stored_mj}) {
+      hash = (hash ^ std::bit_cast<std::uint64_t>(v)) * 1099511628211ULL;
+    }
+  }
+  UNSIGNED_LONGLONGS_EQUAL(0x66d14b768fc67aa3ULL, hash);  // x86-64 and aarch64, gcc 12
+}
