@@ -10,7 +10,7 @@
 #include "app/pipeline.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/sim/scene/grasp.hpp"
-#include "vision/jpeg_dc.hpp"
+#include "vision/jpeg_fast.hpp"
 #include "vision/luma_input.hpp"
 
 namespace holdfast::test {
@@ -46,7 +46,8 @@ class Bench {
   explicit Bench(const Film& film) : film_(film) {}
 
   bool decode_ours(const Bytes& bytes) {
-    return jpeg_dc::decode(*state_, bytes, *eighth_, {.min_width = 1, .min_height = 1}).ok();
+    return jpeg_fast::decode(*state_, {}, {worker_.get(), 1}, crew_, bytes, *eighth_, {.min_width = 1, .min_height = 1})
+        .ok();
   }
   bool decode_library(const Bytes& bytes) { return library_.decode(bytes, film_.scale, *working_).ok(); }
   [[nodiscard]] const LumaBuffer& eighth() const { return *eighth_; }
@@ -102,7 +103,9 @@ class Bench {
 
   const Film& film_;
   const pipeline::Config config_;
-  std::unique_ptr<jpeg_dc::State> state_ = std::make_unique<jpeg_dc::State>();
+  std::unique_ptr<jpeg_fast::State> state_ = std::make_unique<jpeg_fast::State>();
+  std::unique_ptr<jpeg_fast::Worker> worker_ = std::make_unique<jpeg_fast::Worker>();
+  hal::Alone crew_;
   std::unique_ptr<LumaBuffer> eighth_ = std::make_unique<LumaBuffer>();
   std::unique_ptr<LumaBuffer> working_ = std::make_unique<LumaBuffer>();
   std::unique_ptr<tracker::State> tracker_ = std::make_unique<tracker::State>();
