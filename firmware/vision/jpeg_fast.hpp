@@ -53,11 +53,10 @@
 #include "base/status.hpp"
 #include "hal/crew.hpp"
 #include "vision/jpeg_dc.hpp"
+#include "vision/jpeg_walk.hpp"
 #include "vision/luma.hpp"
 
 namespace holdfast::jpeg_fast {
-
-inline constexpr std::size_t kMaxLanes = 3;
 
 inline constexpr std::size_t kMaxSlice = 32 * 1024;  // bytes
 inline constexpr std::size_t kMaxSlices = 1024;      // restart intervals of a picture, if none is cut
@@ -85,31 +84,6 @@ struct Config {
   std::int32_t slice = static_cast<std::int32_t>(kMaxSlice);
   // A picture shorter than that for each lane of all workers is cut into shorter slices, down to this.
   std::int32_t least_slice = 1024;
-};
-
-// What a look-up needs to know of the block it is in.
-struct Phase {
-  const std::uint16_t* ac = nullptr;          // table within the block
-  const std::uint16_t* next_first = nullptr;  // table that begins the next block
-  const Phase* next = nullptr;
-  std::uint64_t luma_follows = 0;  // bytes to advance in the list when the block ends: 4 or 0
-  const jpeg_dc::Code* dc_code = nullptr;
-  const jpeg_dc::Code* ac_code = nullptr;
-};
-
-// A walk that can be left and taken up again.
-struct Walk {
-  const std::uint8_t* bytes = nullptr;  // unstuffed
-  std::uint64_t position = 0;           // bits from `bytes`
-  std::uint64_t end = 0;                // the walk is left at or after this position
-  std::uint64_t known = 0;              // the bits of the picture that there are; zeros follow
-  std::uint32_t* list = nullptr;        // where the next luma block's position goes
-  const std::uint16_t* table = nullptr;
-  const Phase* phase = nullptr;
-  std::uint32_t k = 1;  // next coefficient
-  // 1 + position of the last bad symbol; 0: none. One in the last 16 bits is not noted: it takes 16 bits itself, so
-  // that the block in which it is ends beyond what is known, which is looked at anyway.
-  std::uint32_t bad = 0;
 };
 
 // Memory of one lane: a slice without stuffing, and where its luma blocks begin.

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// The heart of vision/jpeg_fast: walks over the blocks of a JPEG scan without branches, up to three by turns.
+// A walk notes where luma blocks begin and what bad symbols it met; it decides nothing. Why it is made so, and who
+// judges, stands at the head of vision/jpeg_fast.hpp.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "vision/jpeg_dc.hpp"
+
+namespace holdfast::jpeg_fast {
+
+inline constexpr std::size_t kMaxLanes = 3;
+
+// What a look-up needs to know of the block it is in.
+struct Phase {
+  const std::uint16_t* ac = nullptr;          // table within the block
+  const std::uint16_t* next_first = nullptr;  // table that begins the next block
+  const Phase* next = nullptr;
+  std::uint64_t luma_follows = 0;  // bytes to advance in the list when the block ends: 4 or 0
+  const jpeg_dc::Code* dc_code = nullptr;
+  const jpeg_dc::Code* ac_code = nullptr;
+};
+
+// A walk that can be left and taken up again.
+struct Walk {
+  const std::uint8_t* bytes = nullptr;  // unstuffed
+  std::uint64_t position = 0;           // bits from `bytes`
+  std::uint64_t end = 0;                // the walk is left at or after this position
+  std::uint64_t known = 0;              // the bits of the picture that there are; zeros follow
+  std::uint32_t* list = nullptr;        // where the next luma block's position goes
+  const std::uint16_t* table = nullptr;
+  const Phase* phase = nullptr;
+  std::uint32_t k = 1;  // next coefficient
+  // 1 + position of the last bad symbol; 0: none. One in the last 16 bits is not noted: it takes 16 bits itself, so
+  // that the block in which it is ends beyond what is known, which is looked at anyway.
+  std::uint32_t bad = 0;
+};
+
+// Copies [at, end) without stuffed zeros to `out`, which has 16 bytes more; returns the bytes written. `at` ends at
+// `end`, or at the 0xFF of a marker or the last byte.
+std::size_t unstuff(const std::uint8_t*& at, const std::uint8_t* end, std::uint8_t* out);
+
+// Walks on by turns until one of them reaches its end.
+// Range: a walk passes its end by less than 3 * 31 bits, lists three blocks at most on the way, and reads 8 bytes from
+// wherever it is. Walks do not share lists.
+void walk_by_turns(Walk& only);
+void walk_by_turns(Walk& first, Walk& second);
+void walk_by_turns(Walk& first, Walk& second, Walk& third);
+
+}  // namespace holdfast::jpeg_fast
