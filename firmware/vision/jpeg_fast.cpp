@@ -10,7 +10,6 @@ namespace {
 
 using jpeg_dc::Code;
 using jpeg_dc::Error;
-using jpeg_dc::kEnded;
 using jpeg_dc::kIndexBits;
 using jpeg_dc::kMaxDc;
 using jpeg_dc::kMaxSkip;
