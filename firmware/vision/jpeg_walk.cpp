@@ -99,8 +99,8 @@ struct Lane {
   // After a look-up: the same block's AC table, or, when `next` says that the block has ended, the next block's first
   // table and `restarted` instead of `next`.
   // In assembly, because gcc makes one branch of four selects on one condition, whatever it is told of its
-  // probability, and that branch costs a third of the speed (measured: 3 lanes 3.3 instead of 4.4 times
-  // libjpeg-turbo). tests/checks/jpeg_selects.sh looks at what became of it.
+  // probability, and that branch costs a third to a half of the speed (measured: 3 lanes 2.9 to 3.7 instead of 5.0 to
+  // 6.2 times libjpeg-turbo). tests/checks/jpeg_selects.sh looks at what became of it.
   [[gnu::always_inline]] void turn(std::uint32_t next, std::uint32_t restarted) {
     const Phase* const now = phase;
     const std::uint16_t* to_table = now->ac;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Looks at the machine code of the fast JPEG walk (firmware/vision/jpeg_walk.cpp): the turn to the next block must be
-# selects (cmov, csel), not a branch, because that branch is never predicted and costs a third of the speed.
+# selects (cmov, csel), not a branch, because that branch is never predicted and costs a third of the speed and more.
 # Usage: jpeg_selects.sh OBJDUMP OBJECT_OR_BINARY
 # Each walk of N lanes takes 3 look-ups of every lane in its loop: 4 selects each, and one branch each, to the slow path.
 set -euo pipefail
