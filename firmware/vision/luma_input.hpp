@@ -66,8 +66,8 @@ inline constexpr std::int32_t kLeastWorkingWidth = 300;
   if (state.width != 0 && (state.width != out.width || state.height != out.height)) return {Reason::kFrameFormat};
   state.width = out.width;
   state.height = out.height;
-  const bool block_is_pixel = mjpeg && scale == DecodeScale::kEighth && out.width >= kLeastWorkingWidth;
-  return block_is_pixel ? picture_check::update(state.check, config.check, out) : kOkStatus;
+  if (!mjpeg || out.width < kLeastWorkingWidth) return kOkStatus;
+  return picture_check::update(state.check, config.check, out, 8 / static_cast<std::int32_t>(scale));
 }
 
 }  // namespace holdfast::luma_input

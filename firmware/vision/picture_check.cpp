@@ -22,23 +22,24 @@ void measure(const LumaView& luma, std::int32_t cap, RowSteps& out) {
   }
 }
 
-// From row y on. Range: 0 <= y <= height - 3.
-std::int32_t three_rows(const RowSteps& steps, std::int32_t y) {
-  return steps[idx(y)] + steps[idx(y + 1)] + steps[idx(y + 2)];
+// From row y on, a block apart. Range: 0 <= y < height - 2 * block.
+std::int32_t three_rows(const RowSteps& steps, std::int32_t y, std::int32_t block) {
+  return steps[idx(y)] + steps[idx(y + block)] + steps[idx(y + 2 * block)];
 }
 
 // The largest excess of a sum over those of the picture before; steps up and down are different things.
-std::int32_t worst_excess(const RowSteps& seen, const RowSteps& believed, std::int32_t height) {
+std::int32_t worst_excess(const RowSteps& seen, const RowSteps& believed, std::int32_t height, std::int32_t block) {
   std::int32_t worst = 0;
-  for (std::int32_t y = 0; y + 2 < height; ++y) {
+  const std::int32_t last = height - 2 * block - 1;
+  for (std::int32_t y = 0; y <= last; y += block) {
     std::int32_t most = 0;
     std::int32_t least = 0;
-    for (std::int32_t near = std::max(y - 1, 0); near <= std::min(y + 1, height - 3); ++near) {
-      const std::int32_t before = three_rows(believed, near);
+    for (std::int32_t near = std::max(y - 1, 0); near <= std::min(y + 1, last); ++near) {
+      const std::int32_t before = three_rows(believed, near, block);
       most = std::max(most, before);
       least = std::min(least, before);
     }
-    const std::int32_t now = three_rows(seen, y);
+    const std::int32_t now = three_rows(seen, y, block);
     worst = std::max({worst, now - most, least - now});
   }
   return worst;
@@ -58,10 +59,10 @@ std::int32_t row_steps_scalar(const Rows& rows, std::int32_t columns, std::int32
   return sum;
 }
 
-Status update(State& state, const Config& config, const LumaView& luma) {
+Status update(State& state, const Config& config, const LumaView& luma, std::int32_t block) {
   measure(luma, config.cap, state.seen);
   const bool first = state.width != luma.width || state.height != luma.height;
-  const bool implausible = !first && worst_excess(state.seen, state.believed, luma.height) * 100 >
+  const bool implausible = !first && worst_excess(state.seen, state.believed, luma.height, block) * 100 >
                                          columns_of(luma.width) * config.cap * config.limit_pct;
   if (implausible && state.refused_in_a_row < config.patience) {
     ++state.refused_in_a_row;

@@ -2,21 +2,24 @@
 // Finds pictures that the JPEG decoder had to accept although bits of them were changed on the way.
 //
 // After a changed bit the decoder misreads codes until it falls into step again, and brightness is a running sum along
-// the blocks: what goes wrong with it stays wrong. At 1/8 a block is a pixel, so to the right of the fault and in all
-// rows below the picture is brighter or darker by a constant. Of 259 accepted pictures of 3280x2464 (4:2:2 and 4:2:0)
+// the blocks: what goes wrong with it stays wrong. To the right of the fault and in all rows of blocks below, the
+// picture is brighter or darker by a constant. Of 259 accepted pictures of 3280x2464 (4:2:2 and 4:2:0)
 // that moved a marker by over 0.5 px, all had such a step, of 28 to 140 grey levels; the misread blocks alone moved
 // none that far. On them this check was made; the campaign (tests/bench/jpeg_corruption) then tried it on others:
 //   harmful frames after                  1 bit flipped        1 byte changed
-//   4:2:2, no restart markers             390 -> 0 of 30 000   559 -> 0 of 30 000
-//   4:2:0, no restart markers             178 -> 0 of 10 000   262 -> 0 of 10 000
-//   4:2:0, restart after 4 MCUs             9 -> 9 of 10 000     5 -> 5 of 10 000
-// No whole picture was refused. Restart markers end a step after some blocks; 4:2:2 with them had none harmful.
+//   3280x2464 at 1/8, 4:2:2               390 -> 0 of 30 000   559 -> 0 of 30 000
+//   3280x2464 at 1/8, 4:2:0               178 -> 0 of 10 000   262 -> 0 of 10 000
+//   the same, restart after 4 MCUs          9 -> 9 of 10 000     5 -> 5 of 10 000  (4:2:2: none before or after)
+//   640x480 at 1/2, 4:2:2                 808 -> 17 of 20 000  1158 -> 29 of 20 000
+//   the same, restart after 4 MCUs        462 -> 462 of 20 000  601 -> 601 of 20 000
+// No whole picture was refused. Restart markers end a step after some blocks.
 //
 // A step lies between two rows, and neither of the next pairs of rows shares it; rims of dots, imprints and shading
 // rise over several rows. So per pixel, with d the difference to the row above,
 //   step = sign(d) * clamp(|d| - max(|d of the row above|, |d of the row below|), 0, cap)
-// is summed along the row, and over three rows, because the fault begins in the middle of one: to the right of it the
-// step is above its row, to the left one row lower (4:2:2) or two (4:2:0). Of width * cap, natural pictures reach at
+// is summed along the row, and over three rows a block apart (at 1/8 a block is a pixel high, at 1/2 four), because the
+// fault begins in the middle of a row of blocks: to the right of it the step is above that row, to the left one row of
+// blocks lower (4:2:2) or two (4:2:0). Of width * cap, natural pictures reach at
 // most 26 % (all 12 150 frames of the real clips, 320x240) and 22 % (all 249 of the simulated grasps, 3280x2464), and
 // exceed the frame before by at most 11 %; those 259 reach 59 % and more.
 //
@@ -25,9 +28,9 @@
 // after some frames in a row. The first picture has nothing to be compared with and passes.
 //
 // Does not see: steps of less than about 0.4 * cap levels, or in the picture's first row; misread blocks without a
-// step; a fault whose levels came out right in the end; a finer decode scale, where a step is several rows away
-// from its other half. Not for small cameras: dots of fewer than about eight pixels have rims as sharp as a step. Where
-// one pixel is one block and the picture is at least luma_input::kLeastWorkingWidth wide, a dot has 11 and more.
+// step, which count where a block is as large as a dot and a restart marker soon ends the step (640x480 at 1/2, every
+// 4 MCUs: 2 %); a fault whose levels came out right in the end. Dots of fewer than about eight pixels have rims as
+// sharp as a step; in pictures at least luma_input::kLeastWorkingWidth wide a dot has about that and more.
 #pragma once
 
 #include <array>
@@ -62,10 +65,11 @@ struct State {
 };
 
 // kJpegDamaged when the picture has a step that the one before had not. A picture of another size is a first one.
+// `block`: rows of the picture that a block of the JPEG stands for: 1, 2, 4 or 8.
 // Range: kMinLumaWidth..kMaxLumaWidth columns, of which whole groups count; kMinLumaHeight..kMaxLumaHeight rows.
 // A row's sum is at most 1640 * 16 in size; the difference of two sums of three rows, times 100, stays below 2^24.
 // Price: 218 000 aarch64 or 299 000 x86 instructions for 410x308, about 1 % of decoding it; 10 KB.
-[[nodiscard]] Status update(State& state, const Config& config, const LumaView& luma);
+[[nodiscard]] Status update(State& state, const Config& config, const LumaView& luma, std::int32_t block);
 
 // A row of the picture and its neighbours, each of `columns` pixels.
 struct Rows {

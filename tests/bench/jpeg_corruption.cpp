@@ -74,6 +74,7 @@ long run_cell(const Options& options, const Film& film, Damage damage, long fram
     print_row(options.csv, film, damage, frames, "ours at 1/8", sum.ours, false);
     print_row(options.csv, film, damage, frames, "library at 1/2", sum.library, true);
     print_row(options.csv, film, damage, frames, "library + ours as gate", sum.both, true);
+    print_row(options.csv, film, damage, frames, "library + picture check", sum.checked, true);
   }
   std::fflush(stdout);
   return sum.losses_passed;

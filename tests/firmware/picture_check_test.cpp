@@ -74,7 +74,7 @@ TEST_GROUP(PictureCheck) {
     return picture_of(view, lattice_px({}, view, warp), ++seed);
   }
   bool accepts(const Picture& shown) {
-    const Status status = picture_check::update(*state, config, shown.view());
+    const Status status = picture_check::update(*state, config, shown.view(), 1);
     CHECK_TRUE(status.ok() || status.reason == Reason::kJpegDamaged);
     return status.ok();
   }
@@ -131,7 +131,7 @@ TEST(PictureCheck, AcceptsEveryFrameOfTheSimulatedGrasps) {
       const scene::Contact contact = scene::contact_px(view, grasp, truth);
       const auto dots = scene::dot_centers_px(view, scene::markers_at(grasp, truth, {}));
       scene::render_luma(view, dots, &contact, ++seed, pixels);
-      CHECK_TRUE(picture_check::update(*state, config, {pixels.data(), view.width, view.height, view.width}).ok());
+      CHECK_TRUE(picture_check::update(*state, config, {pixels.data(), view.width, view.height, view.width}, 1).ok());
     }
   }
 }
@@ -241,7 +241,7 @@ TEST(PictureCheck, ReadsPaddedRows) {
     return out;
   };
   const auto check = [&](const Picture& from) {
-    return picture_check::update(*state, config, {from.pixels.data(), view.width, view.height, from.width}).ok();
+    return picture_check::update(*state, config, {from.pixels.data(), view.width, view.height, from.width}, 1).ok();
   };
   CHECK_TRUE(check(padded(whole, 0)));
   CHECK_TRUE(check(padded(whole, 255)));
@@ -277,7 +277,26 @@ TEST(PictureCheck, VectorFormGivesThePlainFormsIntegers) {
 }
 
 // luma_input asks only where a pixel is a block and the dots are large enough.
-TEST(PictureCheck, IsAskedAboutDecodedPicturesAtAnEighth) {
+TEST(PictureCheck, SeesAStepInTheMiddleOfARowAtEveryDecodeScale) {
+  for (const std::int32_t block : {1, 2, 4, 8}) {
+    for (const int rows_of_blocks : {1, 2}) {  // of an MCU: 4:2:2 and 4:2:0
+      for (const int x : {0, 100, 200, 300}) {
+        const auto accepts_after_whole = [&](int y) {
+          const Picture damaged = with_step(picture(), x, y, 40, rows_of_blocks * block);
+          picture_check::State fresh;
+          const Picture whole = picture();
+          CHECK_TRUE(picture_check::update(fresh, {}, whole.view(), block).ok());
+          return picture_check::update(fresh, {}, damaged.view(), block).ok();
+        };
+        CHECK_FALSE(accepts_after_whole(80));
+        CHECK_FALSE(accepts_after_whole(160));
+        if (block > 2) CHECK_TRUE(accepts_after_whole(81));  // no fault of the decoder's begins inside a block
+      }
+    }
+  }
+}
+
+TEST(PictureCheck, IsAskedAboutDecodedPicturesThatAreWideEnough) {
   const auto input = std::make_unique<luma_input::State>();
   FixedJpeg jpeg;
   LumaView out;
@@ -305,7 +324,7 @@ TEST(PictureCheck, IsAskedAboutDecodedPicturesAtAnEighth) {
   CHECK_TRUE(refuses(hal::PixelFormat::kMjpeg, DecodeScale::kEighth, 3280, large));
   CHECK_TRUE(refuses(hal::PixelFormat::kMjpeg, DecodeScale::kEighth, 0, large));  // not announced
   CHECK_FALSE(refuses(hal::PixelFormat::kMjpeg, DecodeScale::kEighth, 0, small));
-  CHECK_FALSE(refuses(hal::PixelFormat::kMjpeg, DecodeScale::kEighth, 640, large));  // decoded at 1/2
-  CHECK_FALSE(refuses(hal::PixelFormat::kMjpeg, DecodeScale::kQuarter, 3280, large));
+  CHECK_TRUE(refuses(hal::PixelFormat::kMjpeg, DecodeScale::kEighth, 640, large));  // decoded at 1/2
+  CHECK_TRUE(refuses(hal::PixelFormat::kMjpeg, DecodeScale::kQuarter, 3280, large));
   CHECK_FALSE(refuses(hal::PixelFormat::kLuma8, DecodeScale::kEighth, 410, large));
 }

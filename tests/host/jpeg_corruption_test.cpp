@@ -4,9 +4,10 @@
 #include "tests/support/host_jpeg_damage.hpp"
 
 #include <algorithm>
-#include <memory>
+#include <array>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include "drivers/sim/recording.hpp"
 #include "tests/support/host_clips.hpp"
@@ -110,16 +111,18 @@ TEST(JpegCorruption, DoesNotDependOnThreads) {
 
 TEST_GROUP(PictureCheckOnClips){};
 
-// The clips' 320x240 stand for the 410x308 of the camera at 1/8, though their detail is finer than a block's mean.
+// The clips' 320x240 stand for working images at every decode scale: the 410x308 of the camera at 1/8 (blocks of one
+// pixel, though their detail is finer than a block's mean) to themselves (blocks of eight).
 TEST(PictureCheckOnClips, NoFrameIsRefused) {
   const auto folder = clips_folder();
   if (folder.empty()) {
     skip("the real recordings are not beside the clone (../shared/data/real)");
     return;
   }
-  const auto state = std::make_unique<picture_check::State>();
+  constexpr std::array<std::int32_t, 4> kBlocks{1, 2, 4, 8};
+  std::vector<picture_check::State> states(kBlocks.size());
   for (const Clip& clip : clips_in(folder)) {
-    *state = {};
+    for (picture_check::State& state : states) state = {};
     auto opened = sim::Recording::open(clip.path);
     CHECK_TEXT(std::holds_alternative<sim::Recording>(opened), clip.name.c_str());
     auto& recording = std::get<sim::Recording>(opened);
@@ -127,7 +130,9 @@ TEST(PictureCheckOnClips, NoFrameIsRefused) {
     int frames = 0;
     for (; recording.next(frame) == sim::Read::kFrame; ++frames) {
       const LumaView luma{frame.bytes.data(), frame.width, frame.height, frame.width};
-      CHECK_TEXT(picture_check::update(*state, {}, luma).ok(), clip.name.c_str());
+      for (std::size_t i = 0; i < kBlocks.size(); ++i) {
+        CHECK_TEXT(picture_check::update(states[i], {}, luma, kBlocks[i]).ok(), clip.name.c_str());
+      }
     }
     LONGS_EQUAL(450, frames);
   }

@@ -51,9 +51,9 @@ class Bench {
   }
   bool decode_library(const Bytes& bytes) { return library_.decode(bytes, film_.scale, *working_).ok(); }
   [[nodiscard]] const LumaBuffer& eighth() const { return *eighth_; }
-  // Of the picture at 1/8.
   bool is_plausible(picture_check::State& check) const {
-    return picture_check::update(check, config_.luma.check, eighth_->view()).ok();
+    const std::int32_t block = 8 / static_cast<std::int32_t>(film_.scale);
+    return picture_check::update(check, config_.luma.check, working().view(), block).ok();
   }
   // What the firmware tracks on.
   [[nodiscard]] const LumaBuffer& working() const { return film_.scale == DecodeScale::kEighth ? *eighth_ : *working_; }
@@ -77,6 +77,9 @@ class Bench {
     const bool harmful = library && !library_same && harms(shot);
     count(sum.library, library, library_same, harmful);
     count(sum.both, library && ours, library_same, harmful && ours);
+    picture_check::State check = shot.check_before;
+    const bool plausible = library && is_plausible(check);
+    count(sum.checked, plausible, library_same, harmful && plausible);
     sum.losses_passed += ours && !(ours_same && (library_same || !library)) ? 1 : 0;
   }
 
@@ -187,7 +190,7 @@ Film film(int width, int restart_interval, int shots) {
       out.error = "frame " + std::to_string(i) + (decoded ? ": markers missing" : ": not decoded");
       return out;
     }
-    if (out.scale == DecodeScale::kEighth && !bench.is_plausible(check)) {
+    if (!bench.is_plausible(check)) {
       out.error = "frame " + std::to_string(i) + ": whole, and refused by the picture check";
       return out;
     }

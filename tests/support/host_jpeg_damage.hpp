@@ -83,7 +83,8 @@ struct Tally {
 struct Figures {
   long frames = 0;
   Tally ours;     // harmful is counted where the firmware works on our picture: at 3280
-  Tally checked;  // ours, and the check; at 3280 only. Fewer identical ones than ours: rejected though whole
+  Tally checked;  // what the firmware uses (ours at 3280, the library at 640), and the check. Fewer identical ones than
+                  // ours: rejected though whole
   Tally library;  // at 640 only, as the next
   Tally both;
   // Lost payload that our decoder, or at 640 both decoders, took for a frame, and that made a difference.
