@@ -3,9 +3,9 @@
 //
 // After a changed bit the decoder misreads codes until it falls into step again, and brightness is a running sum along
 // the blocks: what goes wrong with it stays wrong. To the right of the fault and in all rows of blocks below, the
-// picture is brighter or darker by a constant. Of 259 accepted pictures of 3280x2464 (4:2:2 and 4:2:0)
-// that moved a marker by over 0.5 px, all had such a step, of 28 to 140 grey levels; the misread blocks alone moved
-// none that far. On them this check was made; the campaign (tests/bench/jpeg_corruption) then tried it on others:
+// picture is brighter or darker by a constant. Of 259 accepted pictures of 3280x2464 (4:2:2 and 4:2:0) that moved a
+// marker by over 0.5 px, all had such a step, of 28 to 140 grey levels; the misread blocks alone moved none that far.
+// On them this check was made; the campaign (tests/bench/jpeg_corruption) then tried it on others:
 //   harmful frames after                  1 bit flipped        1 byte changed
 //   3280x2464 at 1/8, 4:2:2               390 -> 0 of 30 000   559 -> 0 of 30 000
 //   3280x2464 at 1/8, 4:2:0               178 -> 0 of 10 000   262 -> 0 of 10 000
