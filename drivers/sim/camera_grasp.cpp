@@ -42,13 +42,13 @@ void GraspCamera::film(int index) {
   const scene::PictureConfig& picture = config_.picture;
   truth_ = scene::at(config_.grasp, index / config_.grasp.fps);
   dots_ = scene::dot_centers_px(picture, scene::markers_at(config_.grasp, truth_, config_.grid));
-  const scene::Contact contact = scene::contact_px(picture, config_.grasp, truth_);
+  const scene::Imprint imprint = scene::imprint_px(picture, config_.grasp, truth_);
   const std::uint64_t seed = static_cast<std::uint64_t>(index);
   if (config_.format == hal::PixelFormat::kLuma8) {
-    scene::render_luma(picture, dots_, &contact, seed, pixels_);
+    scene::render_luma(picture, dots_, &imprint, seed, pixels_);
     return;
   }
-  scene::render_rgb(picture, dots_, &contact, seed, pixels_);
+  scene::render_rgb(picture, dots_, &imprint, seed, pixels_);
   jpeg_ = scene::encode_jpeg(pixels_, picture.width, picture.height, scene::JpegInput::kRgb, config_.jpeg_quality);
 }
 

@@ -235,9 +235,9 @@ Rgb sensor_picture(int width, double sigma) {
   config.noise_sigma = sigma;
   const scene::GraspConfig grasp = scene::sphere_slip();
   const scene::GraspTruth truth = scene::at(grasp, grasp.empty_s + grasp.press_s + grasp.hold_s / 2);
-  const scene::Contact contact = scene::contact_px(config, grasp, truth);
+  const scene::Imprint imprint = scene::imprint_px(config, grasp, truth);
   Rgb rgb{config.width, config.height, {}};
-  scene::render_rgb(config, scene::dot_centers_px(config, scene::markers_at(grasp, truth, {})), &contact, 1,
+  scene::render_rgb(config, scene::dot_centers_px(config, scene::markers_at(grasp, truth, {})), &imprint, 1,
                     rgb.pixels);
   return rgb;
 }

@@ -67,8 +67,8 @@ std::vector<std::vector<std::uint8_t>> jpeg_pictures() {
   std::vector<std::uint8_t> rgb;
   for (const double t_s : {0.0, 0.04, 0.9, 1.6}) {
     const scene::GraspTruth truth = scene::at(grasp, t_s);
-    const scene::Contact contact = scene::contact_px(picture, grasp, truth);
-    scene::render_rgb(picture, scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {})), &contact, 1, rgb);
+    const scene::Imprint imprint = scene::imprint_px(picture, grasp, truth);
+    scene::render_rgb(picture, scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {})), &imprint, 1, rgb);
     out.push_back(scene::encode_jpeg(rgb, picture.width, picture.height, scene::JpegInput::kRgb, 85));
   }
   return out;

@@ -47,14 +47,14 @@ Blob centroid(const PictureConfig& config, const Picture& picture, PointPx near,
   return blob;
 }
 
-Picture luma(const PictureConfig& config, std::span<const PointPx> dots, const Contact* contact = nullptr,
+Picture luma(const PictureConfig& config, std::span<const PointPx> dots, const Imprint* contact = nullptr,
              std::uint64_t seed = 1) {
   Picture out;
   render_luma(config, dots, contact, seed, out);
   return out;
 }
 
-Picture rgb(const PictureConfig& config, std::span<const PointPx> dots, const Contact* contact = nullptr,
+Picture rgb(const PictureConfig& config, std::span<const PointPx> dots, const Imprint* contact = nullptr,
             std::uint64_t seed = 1) {
   Picture out;
   render_rgb(config, dots, contact, seed, out);
@@ -195,7 +195,7 @@ TEST(Render, SeedsDecideTheNoise) {
 TEST(Render, TheBytesAreTheSameOnEveryMachine) {
   const PictureConfig config = cropped_320x240();
   const std::array<PointPx, 2> dots{{{100.25, 80.5}, {160.125, 121.75}}};
-  const Contact contact{{150.0, 110.0}, 64.0, 0.25};
+  const Imprint contact{{150.0, 110.0}, 64.0, 0.25};
   std::uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
   for (const std::uint8_t byte : rgb(config, dots, &contact, 3)) hash = (hash ^ byte) * 0x100000001b3u;
   CHECK_EQUAL(kBytesHash, hash);
@@ -205,7 +205,7 @@ TEST(Render, LumaIsTheSumOfTheColours) {
   PictureConfig config = cropped_320x240();
   config.noise_sigma = 0.0;
   const PointPx dot{150.3, 90.6};
-  const Contact contact{{170.0, 120.0}, 60.0, 0.3};
+  const Imprint contact{{170.0, 120.0}, 60.0, 0.3};
   const Picture grey = luma(config, {&dot, 1}, &contact);
   const Picture colour = rgb(config, {&dot, 1}, &contact);
   for (std::size_t i = 0; i < grey.size(); ++i) {
@@ -216,7 +216,7 @@ TEST(Render, LumaIsTheSumOfTheColours) {
 
 TEST(Render, ImprintFacesTheLampsAndEndsAtTwiceTheRadius) {
   PictureConfig config = flat(0.0);
-  const Contact contact{{160.0, 120.0}, 40.0, 0.3};
+  const Imprint contact{{160.0, 120.0}, 40.0, 0.3};
   const Picture picture = rgb(config, {}, &contact);
   const auto level = [&](int x, int y, int channel) {
     return static_cast<int>(picture[static_cast<std::size_t>((y * 320 + x) * 3 + channel)]);
@@ -232,7 +232,7 @@ TEST(Render, ImprintFacesTheLampsAndEndsAtTwiceTheRadius) {
     LONGS_EQUAL(flat_level, level(160 - 81, 120, c));
     LONGS_EQUAL(flat_level, level(160, 120 + 81, c));
   }
-  const Contact none{};
+  const Imprint none{};
   CHECK(rgb(config, {}, &none) == rgb(config, {}));
 }
 

@@ -128,9 +128,9 @@ TEST(PictureCheck, AcceptsEveryFrameOfTheSimulatedGrasps) {
     *state = {};
     for (int frame = 0; frame < scene::frame_count(grasp); ++frame) {
       const scene::GraspTruth truth = scene::at(grasp, frame / grasp.fps);
-      const scene::Contact contact = scene::contact_px(view, grasp, truth);
+      const scene::Imprint imprint = scene::imprint_px(view, grasp, truth);
       const auto dots = scene::dot_centers_px(view, scene::markers_at(grasp, truth, {}));
-      scene::render_luma(view, dots, &contact, ++seed, pixels);
+      scene::render_luma(view, dots, &imprint, ++seed, pixels);
       CHECK_TRUE(picture_check::update(*state, config, {pixels.data(), view.width, view.height, view.width}, 1).ok());
     }
   }

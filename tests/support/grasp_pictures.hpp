@@ -23,9 +23,9 @@ struct GraspPictures {
   for (int i = 0; i < frames; ++i) {
     const scene::GraspTruth truth = scene::at(grasp, i / grasp.fps);
     const auto dots = scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {}));
-    const scene::Contact contact = scene::contact_px(picture, grasp, truth);
+    const scene::Imprint imprint = scene::imprint_px(picture, grasp, truth);
     auto& pixels = out.pixels[static_cast<std::size_t>(i)];
-    scene::render_luma(picture, dots, &contact, static_cast<std::uint64_t>(i), pixels);
+    scene::render_luma(picture, dots, &imprint, static_cast<std::uint64_t>(i), pixels);
     out.views.push_back({pixels.data(), picture.width, picture.height, picture.width});
   }
   return out;

@@ -176,8 +176,8 @@ Film film(int width, int restart_interval, int shots) {
   Bytes rgb;
   for (int i = -1; i < shots; ++i) {  // the first is the rest position, and no shot
     const scene::GraspTruth truth = scene::at(grasp, i / kFramesPerSecond);
-    const scene::Contact contact = scene::contact_px(picture, grasp, truth);
-    scene::render_rgb(picture, scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {})), &contact,
+    const scene::Imprint imprint = scene::imprint_px(picture, grasp, truth);
+    scene::render_rgb(picture, scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {})), &imprint,
                       static_cast<std::uint64_t>(i + 2), rgb);
     Shot shot;
     shot.bytes = encode_rgb(rgb, picture.width, picture.height, kQuality, restart_interval);

@@ -21,6 +21,8 @@
 // without end is "no contact": every result is 0. No input of that range gives NaN.
 #pragma once
 
+#include <limits>
+
 namespace holdfast::scene {
 
 struct Vec2 {
@@ -32,6 +34,7 @@ struct Vec2 {
 struct Gel {
   double shear_modulus_mpa = 0.1;
   double poisson = 0.49;
+  double thickness_mm = std::numeric_limits<double>::infinity();  // of the layer bonded to glass; infinite = half-space
 };
 
 // E* = E / (1 - nu^2) = 2 G / (1 - nu): the indenter is rigid.

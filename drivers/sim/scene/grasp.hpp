@@ -27,7 +27,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/contact.hpp"
 
 namespace holdfast::scene {
 
@@ -92,12 +92,6 @@ enum class SlipLevel { kNone, kAnnulus, kHalf, kGross };
 [[nodiscard]] SlipLevel slip_level(const GraspTruth& truth);
 // The instant from which slip_level is at least `level`; none when the grasp never gets there.
 [[nodiscard]] std::optional<double> onset_s(const GraspConfig& config, SlipLevel level);
-
-struct MarkerGrid {
-  int rows = 7;
-  int cols = 9;
-  double pitch_mm = 2.02;  // measured on recordings of the 7x9 gel
-};
 
 struct MarkerTruth {
   Vec2 rest_mm;

@@ -138,7 +138,7 @@ Chord chord_of(PointPx center, double reach, int y, int width) {
 
 // Adds the imprint to a row. Slope of the bulge over its rim slope: r/a inside, (2 - r/a)^2 outside, then 0.
 template <std::size_t kChannels>
-void add_imprint(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const Contact& contact,
+void add_imprint(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const Imprint& contact,
                  int y, std::vector<std::int32_t>& row) {
   const Chord chord = chord_of(contact.center, 2.0 * contact.radius_px, y, config.width);
   const float radius = static_cast<float>(contact.radius_px);
@@ -194,7 +194,7 @@ void add_dot(const PictureConfig& config, PointPx center, int y, std::vector<std
 
 template <std::size_t kChannels>
 void render(const PictureConfig& config, const std::array<Channel, kChannels>& channels, std::span<const PointPx> dots,
-            const Contact* contact, std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
+            const Imprint* contact, std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
   const std::size_t samples = static_cast<std::size_t>(config.width) * kChannels;
   out.resize(samples * static_cast<std::size_t>(config.height));
 
@@ -269,7 +269,7 @@ PointPx to_px(const PictureConfig& config, Vec2 mm) {
   return {config.center_x_px + mm.x * config.px_per_mm, config.center_y_px + mm.y * config.px_per_mm};
 }
 
-Contact contact_px(const PictureConfig& config, const GraspConfig& grasp, const GraspTruth& truth) {
+Imprint imprint_px(const PictureConfig& config, const GraspConfig& grasp, const GraspTruth& truth) {
   return {to_px(config, truth.contact_center_mm), truth.contact_radius_mm * config.px_per_mm,
           truth.contact_radius_mm / grasp.sphere_radius_mm};
 }
@@ -284,12 +284,12 @@ std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const
   return centers;
 }
 
-void render_luma(const PictureConfig& config, std::span<const PointPx> dot_centers, const Contact* contact,
+void render_luma(const PictureConfig& config, std::span<const PointPx> dot_centers, const Imprint* contact,
                  std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
   render(config, kLuma, dot_centers, contact, frame_seed, out);
 }
 
-void render_rgb(const PictureConfig& config, std::span<const PointPx> dot_centers, const Contact* contact,
+void render_rgb(const PictureConfig& config, std::span<const PointPx> dot_centers, const Imprint* contact,
                 std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
   render(config, kRgb, dot_centers, contact, frame_seed, out);
 }

@@ -60,22 +60,22 @@ struct PictureConfig {
 [[nodiscard]] PictureConfig scaled(PictureConfig config, int width);
 
 // Imprint of the object.
-struct Contact {
+struct Imprint {
   PointPx center;
   double radius_px = 0.0;
   double rim_slope = 0.0;  // a / R
 };
 
 [[nodiscard]] PointPx to_px(const PictureConfig& config, Vec2 mm);
-[[nodiscard]] Contact contact_px(const PictureConfig& config, const GraspConfig& grasp, const GraspTruth& truth);
+[[nodiscard]] Imprint imprint_px(const PictureConfig& config, const GraspConfig& grasp, const GraspTruth& truth);
 [[nodiscard]] std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const MarkerTruth> markers);
 
 // Shape of `out`: height rows of width samples, no padding. `contact` may be null. The same config and
 // frame_seed give the same bytes; another frame_seed gives other noise.
-void render_luma(const PictureConfig& config, std::span<const PointPx> dot_centers, const Contact* contact,
+void render_luma(const PictureConfig& config, std::span<const PointPx> dot_centers, const Imprint* contact,
                  std::uint64_t frame_seed, std::vector<std::uint8_t>& out);
 // The same as R, G, B interleaved.
-void render_rgb(const PictureConfig& config, std::span<const PointPx> dot_centers, const Contact* contact,
+void render_rgb(const PictureConfig& config, std::span<const PointPx> dot_centers, const Imprint* contact,
                 std::uint64_t frame_seed, std::vector<std::uint8_t>& out);
 
 }  // namespace holdfast::scene

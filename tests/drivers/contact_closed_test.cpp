@@ -75,9 +75,9 @@ constexpr std::array<Vec2, 8> kPoints{{{0, 0}, {1, 0.5}, {2, -1.5}, {3.6, 0.2}, 
 
 }  // namespace
 
-TEST_GROUP(Contact){};
+TEST_GROUP(ContactClosed){};
 
-TEST(Contact, HertzCarriesTheForceAndMeetsTheSphere) {
+TEST(ContactClosed, HertzCarriesTheForceAndMeetsTheSphere) {
   const Press press = press_sphere(kGel, kSphere_mm, kPress_n);
   const double a = press.contact_radius_mm;
   // Sum of the pressure over rings, and Boussinesq's sinking (1 - nu) / G * integral of p dr in the centre.
@@ -96,7 +96,7 @@ TEST(Contact, HertzCarriesTheForceAndMeetsTheSphere) {
   DOUBLES_EQUAL(2.0 * 0.1 / 0.51, effective_modulus_mpa(kGel), 1e-12);
 }
 
-TEST(Contact, StickRadiusBalancesTheForce) {
+TEST(ContactClosed, StickRadiusBalancesTheForce) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   for (const double load : {0.1, 0.5, 0.9, 0.999}) {
@@ -112,7 +112,7 @@ TEST(Contact, StickRadiusBalancesTheForce) {
   }
 }
 
-TEST(Contact, FieldAgreesWithCerrutisIntegral) {
+TEST(ContactClosed, FieldAgreesWithCerrutisIntegral) {
   const FrictionContact contact = contact_of();
   for (const double load : {0.3, 0.9, 1.0}) {
     const Shear shear = shear_by_force(contact, load * kFriction * kPress_n);
@@ -136,7 +136,7 @@ TEST(Contact, FieldAgreesWithCerrutisIntegral) {
   }
 }
 
-TEST(Contact, StickZoneMovesAsOneByDelta) {
+TEST(ContactClosed, StickZoneMovesAsOneByDelta) {
   const FrictionContact contact = contact_of();
   for (const double load : {0.1, 0.5, 0.9, 0.999}) {
     const Shear shear = shear_by_force(contact, load * kFriction * kPress_n);
@@ -156,7 +156,7 @@ TEST(Contact, StickZoneMovesAsOneByDelta) {
   }
 }
 
-TEST(Contact, GrossDisplacementIsWhereTheStickDiscVanishes) {
+TEST(ContactClosed, GrossDisplacementIsWhereTheStickDiscVanishes) {
   const FrictionContact contact = contact_of();
   const double gross = gross_displacement_mm(contact);
   // The centre of a contact whose traction is mu p everywhere.
@@ -168,7 +168,7 @@ TEST(Contact, GrossDisplacementIsWhereTheStickDiscVanishes) {
   DOUBLES_EQUAL(kFriction * kPress_n, shear_by_displacement(contact, 3.0 * gross).force_n, 1e-15);
 }
 
-TEST(Contact, TangentStiffnessIsTheSlope) {
+TEST(ContactClosed, TangentStiffnessIsTheSlope) {
   const FrictionContact contact = contact_of();
   const double gross = gross_displacement_mm(contact);
   for (const double share : {0.01, 0.3, 0.7, 0.95}) {
@@ -183,7 +183,7 @@ TEST(Contact, TangentStiffnessIsTheSlope) {
   DOUBLES_EQUAL(0.0, tangent_stiffness_n_per_mm(contact, shear_by_displacement(contact, 2.0 * gross)), 0.0);
 }
 
-TEST(Contact, ForceAndDisplacementUndoEachOther) {
+TEST(ContactClosed, ForceAndDisplacementUndoEachOther) {
   const FrictionContact contact = contact_of();
   for (const double load : {1e-300, 1e-15, 1e-9, 1e-3, 0.2, 0.7, 0.99, 0.999999}) {
     for (const double sign : {1.0, -1.0}) {
@@ -197,7 +197,7 @@ TEST(Contact, ForceAndDisplacementUndoEachOther) {
   }
 }
 
-TEST(Contact, SmallLoadsKeepAllDigits) {
+TEST(ContactClosed, SmallLoadsKeepAllDigits) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   for (const double force : {1e-300, 1e-30, 1e-18, 1e-12, 1e-9}) {
@@ -215,7 +215,7 @@ TEST(Contact, SmallLoadsKeepAllDigits) {
   }
 }
 
-TEST(Contact, BondedIsTheLimitOfHighFriction) {
+TEST(ContactClosed, BondedIsTheLimitOfHighFriction) {
   const FrictionContact bonded = contact_of(kInfinity);
   const FrictionContact rough = contact_of(1e6);
   const Shear a = shear_by_force(bonded, 2.0);
@@ -233,7 +233,7 @@ TEST(Contact, BondedIsTheLimitOfHighFriction) {
   }
 }
 
-TEST(Contact, FarAwayTheContactIsAPointLoad) {
+TEST(ContactClosed, FarAwayTheContactIsAPointLoad) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   for (const double load : {0.4, 1.0}) {
@@ -253,7 +253,7 @@ TEST(Contact, FarAwayTheContactIsAPointLoad) {
   }
 }
 
-TEST(Contact, FieldIsContinuousAcrossEverySwitch) {
+TEST(ContactClosed, FieldIsContinuousAcrossEverySwitch) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   const Shear shear = shear_by_force(contact, 0.6 * kFriction * kPress_n);
@@ -272,7 +272,7 @@ TEST(Contact, FieldIsContinuousAcrossEverySwitch) {
   }
 }
 
-TEST(Contact, VanishingStickDiscLeavesTheSlidingField) {
+TEST(ContactClosed, VanishingStickDiscLeavesTheSlidingField) {
   const FrictionContact contact = contact_of();
   const double limit = kFriction * kPress_n;
   const Shear almost = shear_by_force(contact, std::nextafter(limit, 0.0));
@@ -291,7 +291,7 @@ TEST(Contact, VanishingStickDiscLeavesTheSlidingField) {
   }
 }
 
-TEST(Contact, NothingGivesNothing) {
+TEST(ContactClosed, NothingGivesNothing) {
   struct Case {
     Gel gel;
     double sphere_mm, force_n, friction;
@@ -314,7 +314,7 @@ TEST(Contact, NothingGivesNothing) {
   }
 }
 
-TEST(Contact, StiffnessScalesOutAndPoissonZeroHasNoSideways) {
+TEST(ContactClosed, StiffnessScalesOutAndPoissonZeroHasNoSideways) {
   for (const double g : {1e-6, 1.0, 1e6}) {
     // The same contact radius: force scales with G.
     const Gel gel{g, 0.49};
@@ -335,7 +335,7 @@ TEST(Contact, StiffnessScalesOutAndPoissonZeroHasNoSideways) {
   }
 }
 
-TEST(Contact, EveryPlaceAndLoadIsFinite) {
+TEST(ContactClosed, EveryPlaceAndLoadIsFinite) {
   for (const double poisson : {0.0, 0.3, 0.5}) {
     for (const double modulus : {1e-6, 0.1, 1e6}) {
       const Gel gel{modulus, poisson};
@@ -354,7 +354,7 @@ TEST(Contact, EveryPlaceAndLoadIsFinite) {
   }
 }
 
-TEST(Contact, ReversedLoadReversesTheField) {
+TEST(ContactClosed, ReversedLoadReversesTheField) {
   const FrictionContact contact = contact_of();
   for (const double force : {1e-12, 2.0, 9.0}) {
     const Shear shear = shear_by_force(contact, force);
