@@ -63,8 +63,8 @@ hal::Capture FaultyCamera::do_next(hal::Frame& frame, std::chrono::microseconds 
     if (span.fault == CameraFault::kStuck && kept_bytes_ > 0) {
       shown_.bytes = std::span(kept_).first(kept_bytes_);
     } else if (span.fault == CameraFault::kGarbage) {
-      noise_.resize(std::max(noise_.size(), true_frame_.bytes.size()));
-      const std::span bytes = std::span(noise_).first(true_frame_.bytes.size());
+      made_.resize(std::max(made_.size(), true_frame_.bytes.size()));
+      const std::span bytes = std::span(made_).first(true_frame_.bytes.size());
       for (std::uint8_t& byte : bytes) {
         random_ ^= random_ << 13;
         random_ ^= random_ >> 17;
@@ -72,15 +72,25 @@ hal::Capture FaultyCamera::do_next(hal::Frame& frame, std::chrono::microseconds 
         byte = static_cast<std::uint8_t>(random_ >> 24);
       }
       shown_.bytes = bytes;
+    } else if (span.fault == CameraFault::kTorn && kept_bytes_ > 0) {
+      const std::size_t half = true_frame_.bytes.size() / 2;
+      const std::size_t size = std::max(half, kept_bytes_);
+      made_.resize(std::max(made_.size(), size));
+      std::copy_n(true_frame_.bytes.begin(), half, made_.begin());
+      std::copy(kept_.begin() + static_cast<std::ptrdiff_t>(half), kept_.begin() + static_cast<std::ptrdiff_t>(size),
+                made_.begin() + static_cast<std::ptrdiff_t>(half));
+      shown_.bytes = std::span(made_).first(size);
     } else if (span.fault == CameraFault::kBackwards) {
       shown_.timestamp = last_timestamp_ - span.by;
     }
     last_timestamp_ = shown_.timestamp;
     // Copied only when the next frame needs it: a long healthy run pays nothing.
-    if (span.fault != CameraFault::kStuck && fault_at(index_).fault == CameraFault::kStuck) {
-      kept_bytes_ = shown_.bytes.size();
+    const CameraFault next = fault_at(index_).fault;
+    if (span.fault != CameraFault::kStuck && (next == CameraFault::kStuck || next == CameraFault::kTorn)) {
+      const std::span<const std::uint8_t> keep = span.fault == CameraFault::kTorn ? true_frame_.bytes : shown_.bytes;
+      kept_bytes_ = keep.size();
       kept_.resize(std::max(kept_.size(), kept_bytes_));
-      std::copy_n(shown_.bytes.begin(), kept_bytes_, kept_.begin());
+      std::copy_n(keep.begin(), kept_bytes_, kept_.begin());
     }
     due_ = clock_.now() + (span.fault == CameraFault::kLate ? span.by : std::chrono::microseconds{0});
     holding_ = true;

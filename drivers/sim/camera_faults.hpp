@@ -21,6 +21,7 @@ enum class CameraFault : std::uint8_t {
   kDropped,    // the frame is lost on the way: its sequence number is missing
   kBad,        // the driver throws the transfer away and says so
   kStuck,      // the bytes of the frame before the fault, with the stamp and number of this one
+  kTorn,       // the first half of this frame's bytes, then the frame before's from the same place on
   kGarbage,    // random bytes of the same length
   kLate,       // arrives `by` late, with its true timestamp; what follows queues up behind it
   kBackwards,  // stamped `by` before the frame before it
@@ -37,10 +38,10 @@ struct FaultSpan {
 class FaultyCamera final : public hal::Camera {
  public:
   // `schedule`: ordered by `first`; of spans that overlap the earlier one counts.
-  // `max_bytes`: the longest frame of the camera inside; room for the copies of kStuck and kGarbage is taken
+  // `max_bytes`: the longest frame of the camera inside; room for the copies of kStuck, kTorn and kGarbage is taken
   // here, once (a longer frame allocates). Lends one frame at a time.
   FaultyCamera(hal::Camera& inside, Clock& clock, std::vector<FaultSpan> schedule, std::size_t max_bytes)
-      : inside_(inside), clock_(clock), schedule_(std::move(schedule)), kept_(max_bytes), noise_(max_bytes) {}
+      : inside_(inside), clock_(clock), schedule_(std::move(schedule)), kept_(max_bytes), made_(max_bytes) {}
 
   // How many frames of the camera inside have been used up.
   [[nodiscard]] std::uint64_t index() const { return index_; }
@@ -57,8 +58,8 @@ class FaultyCamera final : public hal::Camera {
   hal::Camera& inside_;
   Clock& clock_;
   std::vector<FaultSpan> schedule_;
-  std::vector<std::uint8_t> kept_;   // bytes for kStuck
-  std::vector<std::uint8_t> noise_;  // bytes for kGarbage
+  std::vector<std::uint8_t> kept_;  // bytes of the frame before, for kStuck and kTorn
+  std::vector<std::uint8_t> made_;  // bytes of kGarbage and kTorn
   std::size_t kept_bytes_ = 0;
   hal::Frame true_frame_;  // as the camera inside gave it: what goes back with release()
   hal::Frame shown_;       // as it is handed out

@@ -62,15 +62,15 @@ bool App::step() {
   if (capture == hal::Capture::kFrame) {
     take(frame);
     devices_.camera.release(frame);
-    signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now()));
+    conclude();
   } else {
     result_.quality = {capture == hal::Capture::kGone  ? Reason::kCameraGone
                        : capture == hal::Capture::kBad ? Reason::kJpegDamaged
                                                        : Reason::kNoFrame};
     signal(supervisor::reject(supervisor_, supervisor_config_, result_.quality.reason, result_.request,
                               devices_.clock.now()));
+    report();
   }
-  report();
   return capture != hal::Capture::kGone;
 }
 
@@ -84,6 +84,21 @@ void App::take(const hal::Frame& frame) {
   result_.timestamp = frame.timestamp;
   result_.sequence = frame.sequence;
   result_.quality = {age > kOldestFrame ? Reason::kFrameStale : Reason::kTimeNotForward};
+}
+
+void App::step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence) {
+  result_ = pipeline::update_markers(state_, config_, field, timestamp, sequence);
+  conclude();
+}
+
+void App::step_features(const Features& features, GridSize grid, Micros timestamp, std::uint32_t sequence) {
+  result_ = pipeline::update_features(state_, config_, features, grid, timestamp, sequence);
+  conclude();
+}
+
+void App::conclude() {
+  signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now()));
+  report();
 }
 
 void App::stop() {

@@ -51,6 +51,10 @@ class App {
   // Waits for one frame at most kFrameWait, decides, signals. false: the stream has ended.
   [[nodiscard]] bool step();
 
+  // One step without the camera: markers, or features, from a simulation that leaves the picture out.
+  void step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence);
+  void step_features(const Features& features, GridSize grid, Micros timestamp, std::uint32_t sequence);
+
   void stop();
 
   // Of the last step(). A timeout leaves `result` of the frame before it, with quality kNoFrame.
@@ -68,6 +72,7 @@ class App {
 
  private:
   void take(const hal::Frame& frame);
+  void conclude();
   void signal(const supervisor::Outputs& outputs);
   void report();
 

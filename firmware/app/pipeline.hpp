@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole product in one function: a camera frame in, a grip request out.
+// The whole product in one call: a camera frame in, a grip request out. pipeline.cpp spells it in three steps: see,
+// feel, judge.
 #pragma once
 
 #include "base/status.hpp"
@@ -56,6 +57,13 @@ struct Result {
 };
 
 [[nodiscard]] Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
+
+// The same from the markers on, or from the features on: for a simulation that leaves the picture out. Markers in
+// pixels of any picture; they become `state.tracker.field`.
+[[nodiscard]] Result update_markers(State& state, const Config& config, const MarkerField& field, Micros timestamp,
+                                    std::uint32_t sequence);
+[[nodiscard]] Result update_features(State& state, const Config& config, const Features& features, GridSize grid,
+                                     Micros timestamp, std::uint32_t sequence);
 
 // Takes this one frame as the picture of the empty gel (tool `holdfast replay --reference`): registers the lattice
 // anew and learns the rest position from it.

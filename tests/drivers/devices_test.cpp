@@ -334,6 +334,22 @@ TEST(SimCameraFaults, StuckRepeatsTheBytesWithNewStamps) {
   CHECK_TRUE(std::ranges::equal(seen[5].bytes, pictures.pixels[5 % 3]));
 }
 
+TEST(SimCameraFaults, TornIsHalfOfThisFrameAndTheRestOfTheOneBefore) {
+  sim::FaultyCamera camera = started({{.first = 1, .count = 2, .fault = CameraFault::kTorn}});
+  CHECK_TRUE(camera.start());
+  const auto seen = film(camera, 4);
+  constexpr std::size_t kSize = kStride * kHeight;
+  constexpr std::size_t kHalf = kSize / 2;
+  for (std::size_t k = 1; k < 3; ++k) {
+    LONGS_EQUAL(kSize, seen[k].bytes.size());
+    for (std::size_t i = 0; i < kSize; ++i) {
+      LONGS_EQUAL(i < kHalf ? k % 3 + 1 : (k - 1) % 3 + 1, seen[k].bytes[i]);
+    }
+    LONGS_EQUAL(k, seen[k].sequence);
+  }
+  CHECK_TRUE(std::ranges::equal(seen[3].bytes, pictures.pixels[0]));
+}
+
 TEST(SimCameraFaults, GarbageHasTheLengthAndNothingElseOfThePicture) {
   sim::FaultyCamera camera = started({{.first = 1, .count = 2, .fault = CameraFault::kGarbage}});
   CHECK_TRUE(camera.start());
