@@ -509,7 +509,7 @@ TEST(ContactSprings, RememberedFieldIsTheField) {
   for (std::size_t i = 0; i < points.size(); ++i) {
     points[i] = marker(static_cast<int>(i));
   }
-  const auto field = std::make_unique<SpringField>(kGel, points);
+  const auto field = std::make_unique<SpringField>(Layer(kGel), points);
   SpringContact contact(setup_of(64));
   std::array<Vec2, 63> motion;
   Dice dice;
@@ -519,8 +519,9 @@ TEST(ContactSprings, RememberedFieldIsTheField) {
     field->evaluate(traction, motion);
     for (std::size_t k = 0; k < points.size(); ++k) {
       const Vec2 u = traction_field_mm(kGel, traction, points[k]);
-      DOUBLES_EQUAL(u.x, motion[k].x, 1e-13);
-      DOUBLES_EQUAL(u.y, motion[k].y, 1e-13);
+      // mm: Layer's batch form differs from the closed form by 1e-11 of each part, and the parts are up to 10 mm.
+      DOUBLES_EQUAL(u.x, motion[k].x, 1e-9);
+      DOUBLES_EQUAL(u.y, motion[k].y, 1e-9);
     }
   }
 }

@@ -32,6 +32,16 @@ struct ContactState {
   Vec2 center_mm;                  // of the contact, where the camera sees it
 };
 
+// What labels are made of, the only place that knows the thresholds: annulus = some of the contact slips (fraction >
+// 0), half = more than half of its area, gross = all of it.
+enum class SlipLevel { kNone, kAnnulus, kHalf, kGross };
+inline constexpr double kHalfSlip = 0.5;
+[[nodiscard]] constexpr SlipLevel slip_level(double slip_fraction, bool gross) {
+  if (gross) return SlipLevel::kGross;
+  if (slip_fraction > kHalfSlip) return SlipLevel::kHalf;
+  return slip_fraction > 0.0 ? SlipLevel::kAnnulus : SlipLevel::kNone;
+}
+
 // The printed dots, centred on the axes. Index of a marker = row * cols + col, row 0 at the top.
 struct MarkerGrid {
   int rows = 7;

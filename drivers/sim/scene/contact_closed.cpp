@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "drivers/sim/scene/portable.hpp"
+
 namespace holdfast::scene {
 namespace {
 
@@ -12,10 +14,6 @@ using std::numbers::pi;
 // Beyond this r/a the closed form's two large terms cancel (they lose (r/a)^2 digits); three terms of the
 // series are good to (a/r)^6 / 30 there, so both sides meet at about 4e-11.
 constexpr double kFarField = 30.0;
-
-// Below this Q/(mu P) dome(a) - dome(c) loses more (eps/q) than the slip annulus matters (sqrt(q), and only
-// at its rim): the contact counts as stuck. Both errors are below 1e-5 there.
-constexpr double kStuckLoad = 3e-11;
 
 bool touches(const FrictionContact& contact) {
   return contact.press.contact_radius_mm > 0.0;
@@ -51,7 +49,7 @@ double effective_modulus_mpa(const Gel& gel) {
 
 Press press_sphere(const Gel& gel, double sphere_radius_mm, double force_n) {
   if (!(force_n > 0.0) || !(sphere_radius_mm > 0.0) || !(gel.shear_modulus_mpa > 0.0)) return {};
-  const double a = std::cbrt(0.75 * force_n * sphere_radius_mm / effective_modulus_mpa(gel));
+  const double a = portable::cbrt(0.75 * force_n * sphere_radius_mm / effective_modulus_mpa(gel));
   // A radius too small or too large to square has no pressure that a number can hold.
   if (!(a * a > 0.0) || !std::isfinite(a * a)) return {};
   return {force_n, a, a * a / sphere_radius_mm, 3.0 * force_n / (2.0 * pi * a * a)};
@@ -78,8 +76,9 @@ Shear shear_by_force(const FrictionContact& contact, double force_n) {
   }
   const double load = std::abs(force_n) / limit_n;
   // 1 - (1 - load)^(2/3), exact for small loads.
-  const double share = -std::expm1(2.0 / 3.0 * std::log1p(-load));
-  return {force_n, std::copysign(gross_displacement_mm(contact) * share, force_n), a * std::cbrt(1.0 - load), false};
+  const double share = -portable::expm1(2.0 / 3.0 * portable::log1p(-load));
+  return {force_n, std::copysign(gross_displacement_mm(contact) * share, force_n), a * portable::cbrt(1.0 - load),
+          false};
 }
 
 Shear shear_by_displacement(const FrictionContact& contact, double displacement_mm) {
@@ -96,7 +95,7 @@ Shear shear_by_displacement(const FrictionContact& contact, double displacement_
     return {force, displacement_mm, a, false};
   }
   const double share = std::abs(displacement_mm) / gross_mm;
-  const double load = -std::expm1(1.5 * std::log1p(-share));
+  const double load = -portable::expm1(1.5 * portable::log1p(-share));
   return {std::copysign(friction_limit_n(contact) * load, displacement_mm), displacement_mm, a * std::sqrt(1.0 - share),
           false};
 }
@@ -115,7 +114,7 @@ Vec2 dome_field_mm(const Gel& gel, double radius_mm, double slope_mpa_per_mm, Ve
   if (!(radius_mm > 0.0)) return {};
   const double nu = gel.poisson;
   const double scale = slope_mpa_per_mm / (8.0 * gel.shear_modulus_mpa);
-  const double r = std::hypot(at.x, at.y);
+  const double r = portable::hypot(at.x, at.y);
   if (r <= radius_mm) {
     const double inside = 0.25 * pi * scale;
     return {
@@ -131,7 +130,7 @@ Vec2 dome_field_mm(const Gel& gel, double radius_mm, double slope_mpa_per_mm, Ve
     mean = cubic * (4.0 / 3.0 + e2 * (2.0 / 15.0 + e2 * (3.0 / 70.0)));
     fan = cubic * (8.0 / 3.0 - e2 * (4.0 / 5.0 + e2 * (1.0 / 7.0)));
   } else {
-    const double s = std::asin(o.ratio);
+    const double s = portable::asin(o.ratio);
     const double w = complement(o.ratio);
     mean = r * r * ((2.0 * e2 - 1.0) * s + o.ratio * w);
     fan = r * r * (s + (2.0 * e2 - 1.0) * w * o.ratio);
@@ -144,11 +143,11 @@ Vec2 stuck_field_mm(const Gel& gel, double radius_mm, double force_n, Vec2 at) {
   if (!(radius_mm > 0.0)) return {};
   const double nu = gel.poisson;
   const double scale = force_n / (4.0 * pi * gel.shear_modulus_mpa * radius_mm);
-  const double r = std::hypot(at.x, at.y);
+  const double r = portable::hypot(at.x, at.y);
   if (r <= radius_mm) return {scale * (2.0 - nu) * 0.5 * pi, 0.0};
   const Outside o = outside(radius_mm, at, r);
   const double fan = nu * o.ratio * complement(o.ratio);
-  return {scale * ((2.0 - nu) * std::asin(o.ratio) + fan * o.cos_2), scale * fan * o.sin_2};
+  return {scale * ((2.0 - nu) * portable::asin(o.ratio) + fan * o.cos_2), scale * fan * o.sin_2};
 }
 
 Vec2 shear_field_mm(const FrictionContact& contact, const Shear& shear, Vec2 at) {

@@ -49,6 +49,10 @@ struct Press {
 
 [[nodiscard]] Press press_sphere(const Gel& gel, double sphere_radius_mm, double force_n);
 
+// Below this Q/(mu P) dome(a) - dome(c) loses more (eps/q) than the slip annulus matters (sqrt(q), and only
+// at its rim): the contact counts as stuck. Both errors are below 1e-5 there.
+inline constexpr double kStuckLoad = 3e-11;
+
 struct FrictionContact {
   Gel gel;
   Press press;

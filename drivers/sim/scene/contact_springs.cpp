@@ -83,36 +83,7 @@ double reduction_factor(int exponent) {
   return kappa;
 }
 
-Vec2 dome_unit(const Gel& gel, double radius_mm, double strength, Vec2 at) {
-  return dome_field_mm(gel, radius_mm, strength, at);
-}
-
-Vec2 punch_unit(const Gel& gel, double radius_mm, double strength, Vec2 at) {
-  return stuck_field_mm(gel, radius_mm, strength, at);
-}
-
-// Motion of a point per load along x and along y.
-struct Response {
-  double xx, xy, yy;
-};
-
-// Both fields are mean + fan cos(2 phi) along the load and fan sin(2 phi) across it: on the diagonal one call has both.
-Response response(Vec2 (*unit)(const Gel&, double, double, Vec2), const Gel& gel, double radius_mm,
-                  const FieldPoint& at) {
-  const Vec2 u = unit(gel, radius_mm, 1.0, {at.diagonal_mm, at.diagonal_mm});
-  return {u.x + u.y * at.cos_2, u.y * at.sin_2, u.x - u.y * at.cos_2};
-}
-
 }  // namespace
-
-FieldPoint::FieldPoint(Vec2 at_mm) {
-  const double r = std::hypot(at_mm.x, at_mm.y);
-  if (!(r > 0.0)) return;
-  const Vec2 unit{at_mm.x / r, at_mm.y / r};
-  diagonal_mm = r * std::numbers::sqrt2 / 2.0;
-  cos_2 = (unit.x - unit.y) * (unit.x + unit.y);
-  sin_2 = 2.0 * unit.x * unit.y;
-}
 
 Indenter sphere_indenter(double radius_mm) {
   return {radius_mm > 0.0 ? 0.5 / radius_mm : 0.0, 2};
@@ -146,6 +117,10 @@ SpringContact::SpringContact(const SpringSetup& setup)
   }
 }
 
+void SpringContact::scale_friction(double factor) {
+  friction_scale_ = std::clamp(factor, 0.0, kMost);
+}
+
 // P = 2 E* d a n / (n + 1), and d = g(a).
 double SpringContact::depth_for_force_mm(double force_n) const {
   if (!(force_n > 0.0) || !(extent_depth_mm_ > 0.0)) return 0.0;
@@ -156,7 +131,9 @@ double SpringContact::depth_for_force_mm(double force_n) const {
 double SpringContact::limit_n(int i, bool slips) const {
   const double normal = 2.0 * normal_modulus_ * extent_depth_mm_ * extent_mm_ * line_load_[static_cast<std::size_t>(i)];
   // Infinite friction on no load is no hold.
-  return normal > 0.0 ? (slips ? kinetic_friction_ : static_friction_) * normal : 0.0;
+  return normal > 0.0 && friction_scale_ > 0.0
+             ? friction_scale_ * (slips ? kinetic_friction_ : static_friction_) * normal
+             : 0.0;
 }
 
 // The spring comes to rest after an elastic step to `trial_n`, which its limit held back from `start_limit_n` on.
@@ -360,12 +337,11 @@ const SpringState& SpringContact::load_to(double depth_mm, Vec2 force_n) {
 double SpringContact::stick_edge(int last_stuck) const {
   const auto k = static_cast<std::size_t>(last_stuck);
   const double outer = std::min(edge_[k + 1], rim_);
-  if (!(static_friction_ > 0.0) || std::isinf(static_friction_)) return outer;
+  const double friction = friction_scale_ * static_friction_;
+  if (!(friction > 0.0) || std::isinf(friction)) return outer;
   const double unit_n = 2.0 * normal_modulus_ * extent_depth_mm_ * extent_mm_;
   const auto pressure = [&](std::size_t i) { return line_load_[i] / width_[i]; };
-  const auto room = [&](std::size_t i) {
-    return pressure(i) - length(force_n_[i]) / (unit_n * width_[i]) / static_friction_;
-  };
+  const auto room = [&](std::size_t i) { return pressure(i) - length(force_n_[i]) / (unit_n * width_[i]) / friction; };
   double slope = 1.0;
   if (k > 0 && !slips_[k - 1]) {
     const double rise = room(k - 1) - room(k);
@@ -465,54 +441,84 @@ Traction SpringContact::traction() const {
   return result;
 }
 
+namespace {
+
+// Along a load in any direction the field is what it is along +x, turned.
+Vec2 turned_field(Vec2 (*unit)(const Gel&, double, double, Vec2), const Gel& gel, double radius_mm, Vec2 load,
+                  Vec2 at) {
+  const double size = length(load);
+  if (!(size > 0.0)) return {};
+  const Vec2 along{load.x / size, load.y / size};
+  const Vec2 u = unit(gel, radius_mm, size, {dot(at, along), at.y * along.x - at.x * along.y});
+  return {u.x * along.x - u.y * along.y, u.x * along.y + u.y * along.x};
+}
+
+}  // namespace
+
 Vec2 traction_field_mm(const Gel& gel, const Traction& traction, Vec2 at_mm) {
-  const FieldPoint at(at_mm);
   Vec2 sum;
-  const auto add = [&](Vec2 (*unit)(const Gel&, double, double, Vec2), double radius_mm, Vec2 strength) {
-    if (strength == Vec2{}) return;
-    const Response r = response(unit, gel, radius_mm, at);
-    sum.x += r.xx * strength.x + r.xy * strength.y;
-    sum.y += r.xy * strength.x + r.yy * strength.y;
-  };
   for (int i = 0; i < traction.count; ++i) {
     const Traction::Dome& dome = traction.domes[static_cast<std::size_t>(i)];
-    add(dome_unit, dome.radius_mm, dome.slope_mpa_per_mm);
+    sum = sum + turned_field(dome_field_mm, gel, dome.radius_mm, dome.slope_mpa_per_mm, at_mm);
   }
-  add(punch_unit, traction.punch_radius_mm, traction.punch_n);
-  return sum;
+  return sum + turned_field(stuck_field_mm, gel, traction.punch_radius_mm, traction.punch_n, at_mm);
 }
 
-SpringField::SpringField(const Gel& gel, std::span<const Vec2> points_mm)
-    : gel_(gel), points_(std::min(points_mm.size(), kMostFieldPoints)) {
-  std::transform(points_mm.begin(), points_mm.begin() + static_cast<std::ptrdiff_t>(points_), at_.begin(),
-                 [](Vec2 at) { return FieldPoint(at); });
+SpringField::SpringField(const Layer& layer, std::span<const Vec2> points_mm)
+    : layer_(layer), points_mm_(points_mm.begin(), points_mm.end()) {
+  for (auto* numbers : {&r_mm_, &cos_2_, &sin_2_, &mean_x_, &mean_y_, &fan_x_, &fan_y_})
+    numbers->resize(points_mm.size());
+  move_center({});
 }
 
-void SpringField::add(Column& column, Unit unit, double radius_mm, Vec2 strength) {
+void SpringField::move_center(Vec2 center_mm) {
+  center_mm_ = center_mm;
+  for (std::size_t p = 0; p < points_mm_.size(); ++p) {
+    const Vec2 from = points_mm_[p] - center_mm;
+    const double r = length(from);
+    r_mm_[p] = r;
+    const Vec2 unit = r > 0.0 ? Vec2{from.x / r, from.y / r} : Vec2{1.0, 0.0};
+    cos_2_[p] = (unit.x - unit.y) * (unit.x + unit.y);
+    sin_2_[p] = 2.0 * unit.x * unit.y;
+  }
+  for (Column& column : dome_) column.radius_mm = -1.0;
+  punch_.radius_mm = -1.0;
+}
+
+void SpringField::add(Column& column, bool punch, double radius_mm, Vec2 strength) {
   if (strength == Vec2{}) return;
+  const std::size_t points = points_mm_.size();
   if (column.radius_mm != radius_mm) {
     column.radius_mm = radius_mm;
-    for (std::size_t p = 0; p < points_; ++p) {
-      const Response r = response(unit, gel_, radius_mm, at_[p]);
-      column.xx[p] = r.xx;
-      column.xy[p] = r.xy;
-      column.yy[p] = r.yy;
+    column.mean.resize(points);
+    column.fan.resize(points);
+    if (punch) {
+      layer_.punch(radius_mm, r_mm_, column.mean, column.fan);
+    } else {
+      layer_.dome(radius_mm, r_mm_, column.mean, column.fan);
     }
   }
-  for (std::size_t p = 0; p < kMostFieldPoints; ++p) {
-    x_[p] += column.xx[p] * strength.x + column.xy[p] * strength.y;
-    y_[p] += column.xy[p] * strength.x + column.yy[p] * strength.y;
+  const double* mean = column.mean.data();
+  const double* fan = column.fan.data();
+  for (std::size_t p = 0; p < points; ++p) {
+    mean_x_[p] += mean[p] * strength.x;
+    mean_y_[p] += mean[p] * strength.y;
+    fan_x_[p] += fan[p] * strength.x;
+    fan_y_[p] += fan[p] * strength.y;
   }
 }
 
 void SpringField::evaluate(const Traction& traction, std::span<Vec2> motion_mm) {
-  x_.fill(0.0);
-  y_.fill(0.0);
+  for (auto* sums : {&mean_x_, &mean_y_, &fan_x_, &fan_y_}) std::fill(sums->begin(), sums->end(), 0.0);
   for (std::size_t i = 0; i < static_cast<std::size_t>(traction.count); ++i) {
-    add(dome_[i], dome_unit, traction.domes[i].radius_mm, traction.domes[i].slope_mpa_per_mm);
+    add(dome_[i], false, traction.domes[i].radius_mm, traction.domes[i].slope_mpa_per_mm);
   }
-  add(punch_, punch_unit, traction.punch_radius_mm, traction.punch_n);
-  for (std::size_t p = 0; p < points_; ++p) motion_mm[p] = {x_[p], y_[p]};
+  add(punch_, true, traction.punch_radius_mm, traction.punch_n);
+  // A load along y sees the direction turned back by a right angle: its fan has the other sign.
+  for (std::size_t p = 0; p < points_mm_.size(); ++p) {
+    motion_mm[p] = {mean_x_[p] + cos_2_[p] * fan_x_[p] + sin_2_[p] * fan_y_[p],
+                    mean_y_[p] + sin_2_[p] * fan_x_[p] - cos_2_[p] * fan_y_[p]};
+  }
 }
 
 }  // namespace holdfast::scene

@@ -15,7 +15,8 @@
 //   * motion of the gel's surface (Traction, SpringField)
 //
 // Not modelled
-//   * the gel's finite thickness (contact_closed.hpp gives the size of that error)
+//   * the gel's finite thickness in the springs: they are a half-space's (contact_round.hpp scales them to a layer).
+//     SpringField knows the layer
 //   * twist; a body that is not round; coupling of press and shear (vanishes at nu = 1/2)
 //   * the sideways slip that Coulomb's law along x alone leaves in the annulus (Cattaneo's and Mindlin's neglect too)
 //   * time: creep, inertia, ageing or speed of friction, adhesion. A spring that let go and is held still counts as
@@ -43,13 +44,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/layer.hpp"
 
 namespace holdfast::scene {
 
 inline constexpr int kMostSprings = 256;
-inline constexpr std::size_t kMostFieldPoints = 64;
 
 // f(r) = coefficient * r^exponent, exponent 1 .. 8.
 struct Indenter {
@@ -106,6 +108,10 @@ class SpringContact {
   // d at which the object presses with `force_n`; the depth of the extent if that is not enough.
   [[nodiscard]] double depth_for_force_mm(double force_n) const;
 
+  // Times both frictions from now on: less while a twist takes its share (contact_twist.hpp), more where a layer
+  // presses harder than the springs do.
+  void scale_friction(double factor);
+
   // Object to this depth, then to this place.
   const SpringState& move_to(double depth_mm, Vec2 displacement_mm);
   // Object to this depth, then wherever friction carries `force_n` (to 1e-12 of the forces at work). Where it cannot,
@@ -137,6 +143,7 @@ class SpringContact {
   double shear_modulus_ = 0.0;    // G*
   double static_friction_ = 0.0;
   double kinetic_friction_ = 0.0;
+  double friction_scale_ = 1.0;
 
   // In units of the extent and its depth.
   double rim_ = 0.0;        // a
@@ -152,43 +159,36 @@ class SpringContact {
   SpringState state_;
 };
 
-// A place as the field sees it: distance (as both coordinates of a point on the diagonal) and direction doubled.
-struct FieldPoint {
-  FieldPoint() = default;
-  explicit FieldPoint(Vec2 at_mm);
-  double diagonal_mm = 0.0;
-  double cos_2 = 1.0;
-  double sin_2 = 0.0;
-};
-
-// The gel's motion at `at` (contact centre = 0).
+// The half-space's motion at `at` (contact centre = 0).
 [[nodiscard]] Vec2 traction_field_mm(const Gel& gel, const Traction& traction, Vec2 at_mm);
 
-// The same at up to kMostFieldPoints fixed points. Remembers what each radius does to each point, so only radii that
-// changed (at the rim, while the depth changes) are worked out anew. 400 kB.
+// The gel's motion at fixed points, half-space or layer. Remembers what each radius does to each point, so only radii
+// that changed (at the rim, while the depth changes) are worked out anew.
 class SpringField {
  public:
-  SpringField(const Gel& gel, std::span<const Vec2> points_mm);
+  SpringField(const Layer& layer, std::span<const Vec2> points_mm);
+  // Where the centre of the contact is on the undeformed gel; 0 until told. Costs all that is remembered.
+  void move_center(Vec2 center_mm);
   // motion_mm.size() at least the number of points.
   void evaluate(const Traction& traction, std::span<Vec2> motion_mm);
 
  private:
   struct Column {
-    double radius_mm = 0.0;
-    std::array<double, kMostFieldPoints> xx{};
-    std::array<double, kMostFieldPoints> xy{};
-    std::array<double, kMostFieldPoints> yy{};
+    double radius_mm = -1.0;
+    std::vector<double> mean;
+    std::vector<double> fan;
   };
-  using Unit = Vec2 (*)(const Gel&, double, double, Vec2);
-  void add(Column& column, Unit unit, double radius_mm, Vec2 strength);
+  void add(Column& column, bool punch, double radius_mm, Vec2 strength);
 
-  Gel gel_;
-  std::size_t points_ = 0;
-  std::array<FieldPoint, kMostFieldPoints> at_{};
-  std::array<Column, kMostSprings + 1> dome_{};
+  Layer layer_;
+  std::vector<Vec2> points_mm_;
+  Vec2 center_mm_;
+  // Distance from the centre, and its direction doubled.
+  std::vector<double> r_mm_, cos_2_, sin_2_;
+  std::vector<Column> dome_{kMostSprings + 1};
   Column punch_;
-  std::array<double, kMostFieldPoints> x_{};
-  std::array<double, kMostFieldPoints> y_{};
+  // Sums of mean and fan under loads along x and y.
+  std::vector<double> mean_x_, mean_y_, fan_x_, fan_y_;
 };
 
 }  // namespace holdfast::scene

@@ -7,12 +7,12 @@
 #include <limits>
 #include <numbers>
 
+#include "drivers/sim/scene/portable.hpp"
+
 namespace holdfast::scene {
 namespace {
 
 using std::numbers::pi;
-
-constexpr double kHalfSlip = 0.5;
 
 // Times closer than this are the same: k / fps and a sum of phases must agree on which frame starts a phase.
 constexpr double kSameTime_s = 1e-9;
@@ -83,7 +83,7 @@ double normal_at(const GraspConfig& config, const Timeline& t, Phase phase, doub
 
 Vec2 direction(const GraspConfig& config) {
   const double angle = config.direction_deg * pi / 180.0;
-  return {std::cos(angle), std::sin(angle)};
+  return {portable::cos(angle), portable::sin(angle)};
 }
 
 Vec2 moved(Vec2 from, Vec2 along, double by) {
@@ -143,7 +143,7 @@ GraspTruth at(const GraspConfig& config, double t_s) {
   Shear shear;
   if (config.motion == Motion::kShake) {
     const double load = config.shake_load * config.friction * truth.normal_n;
-    shear = shear_by_force(contact, load * std::sin(2.0 * pi * config.shake_hz * moving_s));
+    shear = shear_by_force(contact, load * portable::sin(2.0 * pi * config.shake_hz * moving_s));
   } else {
     // The object stops when the release begins and the gel springs back under it.
     const double way_mm = config.speed_mm_s * std::min(moving_s, t.release_s - t.shear_s);
@@ -163,9 +163,7 @@ GraspTruth at(const GraspConfig& config, double t_s) {
 }
 
 SlipLevel slip_level(const GraspTruth& truth) {
-  if (truth.gross) return SlipLevel::kGross;
-  if (truth.slip_fraction > kHalfSlip) return SlipLevel::kHalf;
-  return truth.slip_fraction > 0.0 ? SlipLevel::kAnnulus : SlipLevel::kNone;
+  return slip_level(truth.slip_fraction, truth.gross);
 }
 
 std::optional<double> onset_s(const GraspConfig& config, SlipLevel level) {
@@ -203,7 +201,7 @@ std::vector<MarkerTruth> markers_at(const GraspConfig& config, const GraspTruth&
       double outward = 0.0;
       if (a > 0.0) {
         const double r2 = (from.x * from.x + from.y * from.y) / (a * a);
-        outward = config.press_dilation * contact.press.depth_mm / a * std::exp(0.5 * (1.0 - r2));
+        outward = config.press_dilation * contact.press.depth_mm / a * portable::exp(0.5 * (1.0 - r2));
       }
       marker.displacement_mm = {u.x * along.x - u.y * along.y + outward * from.x,
                                 u.x * along.y + u.y * along.x + outward * from.y};

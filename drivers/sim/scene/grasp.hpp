@@ -86,9 +86,6 @@ struct GraspTruth {
 // Any time; before 0 and after the end the gel is empty.
 [[nodiscard]] GraspTruth at(const GraspConfig& config, double t_s);
 
-// What labels are made of, the only place that knows the thresholds: annulus = some of the contact slips
-// (fraction > 0), half = more than half of its area (> 0.5), gross = all of it.
-enum class SlipLevel { kNone, kAnnulus, kHalf, kGross };
 [[nodiscard]] SlipLevel slip_level(const GraspTruth& truth);
 // The instant from which slip_level is at least `level`; none when the grasp never gets there.
 [[nodiscard]] std::optional<double> onset_s(const GraspConfig& config, SlipLevel level);

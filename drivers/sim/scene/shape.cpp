@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "drivers/sim/scene/portable.hpp"
+
 namespace holdfast::scene {
 namespace {
 
@@ -23,7 +25,7 @@ double rim(double inside_mm, double rim_mm) {
 
 // A flat that leans towards +y touches there first.
 double lean(double tilt_rad, double y_mm, double half_mm) {
-  const double slope = std::tan(tilt_rad);
+  const double slope = portable::tan(tilt_rad);
   return std::abs(slope) * half_mm - slope * y_mm;
 }
 
@@ -36,14 +38,14 @@ double ridge(double across_mm, double radius_mm, double slope) {
 }
 
 double wave(double along_mm, double pitch_mm) {
-  return 0.5 - 0.5 * std::cos(2.0 * pi * along_mm / pitch_mm);
+  return 0.5 - 0.5 * portable::cos(2.0 * pi * along_mm / pitch_mm);
 }
 
 }  // namespace
 
 double height_mm(const Shape& shape, Vec2 at) {
-  const double c = std::cos(shape.yaw_rad);
-  const double s = std::sin(shape.yaw_rad);
+  const double c = portable::cos(shape.yaw_rad);
+  const double s = portable::sin(shape.yaw_rad);
   const Vec2 p{c * at.x + s * at.y, c * at.y - s * at.x};
   double height = 0.0;
   switch (shape.kind) {
@@ -57,7 +59,7 @@ double height_mm(const Shape& shape, Vec2 at) {
       height = p.y * p.y / (2.0 * shape.radius_mm);
       break;
     case ShapeKind::kCone:
-      height = std::tan(shape.flank_deg * pi / 180.0) * std::sqrt(p.x * p.x + p.y * p.y);
+      height = portable::tan(shape.flank_deg * pi / 180.0) * std::sqrt(p.x * p.x + p.y * p.y);
       break;
     case ShapeKind::kDisc:
       height = rim(shape.radius_mm - std::sqrt(p.x * p.x + p.y * p.y), shape.rim_mm) +
@@ -68,7 +70,7 @@ double height_mm(const Shape& shape, Vec2 at) {
                lean(shape.tilt_rad, p.y, shape.half_y_mm);
       break;
     case ShapeKind::kEdge:
-      height = ridge(p.y, shape.radius_mm, std::tan(shape.flank_deg * pi / 180.0));
+      height = ridge(p.y, shape.radius_mm, portable::tan(shape.flank_deg * pi / 180.0));
       break;
   }
   switch (shape.texture) {
@@ -87,7 +89,7 @@ double height_mm(const Shape& shape, Vec2 at) {
 std::optional<Round> as_round(const Shape& shape) {
   if (shape.texture != TextureKind::kNone && shape.texture_height_mm > 0.0) return std::nullopt;
   if (shape.kind == ShapeKind::kSphere) return Round{0.5 / shape.radius_mm, 2};
-  if (shape.kind == ShapeKind::kCone) return Round{std::tan(shape.flank_deg * pi / 180.0), 1};
+  if (shape.kind == ShapeKind::kCone) return Round{portable::tan(shape.flank_deg * pi / 180.0), 1};
   return std::nullopt;
 }
 
