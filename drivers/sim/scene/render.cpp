@@ -8,6 +8,8 @@
 #include <cstddef>
 #include <numbers>
 
+#include "drivers/sim/scene/portable.hpp"
+
 namespace holdfast::scene {
 namespace {
 
@@ -66,12 +68,13 @@ const NoiseTile& noise_tile() {
   return tile;
 }
 
-// Levels in Q8 plus noise, rounded and clamped. Range: |level| < 2^22, sigma <= 64: products below 2^29.
-void finish(const std::int32_t* level_q8, const std::int16_t* normal_q12, std::int32_t sigma_q8, std::size_t count,
-            std::uint8_t* out) {
+// Levels in Q8 plus an offset and noise, rounded and clamped. Range: |level|, |offset| < 2^22, sigma <= 64: products
+// below 2^29.
+void finish(const std::int32_t* level_q8, std::int32_t offset_q8, const std::int16_t* normal_q12, std::int32_t sigma_q8,
+            std::size_t count, std::uint8_t* out) {
   for (std::size_t i = 0; i < count; ++i) {
     const std::int32_t noise_q8 = (normal_q12[i] * sigma_q8 + (1 << 11)) >> 12;
-    out[i] = static_cast<std::uint8_t>(std::clamp((level_q8[i] + noise_q8 + 128) >> 8, 0, 255));
+    out[i] = static_cast<std::uint8_t>(std::clamp((level_q8[i] + noise_q8 + offset_q8 + 128) >> 8, 0, 255));
   }
 }
 
@@ -136,6 +139,34 @@ Chord chord_of(PointPx center, double reach, int y, int width) {
           static_cast<int>(std::floor(std::min(width - 1.0, center.x + half))), dy};
 }
 
+// Times of a frame as shares of it: 0 = the first row's exposure starts, 1 = the last row's ends.
+struct Shutter {
+  double row_share = 0.0;  // from the start of a row to that of the next
+  double exposure_share = 0.0;
+
+  explicit Shutter(const PictureConfig& config) {
+    const PictureEffects& e = config.effects;
+    const double whole_ms = e.exposure_ms + e.rolling_shutter_ms;
+    if (!(whole_ms > 0.0)) return;
+    exposure_share = e.exposure_ms / whole_ms;
+    if (config.height > 1) row_share = e.rolling_shutter_ms / whole_ms / (config.height - 1);
+  }
+  [[nodiscard]] double middle(int y) const { return row_share * y + 0.5 * exposure_share; }
+};
+
+double between(double from, double to, double share) {
+  return from == to ? from : from + share * (to - from);
+}
+
+PointPx between(PointPx from, PointPx to, double share) {
+  return {between(from.x, to.x, share), between(from.y, to.y, share)};
+}
+
+Imprint between(const Imprint& from, const Imprint& to, double share) {
+  return {between(from.center, to.center, share), between(from.radius_px, to.radius_px, share),
+          between(from.rim_slope, to.rim_slope, share)};
+}
+
 // Adds the imprint to a row. Slope of the bulge over its rim slope: r/a inside, (2 - r/a)^2 outside, then 0.
 template <std::size_t kChannels>
 void add_imprint(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const Imprint& contact,
@@ -162,6 +193,8 @@ void add_imprint(const PictureConfig& config, const std::array<Channel, kChannel
   }
 }
 
+// --- Discs: dots and dirt ---
+
 // The rim rises like an edge behind a Gaussian blur; its 1 % and 99 % points lie one softness either side.
 // A smooth rim is what makes the sampled centroid exact: at a softness of 1.3 px the spectrum left at one
 // cycle per pixel is 0.002 here, 0.02 for a cubic smoothstep and 0.12 for a straight ramp.
@@ -169,45 +202,265 @@ constexpr double kSigmas = 2.326;
 // Where the rim ends: 0.02 % of the contrast is left, far below a rounding step.
 constexpr double kRimReach = 1.5;
 
-// Share of the pixel that a dot covers, from the distance inside its edge in units of the softness.
-double coverage(double inside) {
-  if (inside >= kRimReach) return 1.0;
-  if (inside <= -kRimReach) return 0.0;
-  return 0.5 * std::erfc(-inside * (kSigmas / std::numbers::sqrt2));
+// Share of a pixel that a disc covers, in Q15, from the outer end of the rim inwards. A step is 0.04 % of the
+// softness, 0.03 % of the contrast: it moves a centroid by less than 0.0001 px.
+constexpr int kRimSteps = 8192;
+constexpr std::int32_t kCovered = 1 << 15;
+using RimTable = std::array<std::uint16_t, kRimSteps + 1>;
+
+void fill(RimTable& rim) {
+  for (int step = 0; step <= kRimSteps; ++step) {
+    const double inside = kRimReach * (2.0 * step / kRimSteps - 1.0);
+    const double share = 0.5 * portable::erfc(-inside * (kSigmas / std::numbers::sqrt2));
+    rim[static_cast<std::size_t>(step)] = static_cast<std::uint16_t>(std::lround(share * kCovered));
+  }
+}
+
+// Filled once, 0.2 ms.
+const RimTable& rim_table() {
+  static RimTable rim;
+  [[maybe_unused]] static const bool filled = (fill(rim), true);
+  return rim;
+}
+
+struct Disc {
+  PointPx from;
+  PointPx to;
+  double radius = 0.0;
+  double contrast = 1.0;
+  int first_row = 0;
+  int last_row = -1;
+  int instants = 1;  // at which a row's exposure sees it
+};
+
+// Sub-instants lie at most this many sigmas of the rim apart, which hides them (a ripple of exp(-2 pi^2 / 1.5^2),
+// 0.02 % of the contrast) and makes the rim along the path a tenth of a sigma too sharp. More than the most of them
+// (54 px of path at 320 columns) would show as stripes.
+constexpr double kInstantSigmas = 1.5;
+constexpr int kMostInstants = 64;
+
+void place(const PictureConfig& config, const Shutter& shutter, Disc disc, std::vector<Disc>& discs) {
+  const double reach = disc.radius + kRimReach * config.edge_softness_px;
+  const double top = std::min(disc.from.y, disc.to.y) - reach;
+  const double bottom = std::max(disc.from.y, disc.to.y) + reach;
+  if (!(top < config.height) || !(bottom > -1.0)) return;  // nor when one of them is no number
+  disc.first_row = static_cast<int>(std::ceil(std::max(top, 0.0)));
+  disc.last_row = static_cast<int>(std::floor(std::min(bottom, config.height - 1.0)));
+  const double path = shutter.exposure_share * portable::hypot(disc.to.x - disc.from.x, disc.to.y - disc.from.y);
+  const double instants = std::ceil(path * kSigmas / (kInstantSigmas * config.edge_softness_px));
+  if (instants > 1.0) disc.instants = static_cast<int>(std::min<double>(instants, kMostInstants));
+  discs.push_back(disc);
+}
+
+// One row of coverage, summed over instants.
+struct Coverage {
+  std::vector<std::int32_t> share_q15;  // of each pixel
+  std::vector<float> facing_x;          // of the rim: its share times the way outwards, for shading
+  std::vector<float> facing_y;
+  int first = 0;
+  int last = -1;
+};
+
+// Adds one instant. Pixels within the rim's inner end are covered and need no distance; the others lie within the
+// rim, so their step is one of the table's (the half step of rounding is far more than a chord's last bit).
+template <bool kShaded>
+void cover(const PictureConfig& config, const RimTable& rim, PointPx center, double radius, int y, Coverage& coverage) {
+  const double rim_px = kRimReach * config.edge_softness_px;
+  const double reach = radius + rim_px;
+  const Chord outer = chord_of(center, reach, y, config.width);
+  if (outer.last < outer.first) return;
+  Chord inner = chord_of(center, radius - rim_px, y, config.width);
+  if (inner.last < inner.first) inner = {outer.last + 1, outer.last, 0.0};
+  std::int32_t* const share = coverage.share_q15.data();
+  const double steps_per_px = kRimSteps / (2.0 * rim_px);
+  const double dy2 = outer.dy * outer.dy;
+  const auto rim_part = [&](int first, int last) {
+    for (int x = first; x <= last; ++x) {
+      const double dx = x - center.x;
+      const double r = std::sqrt(dx * dx + dy2);
+      const auto step = static_cast<std::size_t>(static_cast<int>((reach - r) * steps_per_px + 0.5));
+      share[x] += rim[step];
+      if constexpr (kShaded) {
+        // 1 in the middle of the rim, 0 at its ends.
+        const double rising = rim[step] / static_cast<double>(kCovered);
+        const double weight = r > 0.0 ? 4.0 * rising * (1.0 - rising) / r : 0.0;
+        coverage.facing_x[static_cast<std::size_t>(x)] += static_cast<float>(weight * dx);
+        coverage.facing_y[static_cast<std::size_t>(x)] += static_cast<float>(weight * outer.dy);
+      }
+    }
+  };
+  rim_part(outer.first, inner.first - 1);
+  for (int x = inner.first; x <= inner.last; ++x) share[x] += kCovered;
+  rim_part(inner.last + 1, outer.last);
+  coverage.first = std::min(coverage.first, outer.first);
+  coverage.last = std::max(coverage.last, outer.last);
 }
 
 template <std::size_t kChannels>
-void add_dot(const PictureConfig& config, PointPx center, int y, std::vector<std::int32_t>& row) {
-  const double radius = 0.5 * config.dot_diameter_mm * config.px_per_mm;
-  const Chord chord = chord_of(center, radius + kRimReach * config.edge_softness_px, y, config.width);
+void add_disc(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const Shutter& shutter,
+              const RimTable& rim, const Disc& disc, int y, Coverage& coverage, std::vector<std::int32_t>& row) {
+  const bool shaded = config.effects.dot_shading > 0.0;
+  coverage.first = config.width;
+  coverage.last = -1;
+  for (int k = 0; k < disc.instants; ++k) {
+    const double share = shutter.row_share * y + shutter.exposure_share * ((k + 0.5) / disc.instants);
+    const PointPx center = between(disc.from, disc.to, share);
+    if (shaded) {
+      cover<true>(config, rim, center, disc.radius, y, coverage);
+    } else {
+      cover<false>(config, rim, center, disc.radius, y, coverage);
+    }
+  }
   const std::int32_t dot_q8 = to_q8(config.dot_level);
-  for (int x = chord.first; x <= chord.last; ++x) {
-    const double dx = x - center.x;
-    const double inside = (radius - std::sqrt(dx * dx + chord.dy * chord.dy)) / config.edge_softness_px;
-    const std::int64_t share_q15 = std::lround(coverage(inside) * 32768.0);
+  const std::int64_t weight_q16 = std::lround(65536.0 * disc.contrast / disc.instants);
+  for (int x = coverage.first; x <= coverage.last; ++x) {
+    const auto column = static_cast<std::size_t>(x);
+    const std::int64_t share_q15 = (coverage.share_q15[column] * weight_q16 + (1 << 15)) >> 16;
+    coverage.share_q15[column] = 0;
     for (std::size_t c = 0; c < kChannels; ++c) {
-      std::int32_t& level = row[static_cast<std::size_t>(x) * kChannels + c];
+      std::int32_t& level = row[column * kChannels + c];
       level += static_cast<std::int32_t>((share_q15 * (dot_q8 - level) + (1 << 14)) >> 15);
     }
+    if (!shaded) continue;
+    const double gain_q8 = 256.0 * config.effects.dot_shading * disc.contrast / disc.instants;
+    const double facing_x = gain_q8 * static_cast<double>(coverage.facing_x[column]);
+    const double facing_y = gain_q8 * static_cast<double>(coverage.facing_y[column]);
+    coverage.facing_x[column] = 0.0f;
+    coverage.facing_y[column] = 0.0f;
+    for (std::size_t c = 0; c < kChannels; ++c) {
+      row[column * kChannels + c] +=
+          static_cast<std::int32_t>(facing_x * channels[c].lamp_x + facing_y * channels[c].lamp_y);
+    }
   }
 }
 
-template <std::size_t kChannels>
-void render(const PictureConfig& config, const std::array<Channel, kChannels>& channels, std::span<const PointPx> dots,
-            const Imprint* contact, std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
-  const std::size_t samples = static_cast<std::size_t>(config.width) * kChannels;
-  out.resize(samples * static_cast<std::size_t>(config.height));
+// --- Wear and dirt: where PictureConfig::seed puts them ---
 
-  std::vector<std::int32_t> columns(samples);
-  for (int x = 0; x < config.width; ++x) {
+constexpr std::uint64_t kWearStream = 0x77656172u;
+constexpr std::uint64_t kDirtStream = 0x64697274u;
+
+// 0 .. 1.
+double fraction(std::uint64_t bits) {
+  return static_cast<double>(bits >> 11) * 0x1p-53;
+}
+
+// Smooth noise: random numbers on a square lattice, cubic between them. Range: |x|, |y| < 2^31.
+double patches(std::uint64_t seed, double x, double y) {
+  const double column = std::floor(x);
+  const double line = std::floor(y);
+  const auto corner = [&](double dx, double dy) {
+    const auto i = static_cast<std::uint64_t>(static_cast<std::int64_t>(column + dx));
+    const auto j = static_cast<std::uint64_t>(static_cast<std::int64_t>(line + dy));
+    return fraction(Random(seed ^ (i * 0x9e3779b97f4a7c15u) ^ std::rotl(j * 0xd1342543de82ef95u, 32)).next());
+  };
+  const auto ease = [](double u) { return u * u * (3.0 - 2.0 * u); };
+  const double u = ease(x - column);
+  return between(between(corner(0, 0), corner(1, 0), u), between(corner(0, 1), corner(1, 1), u), ease(y - line));
+}
+
+// Contrast that a dot has left.
+double worn_contrast(const PictureConfig& config, PointPx at) {
+  if (!(config.effects.worn_gel > 0.0)) return 1.0;
+  const double x_mm = (at.x - config.center_x_px) / config.px_per_mm;
+  const double y_mm = (at.y - config.center_y_px) / config.px_per_mm;
+  constexpr double kFar_mm = 1e6;  // nothing of it is in the picture
+  if (!(std::abs(x_mm) < kFar_mm) || !(std::abs(y_mm) < kFar_mm)) return 1.0;
+  constexpr double kPatch_mm = 5.0;
+  constexpr double kDot_mm = 1.7;
+  const std::uint64_t seed = config.seed ^ std::rotl(kWearStream, 32);
+  const double wear =
+      0.6 * patches(seed, x_mm / kPatch_mm, y_mm / kPatch_mm) + 0.4 * patches(seed + 1, x_mm / kDot_mm, y_mm / kDot_mm);
+  return 1.0 - config.effects.worn_gel * std::clamp((wear - 0.3) / 0.3, 0.0, 1.0);
+}
+
+void place_dirt(const PictureConfig& config, const Shutter& shutter, std::vector<Disc>& discs) {
+  Random random(config.seed ^ std::rotl(kDirtStream, 32));
+  for (int speck = 0; speck < config.effects.dirt_specks; ++speck) {
+    Disc disc;
+    disc.from.x = fraction(random.next()) * config.width - 0.5;
+    disc.from.y = fraction(random.next()) * config.height - 0.5;
+    disc.to = disc.from;
+    disc.radius = (0.05 + 0.2 * fraction(random.next())) * config.px_per_mm;
+    disc.contrast = 0.3 + 0.6 * fraction(random.next());
+    place(config, shutter, disc, discs);
+  }
+}
+
+// --- Margins ---
+
+// Share of the light that reaches a column (axis 0) or row (axis 1), in Q12: 1 within the window, soft over a
+// quarter of a millimetre at its edge.
+std::int32_t window_q12(const PictureConfig& config, int axis, int position) {
+  const double size_mm = axis == 0 ? config.effects.gel_width_mm : config.effects.gel_height_mm;
+  if (!(size_mm > 0.0)) return 1 << 12;
+  constexpr double kSoft_mm = 0.25;
+  const double center = axis == 0 ? config.center_x_px : config.center_y_px;
+  const double inside_mm = 0.5 * size_mm - std::abs(position - center) / config.px_per_mm;
+  const double share = std::clamp(0.5 + inside_mm / kSoft_mm, 0.0, 1.0);
+  return static_cast<std::int32_t>(std::lround(share * share * (3.0 - 2.0 * share) * (1 << 12)));
+}
+
+// Range: levels below 2^19, so products below 2^31.
+template <std::size_t kChannels>
+void darken_margin(const std::vector<std::int32_t>& window_columns, std::int32_t window_row, std::int32_t margin_q8,
+                   std::vector<std::int32_t>& row) {
+  for (std::size_t x = 0; x < window_columns.size(); ++x) {
+    const std::int32_t share = (window_columns[x] * window_row) >> 12;
     for (std::size_t c = 0; c < kChannels; ++c) {
-      columns[static_cast<std::size_t>(x) * kChannels + c] = to_q8(light(config, channels[c], 0, x));
+      std::int32_t& level = row[x * kChannels + c];
+      level = margin_q8 + (((level - margin_q8) * share + (1 << 11)) >> 12);
     }
   }
+}
+
+// --- Picture ---
+
+// By first row; those of one row in the order they came.
+std::vector<Disc> discs_of(const PictureConfig& config, const Shutter& shutter, const PictureFrame& frame) {
+  std::vector<Disc> discs;
+  discs.reserve(frame.dots.size() + static_cast<std::size_t>(std::max(config.effects.dirt_specks, 0)));
+  const double radius = 0.5 * config.dot_diameter_mm * config.px_per_mm;
+  for (std::size_t i = 0; i < frame.dots.size(); ++i) {
+    const PointPx from = frame.dots[i];
+    const PointPx to = i < frame.dots_end.size() ? frame.dots_end[i] : from;
+    place(config, shutter, {from, to, radius, worn_contrast(config, from)}, discs);
+  }
+  place_dirt(config, shutter, discs);
+  std::stable_sort(discs.begin(), discs.end(), [](const Disc& a, const Disc& b) { return a.first_row < b.first_row; });
+  return discs;
+}
+
+template <std::size_t kChannels>
+void render(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const PictureFrame& frame,
+            std::vector<std::uint8_t>& out) {
+  const auto width = static_cast<std::size_t>(config.width);
+  const std::size_t samples = width * kChannels;
+  out.resize(samples * static_cast<std::size_t>(config.height));
+
+  const bool margin = config.effects.gel_width_mm > 0.0 || config.effects.gel_height_mm > 0.0;
+  std::vector<std::int32_t> columns(samples);
+  std::vector<std::int32_t> window_columns(margin ? width : 0);
+  for (int x = 0; x < config.width; ++x) {
+    const auto column = static_cast<std::size_t>(x);
+    for (std::size_t c = 0; c < kChannels; ++c) {
+      columns[column * kChannels + c] = to_q8(light(config, channels[c], 0, x));
+    }
+    if (margin) window_columns[column] = window_q12(config, 0, x);
+  }
+
+  const Shutter shutter(config);
+  const std::vector<Disc> discs = discs_of(config, shutter, frame);
+  std::vector<const Disc*> open;  // those that reach into the row
+  std::size_t next = 0;
+  const RimTable& rim = rim_table();
+  const bool shaded = config.effects.dot_shading > 0.0;
+  Coverage coverage{std::vector<std::int32_t>(width), std::vector<float>(shaded ? width : 0),
+                    std::vector<float>(shaded ? width : 0)};
 
   const NoiseTile& tile = noise_tile();
   const std::int32_t sigma_q8 = to_q8(config.noise_sigma);
-  Random random(config.seed * 0x9e3779b97f4a7c15u ^ std::rotl(frame_seed * 0xd1342543de82ef95u, 32));
+  const std::int32_t light_q8 = to_q8(frame.light_levels);
+  Random random(config.seed * 0x9e3779b97f4a7c15u ^ std::rotl(frame.seed * 0xd1342543de82ef95u, 32));
 
   std::vector<std::int32_t> row(samples);
   for (int y = 0; y < config.height; ++y) {
@@ -220,14 +473,22 @@ void render(const PictureConfig& config, const std::array<Channel, kChannels>& c
     for (std::size_t i = 0; i < samples; i += kChannels) {
       for (std::size_t c = 0; c < kChannels; ++c) row[i + c] = columns[i + c] + base[c];
     }
-    if (contact != nullptr) add_imprint(config, channels, *contact, y, row);
-    for (const PointPx& dot : dots) add_dot<kChannels>(config, dot, y, row);
+    if (frame.contact != nullptr) {
+      const Imprint& end = frame.contact_end != nullptr ? *frame.contact_end : *frame.contact;
+      add_imprint(config, channels, between(*frame.contact, end, shutter.middle(y)), y, row);
+    }
+    for (; next < discs.size() && discs[next].first_row <= y; ++next) open.push_back(&discs[next]);
+    std::erase_if(open, [y](const Disc* disc) { return disc->last_row < y; });
+    for (const Disc* disc : open) add_disc(config, channels, shutter, rim, *disc, y, coverage, row);
+    if (margin) {
+      darken_margin<kChannels>(window_columns, window_q12(config, 1, y), to_q8(config.effects.margin_level), row);
+    }
 
     std::uint8_t* to = out.data() + static_cast<std::size_t>(y) * samples;
     std::size_t place = static_cast<std::size_t>(random.next()) % kTileSize;
     for (std::size_t done = 0; done < samples;) {
       const std::size_t count = std::min(samples - done, kTileSize - place);
-      finish(row.data() + done, tile.data() + place, sigma_q8, count, to + done);
+      finish(row.data() + done, light_q8, tile.data() + place, sigma_q8, count, to + done);
       done += count;
       place = 0;
     }
@@ -284,14 +545,22 @@ std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const
   return centers;
 }
 
+void render_luma(const PictureConfig& config, const PictureFrame& frame, std::vector<std::uint8_t>& out) {
+  render(config, kLuma, frame, out);
+}
+
+void render_rgb(const PictureConfig& config, const PictureFrame& frame, std::vector<std::uint8_t>& out) {
+  render(config, kRgb, frame, out);
+}
+
 void render_luma(const PictureConfig& config, std::span<const PointPx> dot_centers, const Imprint* contact,
                  std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
-  render(config, kLuma, dot_centers, contact, frame_seed, out);
+  render_luma(config, {.dots = dot_centers, .contact = contact, .seed = frame_seed}, out);
 }
 
 void render_rgb(const PictureConfig& config, std::span<const PointPx> dot_centers, const Imprint* contact,
                 std::uint64_t frame_seed, std::vector<std::uint8_t>& out) {
-  render(config, kRgb, dot_centers, contact, frame_seed, out);
+  render_rgb(config, {.dots = dot_centers, .contact = contact, .seed = frame_seed}, out);
 }
 
 }  // namespace holdfast::scene
