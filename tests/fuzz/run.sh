@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Builds the fuzz target of the JPEG decoder (preset fuzz), writes its seeds, and runs it on one core. See --help.
+# Builds the fuzz targets (preset fuzz): the JPEG decoder and the reader of scene files. Writes their seeds and runs them
+# one after the other on one core. See --help.
 # The last line is "no finding", or names the input that was found and how to replay it; exit status 0 and 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -10,9 +11,9 @@ source toolchain/say.sh
 usage() {
   cat <<'USAGE'
 usage: tests/fuzz/run.sh [SECONDS] [--build DIR] [--lines]
-  SECONDS      how long to run, 1 to 1000000; default 60
+  SECONDS      how long to run, 1 to 1000000; default 60. Scenes take a fifth of it, the decoder the rest.
   --build DIR  where to build; default build/fuzz. The corpus stays there, so that the next run goes on from it.
-  --lines      then tell which share of the decoder's lines the corpus reaches (a second build in DIR-lines)
+  --lines      then tell which share of the code's lines the corpora reach (a second build in DIR-lines)
 Needs clang-14 and libclang-rt-14-dev, and llvm-14 for --lines.
 Example: tests/fuzz/run.sh 600 --lines
 USAGE
@@ -59,42 +60,53 @@ built() {
 }
 
 say "building in $build"
-built "$build" "jpeg_fuzz jpeg_seeds"
-mkdir -p "$build"/{seeds,corpus,findings}
+built "$build" "jpeg_fuzz jpeg_seeds scene_fuzz scene_seeds"
+mkdir -p "$build"/{seeds,corpus,findings} "$build"/scene_{seeds,corpus}
 "$build/bin/jpeg_seeds" "$build/seeds" 1000
-known=()
-[[ ! -d tests/fuzz/regressions/jpeg ]] || known=(tests/fuzz/regressions/jpeg)
+"$build/bin/scene_seeds" "$build/scene_seeds" "$build/scene.dict"
 
-say "running for $seconds s"
-log=$build/jpeg_fuzz.log
-status=0
-"$build/bin/jpeg_fuzz" -seed=1 -max_total_time="$seconds" -max_len=4096 -timeout=10 -use_value_profile=1 \
-  -dict=tests/fuzz/jpeg.dict -artifact_prefix="$build/findings/" -print_final_stats=1 \
-  "$build/corpus" "$build/seeds" "${known[@]}" >"$log" 2>&1 || status=$?
-executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
-rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
-edges=$(sed -n 's/.* cov: \([0-9]*\) .*/\1/p' "$log" | tail -n 1)
-inputs=$(find "$build/corpus" -type f | wc -l)
-say "${executions:-?} executions (${rate:-?}/s), ${edges:-?} edges covered, $inputs inputs in $build/corpus"
+# fuzzed TARGET SECONDS CORPUS SEEDS DICTIONARY KNOWN CODE: runs one target; CODE is what --lines reports on. The corpora
+# keep their folders from run to run.
+fuzzed() {
+  local target=$1 seconds=$2 corpus=$build/$3 seeds=$build/$4 dictionary=$5 code=$7
+  local log=$build/$target.log status=0 known=() executions rate edges inputs found
+  [[ ! -d $6 ]] || known=("$6")
+  say "running $target for $seconds s"
+  "$build/bin/$target" -seed=1 -max_total_time="$seconds" -max_len=4096 -timeout=10 -use_value_profile=1 \
+    -dict="$dictionary" -artifact_prefix="$build/findings/" -print_final_stats=1 \
+    "$corpus" "$seeds" "${known[@]}" >"$log" 2>&1 || status=$?
+  executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+  rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
+  edges=$(sed -n 's/.* cov: \([0-9]*\) .*/\1/p' "$log" | tail -n 1)
+  inputs=$(find "$corpus" -type f | wc -l)
+  say "$target: ${executions:-?} executions (${rate:-?}/s), ${edges:-?} edges covered, $inputs inputs in $corpus"
 
-if ((lines == 1)); then
-  built "$build-lines" jpeg_fuzz \
-    "-DCMAKE_CXX_FLAGS=-fsanitize=fuzzer-no-link -fprofile-instr-generate -fcoverage-mapping"
-  LLVM_PROFILE_FILE=$build-lines/jpeg.profraw "$build-lines/bin/jpeg_fuzz" -runs=0 "$build/corpus" "$build/seeds" \
-    "${known[@]}" -artifact_prefix="$build/findings/" >"$build-lines/replay.log" 2>&1 || {
-    complain "an input of the corpus is a finding in the other build" "a build from changing sources, or a finding" \
-      "see $build-lines/replay.log"
+  if ((lines == 1)); then
+    built "$build-lines" "$target" \
+      "-DCMAKE_CXX_FLAGS=-fsanitize=fuzzer-no-link -fprofile-instr-generate -fcoverage-mapping"
+    LLVM_PROFILE_FILE=$build-lines/$target.profraw "$build-lines/bin/$target" -runs=0 "$corpus" "$seeds" \
+      "${known[@]}" -artifact_prefix="$build/findings/" >"$build-lines/replay.log" 2>&1 || {
+      complain "an input of the corpus is a finding in the other build" "a build from changing sources, or a finding" \
+        "see $build-lines/replay.log"
+      exit 1
+    }
+    llvm-profdata-14 merge -o "$build-lines/$target.profdata" "$build-lines/$target.profraw"
+    # shellcheck disable=SC2086  # a pattern
+    llvm-cov-14 report "$build-lines/bin/$target" -instr-profile="$build-lines/$target.profdata" $code
+  fi
+
+  if ((status != 0)); then
+    found=$(sed -n 's/.*Test unit written to //p' "$log" | tail -n 1)
+    grep -E "^$target: |ERROR: |runtime error: " "$log" >&2 || tail -n 5 "$log" >&2
+    complain "the fuzzer stopped at an input" "see the line above and $log" \
+      "replay it with $build/bin/$target ${found:-(no input was written)}"
     exit 1
-  }
-  llvm-profdata-14 merge -o "$build-lines/jpeg.profdata" "$build-lines/jpeg.profraw"
-  llvm-cov-14 report "$build-lines/bin/jpeg_fuzz" -instr-profile="$build-lines/jpeg.profdata" firmware/vision/jpeg_*
-fi
+  fi
+}
 
-if ((status != 0)); then
-  found=$(sed -n 's/.*Test unit written to //p' "$log" | tail -n 1)
-  grep -E '^jpeg_fuzz: |ERROR: |runtime error: ' "$log" >&2 || tail -n 5 "$log" >&2
-  complain "the fuzzer stopped at an input" "see the line above and $log" \
-    "replay it with $build/bin/jpeg_fuzz ${found:-(no input was written)}"
-  exit 1
-fi
+scene_seconds=$((seconds / 5 > 0 ? seconds / 5 : 1))
+fuzzed scene_fuzz "$scene_seconds" scene_corpus scene_seeds "$build/scene.dict" tests/fuzz/regressions/scene \
+  "drivers/sim/scene/scene_*.cpp"
+fuzzed jpeg_fuzz $((seconds - scene_seconds > 0 ? seconds - scene_seconds : 1)) corpus seeds tests/fuzz/jpeg.dict \
+  tests/fuzz/regressions/jpeg "firmware/vision/jpeg_*"
 say "no finding"

@@ -2,8 +2,12 @@
 // The commands of the host tool, one function each: 0 = done, anything else = one line on stderr was printed.
 #pragma once
 
+#include <cstdint>
+#include <optional>
 #include <string>
+#include <vector>
 
+#include "drivers/sim/scene/scene.hpp"
 #include "toolchain/holdfast/session.hpp"
 
 namespace CLI {
@@ -43,10 +47,38 @@ struct ReplayOptions {
 struct SimOptions {
   CommonOptions common;
   std::string scene;
-  std::string camera = "3280x2464";
-  bool list = false;
+  std::string inject;   // instead of the scene's; empty = the scene's
+  std::string contact;  // likewise
 };
 [[nodiscard]] int sim_grasp(const SimOptions& options);
+
+// A scene from a file; prints what is wrong with it.
+[[nodiscard]] std::optional<scene::Scene> load_scene(const std::string& path);
+
+struct SceneCheckOptions {
+  std::vector<std::string> files;
+  bool strict = false;  // an effect that changes nothing is an error
+};
+[[nodiscard]] int scene_check(const SceneCheckOptions& options);
+[[nodiscard]] int scene_list(const std::string& folder);
+[[nodiscard]] int scene_describe(const std::string& path);
+
+struct SceneMakeOptions {
+  std::string object;
+  std::string primitive;
+  std::string outcome;
+  std::uint64_t seed = 1;
+};
+[[nodiscard]] int scene_make(const SceneMakeOptions& options);
+
+struct TradeSimOptions {
+  std::vector<std::string> scenes;
+  std::string csv;
+  std::string svg;
+  double reference_cell_mm = 0.35;
+  int repeats = 3;
+};
+[[nodiscard]] int trade_sim(const TradeSimOptions& options);
 
 // Lines for people and for programs.
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options);

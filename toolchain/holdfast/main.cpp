@@ -23,10 +23,16 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
   if (chosen.empty()) {
     const auto rest = app.remaining();
     return fmt::format(
-        "{}. Likely cause: a typing error, or something left out. Next: give replay or sim; holdfast --help shows how",
+        "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene or trade; holdfast "
+        "--help "
+        "shows how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
-  const std::string command = "holdfast " + chosen.front()->get_name();
+  std::string command = "holdfast";
+  for (const CLI::App* at = &app; !at->get_subcommands().empty();) {
+    at = at->get_subcommands().front();
+    command += " " + at->get_name();
+  }
   const auto rest = app.remaining(true);
   const std::string what = rest.empty() ? error.what() : fmt::format("'{}' is not known to {}", rest.front(), command);
   return fmt::format("{}. Likely cause: a typing error, or something left out. Next: {} --help shows how", what,
@@ -58,16 +64,66 @@ int run(int argc, char** argv) {
       "Example:\n  holdfast replay grasp.avi --reference last --report grasp.html --features grasp.csv");
 
   SimOptions sim_options;
-  CLI::App* sim_command = app.add_subcommand("sim", "run a simulated grasp through the firmware and check it");
-  sim_command->add_option("SCENE", sim_options.scene, "name of a scene; --list shows them");
-  sim_command->add_flag("--list", sim_options.list, "list the scenes");
-  sim_command->add_option("--camera", sim_options.camera, "3280x2464 (JPEG, as the sensor) or 320x240 (luma)")
-      ->capture_default_str();
+  sim_options.common.grid.clear();  // the scene says
+  CLI::App* sim_command = app.add_subcommand("sim", "play a scene through the firmware and check what it expects");
+  sim_command->add_option("SCENE", sim_options.scene, "scene file; tests/scenes has a gallery")
+      ->required()
+      ->check(not_empty);
+  sim_command->add_option("--inject", sim_options.inject, "enter here instead: features, markers, grey or jpeg");
+  sim_command->add_option("--contact", sim_options.contact,
+                          "with this contact level instead: kinematic, closed, springs or grid");
   sim_command
       ->add_option("--truth", sim_options.common.paths.truth, "write the simulated truth, one row per frame: CSV")
       ->check(not_empty);
   add_common_options(*sim_command, sim_options.common);
-  sim_command->footer("Example:\n  holdfast sim sphere_slip --report slip.html --truth truth.csv");
+  sim_command->footer("Example:\n  holdfast sim tests/scenes/sphere_slip.json --report slip.html --truth truth.csv");
+
+  CLI::App* scene_command = app.add_subcommand("scene", "look at scene files");
+  scene_command->require_subcommand(1);
+  SceneCheckOptions check_options;
+  CLI::App* check_command =
+      scene_command->add_subcommand("check", "read scenes, and report effects that are switched on and change nothing");
+  check_command->add_option("SCENE", check_options.files, "scene files")->required()->check(not_empty);
+  check_command->add_flag("--strict", check_options.strict, "an effect that changes nothing is an error");
+  check_command->footer("Example:\n  holdfast scene check tests/scenes/*.json");
+  std::string list_folder = "tests/scenes";
+  CLI::App* list_command = scene_command->add_subcommand("list", "list the scenes of a folder");
+  list_command->add_option("FOLDER", list_folder, "where to look")->check(not_empty)->capture_default_str();
+  list_command->footer("Example:\n  holdfast scene list tests/scenes");
+  std::string described;
+  CLI::App* describe_command =
+      scene_command->add_subcommand("describe", "say what a scene does, models and leaves out");
+  describe_command->add_option("SCENE", described, "scene file")->required()->check(not_empty);
+  describe_command->footer("Example:\n  holdfast scene describe tests/scenes/sphere_slip.json");
+  SceneMakeOptions make_options;
+  CLI::App* make_command = scene_command->add_subcommand("make", "print a trial of the paper's objects as a scene");
+  make_command->add_option("OBJECT", make_options.object, "ball, box, sponge ...")->required()->check(not_empty);
+  make_command->add_option("PRIMITIVE", make_options.primitive, "one of the twelve motions")
+      ->required()
+      ->check(not_empty);
+  make_command->add_option("OUTCOME", make_options.outcome, "static or slip")->required()->check(not_empty);
+  make_command->add_option("--seed", make_options.seed, "which trial")->capture_default_str();
+  make_command->footer("Example:\n  holdfast scene make ball translate_x slip --seed 7 > ball.json");
+
+  CLI::App* trade_command = app.add_subcommand("trade", "measure speed against accuracy");
+  trade_command->require_subcommand(1);
+  TradeSimOptions trade_options;
+  CLI::App* trade_sim_command =
+      trade_command->add_subcommand("sim", "contact levels of the simulator: time, and error against the finest grid");
+  trade_sim_command->add_option("SCENE", trade_options.scenes, "scene files")->required()->check(not_empty);
+  trade_sim_command->add_option("--csv", trade_options.csv, "write the table: CSV")->check(not_empty);
+  trade_sim_command->add_option("--svg", trade_options.svg, "write a picture: SVG")->check(not_empty);
+  trade_sim_command
+      ->add_option("--reference-cell", trade_options.reference_cell_mm,
+                   "cell of the finest grid, mm; time goes as its "
+                   "fourth power")
+      ->check(CLI::Range(0.2, 1.0))
+      ->capture_default_str();
+  trade_sim_command->add_option("--repeats", trade_options.repeats, "of the timing")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  trade_sim_command->footer(
+      "Example:\n  holdfast trade sim tests/scenes/sphere_slip.json --csv trade.csv --svg trade.svg");
 
   try {
     app.parse(argc, argv);
@@ -75,7 +131,22 @@ int run(int argc, char** argv) {
     return error.get_exit_code() == 0 ? app.exit(error) : fail(usage_error(app, error));
   }
   heed_interrupts();
-  const int status = *replay_command ? replay(replay_options) : sim_grasp(sim_options);
+  int status = 0;
+  if (*replay_command) {
+    status = replay(replay_options);
+  } else if (*sim_command) {
+    status = sim_grasp(sim_options);
+  } else if (*check_command) {
+    status = scene_check(check_options);
+  } else if (*list_command) {
+    status = scene_list(list_folder);
+  } else if (*describe_command) {
+    status = scene_describe(described);
+  } else if (*make_command) {
+    status = scene_make(make_options);
+  } else {
+    status = trade_sim(trade_options);
+  }
   if (std::fflush(stdout) == 0) return status;
   return fail("the summary could not be printed. Likely cause: the disk behind stdout is full. Next: free some space");
 }

@@ -1,133 +1,185 @@
 // SPDX-License-Identifier: Apache-2.0
-// holdfast sim: a simulated grasp through the whole firmware, checked against its own truth.
+// holdfast sim: a simulated grasp through the whole firmware, checked against its own truth and the scene's promises.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
-#include "drivers/sim/camera_grasp.hpp"
-#include "drivers/sim/scene/scenes.hpp"
+#include "drivers/sim/scene/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/play.hpp"
 #include "toolchain/holdfast/progress.hpp"
 #include "vision/luma_input.hpp"
 
 namespace holdfast::tool {
 namespace {
 
-std::string truth_line(long frame, const scene::GraspTruth& t) {
-  return fmt::format("{},{:.6f},{},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{},{:.6f},{}", frame, t.time_s,
-                     scene::name(t.phase), t.normal_n, t.shear_n, t.contact_radius_mm, t.stick_radius_mm,
-                     t.slip_fraction, t.gross ? 1 : 0, t.travel_mm, static_cast<int>(scene::slip_level(t)));
+constexpr const char* kTruthHeader =
+    "frame,t_s,normal_n,shear_x_n,shear_y_n,moment_nmm,depth_mm,contact_radius_mm,stick_radius_mm,slip_fraction,gross,"
+    "slid_x_mm,slid_y_mm,slid_deg,slide_mm_s,slide_deg_s,object_x_mm,object_y_mm,slip_level";
+
+std::string truth_line(const scene::Snapshot& s) {
+  const scene::ContactState& c = s.contact;
+  return fmt::format(
+      "{},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{},{:.6f},{:.6f},{:.6f},{:.6f},"
+      "{:.6f},{:.6f},{:.6f},{}",
+      s.frame, s.t_s, c.normal_n, c.shear_n.x, c.shear_n.y, c.moment_nmm, c.depth_mm, c.contact_radius_mm,
+      c.stick_radius_mm, c.slip_fraction, c.gross ? 1 : 0, c.slid_mm.x, c.slid_mm.y, c.slid_rad * 57.29577951308232,
+      s.slide_mm_s, s.slide_deg_s, s.object_mm.x, s.object_mm.y, static_cast<int>(s.level));
 }
 
-constexpr const char* kTruthHeader =
-    "frame,t_s,phase,normal_n,shear_n,contact_radius_mm,stick_radius_mm,slip_fraction,gross,travel_mm,slip_"
-    "level";
+template <std::size_t N>
+std::optional<std::size_t> index_of(const std::array<std::string_view, N>& names, std::string_view name) {
+  const auto* found = std::find(names.begin(), names.end(), name);
+  if (found == names.end()) return std::nullopt;
+  return static_cast<std::size_t>(found - names.begin());
+}
+
+template <std::size_t N>
+std::string list_of(const std::array<std::string_view, N>& names) {
+  return fmt::format("{}", fmt::join(names, ", "));
+}
+
+// What the command line says instead of the scene. Empty, or an error line.
+std::string override_level(const SimOptions& options, scene::Scene& scene) {
+  if (!options.inject.empty()) {
+    const auto inject = index_of(scene::kInjectNames, options.inject);
+    if (!inject) {
+      return fmt::format("--inject '{}': no such place. Likely cause: a typing error. Next: give one of {}",
+                         options.inject, list_of(scene::kInjectNames));
+    }
+    scene.level.inject = static_cast<scene::Inject>(*inject);
+  }
+  if (!options.contact.empty()) {
+    const auto contact = index_of(scene::kContactLevelNames, options.contact);
+    if (!contact) {
+      return fmt::format("--contact '{}': no such level. Likely cause: a typing error. Next: give one of {}",
+                         options.contact, list_of(scene::kContactLevelNames));
+    }
+    scene.level.contact = static_cast<scene::ContactLevel>(*contact);
+  }
+  return {};
+}
 
 }  // namespace
 
+// A scene that is valid at the level it will be played at; prints what is wrong.
+std::optional<scene::Scene> load_scene(const std::string& path) {
+  const scene::SceneResult read = scene::read_scene_file(path);
+  for (const std::string& line : read.errors) (void)fail(line);
+  for (const std::string& line : read.warnings) note(line);
+  return read.scene;
+}
+
 int sim_grasp(const SimOptions& options) {
-  if (options.list) {
-    for (const scene::Scene& s : scene::kScenes) fmt::print("{:14} {}\n", s.name, s.help);
-    return 0;
-  }
-  std::string names;
-  for (const scene::Scene& s : scene::kScenes) names += fmt::format("{}{}", names.empty() ? "" : ", ", s.name);
-  if (options.scene.empty()) {
-    return fail(fmt::format("sim: no scene given. Likely cause: its name was left out. Next: give one of {}", names));
-  }
-  const scene::Scene* chosen = scene::find_scene(options.scene);
-  if (chosen == nullptr) {
-    return fail(
-        fmt::format("scene '{}': not known. Likely cause: a typing error. Next: give one of {}", options.scene, names));
-  }
-  SessionInfo info{};
-  info.inputs = {options.common.model};
-  std::unique_ptr<model::Tree> tree;
-  if (const std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text);
-      !error.empty()) {
-    return fail(error);
-  }
-  sim::GraspCamera::Config config{};
-  config.grasp = chosen->grasp();
-  if (options.camera == "320x240") {
-    config.picture = scene::cropped_320x240();
-    config.format = hal::PixelFormat::kLuma8;
-  } else if (options.camera != "3280x2464") {
-    return fail(
-        fmt::format("--camera '{}': no such camera. Likely cause: a typing error. Next: give 3280x2464 (JPEG, as "
-                    "the sensor) or 320x240 (luma)",
-                    options.camera));
+  std::optional<scene::Scene> loaded = load_scene(options.scene);
+  if (!loaded) return 1;
+  scene::Scene scene = *std::move(loaded);
+  if (const std::string error = override_level(options, scene); !error.empty()) return fail(error);
+  if (!options.inject.empty() || !options.contact.empty()) {
+    // The level that was asked for may lack what the scene requires.
+    const scene::SceneResult again = scene::read_scene(scene::write_scene(scene), options.scene + " at this level");
+    for (const std::string& line : again.errors) (void)fail(line);
+    if (!again.scene) return 1;
   }
 
-  info.title = fmt::format("Simulated grasp: {}", chosen->name);
+  SessionInfo info{};
+  info.inputs = {options.scene, options.common.model};
+  CommonOptions common = options.common;
+  if (common.grid.empty()) common.grid = fmt::format("{}x{}", scene.markers.cols, scene.markers.rows);
+  std::unique_ptr<model::Tree> tree;
+  if (const std::string error = settle(common, info.params, info.auto_grid, tree, info.model_text); !error.empty()) {
+    return fail(error);
+  }
+
+  const bool pictures = scene.level.inject == scene::Inject::kGrey || scene.level.inject == scene::Inject::kJpeg;
+  if (!common.paths.overlay.empty() && !pictures) {
+    return fail(
+        fmt::format("--overlay: the scene enters at {}, where there is no picture. Likely cause: a cheap level "
+                    "for speed. Next: add --inject grey or --inject jpeg",
+                    scene::kInjectNames[static_cast<std::size_t>(scene.level.inject)]));
+  }
+  const scene::PictureConfig picture = sim::picture_of(scene);
+  const std::string_view inject = scene::kInjectNames[static_cast<std::size_t>(scene.level.inject)];
+  const std::string_view contact = scene::kContactLevelNames[static_cast<std::size_t>(scene.level.contact)];
+  info.title = fmt::format("Simulated grasp: {}", scene.name);
   info.input_text =
-      fmt::format("{} ({}; {}x{} {}, {:.4g} fps)", chosen->name, chosen->help, config.picture.width,
-                  config.picture.height, config.format == hal::PixelFormat::kMjpeg ? "JPEG" : "luma", config.grasp.fps);
-  info.reference_text = fmt::format("mean of the first {} still frames", info.params.reference_frames);
-  Session session(info, options.common.paths);
+      pictures ? fmt::format("{} ({}x{} {}, {:.4g} fps, contact level {})", options.scene, picture.width,
+                             picture.height, inject, scene.fps, contact)
+               : fmt::format("{} ({}, {:.4g} fps, contact level {})", options.scene, inject, scene.fps, contact);
+  info.reference_text = scene.level.inject == scene::Inject::kFeatures
+                            ? "the true rest position"
+                            : fmt::format("mean of the first {} still frames", info.params.reference_frames);
+  Session session(info, common.paths);
   if (const std::string error = session.output_error(); !error.empty()) return fail(error);
-  sim::GraspCamera camera(config, session.clock());
-  session.connect(camera, tree.get());
+  Player player(scene, session.clock());
+  session.connect(player.camera(), tree.get());
   if (const Status s = session.app().start(info.params, info.auto_grid); !s.ok()) {
-    return fail(fmt::format("scene {}: {}", chosen->name, explain(s.reason, session.app())));
+    return fail(fmt::format("scene {}: {}", scene.name, explain(s.reason, session.app())));
   }
 
   TruthSeries fraction{"slipping share of the contact", "", {}};
-  const long total = scene::frame_count(config.grasp);
-  Progress progress("sim", total);
-  long frame = 0;
-  while (!interrupted() && session.app().step()) {
-    if (session.app().result().quality.reason == Reason::kNoFrame) continue;
-    const scene::GraspTruth& truth = camera.truth();
-    const hal::Frame& given = camera.lent();
-    const double scale = luma_input::reduction(pipeline_config(info.params).luma, given);
-    session.record(frame, truth.time_s, scale, given);
-    session.record_truth(kTruthHeader, truth_line(frame, truth));
-    fraction.points.emplace_back(truth.time_s, truth.slip_fraction);
-    progress.update(++frame);
+  std::vector<PlayedFrame> frames;
+  Progress progress("sim", scene::frame_count(scene));
+  while (!interrupted() && player.step(session.app(), info.params, info.auto_grid)) {
+    const scene::Snapshot& truth = player.snapshot();
+    const hal::Frame given = player.lent();
+    const double scale = pictures ? luma_input::reduction(pipeline_config(info.params).luma, given) : 1.0;
+    session.record(truth.frame, truth.t_s, scale, given);
+    session.record_truth(kTruthHeader, truth_line(truth));
+    fraction.points.emplace_back(truth.t_s, truth.contact.slip_fraction);
+    frames.push_back(played(player, session.app()));
+    progress.update(truth.frame + 1);
   }
   progress.clear();
   session.app().stop();
   if (interrupted()) return fail(interrupted_line());
 
-  const auto half = scene::onset_s(config.grasp, scene::SlipLevel::kHalf);
   std::vector<TruthMark> marks;
-  if (const auto t = scene::onset_s(config.grasp, scene::SlipLevel::kAnnulus))
-    marks.push_back({*t, "slip begins", false});
-  if (half) marks.push_back({*half, "half slips", true});
-  if (const auto t = scene::onset_s(config.grasp, scene::SlipLevel::kGross)) marks.push_back({*t, "all slips", false});
+  const auto mark = [&](scene::SlipLevel level, const char* text, bool main) {
+    if (const auto t = onset_s(frames, level)) marks.push_back({*t, text, main});
+  };
+  mark(scene::SlipLevel::kAnnulus, "slip begins", false);
+  mark(scene::SlipLevel::kHalf, "half slips", true);
+  mark(scene::SlipLevel::kGross, "all slips", false);
 
   const Summary summary = session.summary();
   if (summary.accepted == 0) {
-    return fail(fmt::format("scene {}: none of {} frames could be used: {}", chosen->name, summary.frames,
+    return fail(fmt::format("scene {}: none of {} frames could be used: {}", scene.name, summary.frames,
                             explain(summary.last_rejection, session.app())));
   }
-  const std::string error = session.commit(marks, fraction,
-                                           {"Simulated: closed-form partial slip of a sphere on a half-space "
-                                            "(Cattaneo-Mindlin). Onset means that more than "
-                                            "half of the contact's area slides."});
-  if (!error.empty()) return fail(error);
-  print_summary(session, summary, options.common);
-  if (!options.common.json) fmt::print("lines\n{}", session.gpio_timeline());
-
-  if (!half || !chosen->onset_within_frames) return 0;
-  // The first frame that can show the onset is the first one after it.
-  const long onset_frame = std::lround(std::ceil(*half * config.grasp.fps - 1e-9));
-  const bool raised = !summary.slip_frames.empty();
-  const long delay = raised ? summary.slip_frames.front() - onset_frame : 0;
-  const bool met = raised && std::labs(delay) <= *chosen->onset_within_frames && summary.grip_ok_fell_with_first_slip;
-  if (!options.common.json) {
-    fmt::print(
-        "expected  slip within {} frames of the onset (frame {}, {:.3f} s), GRIP_OK LOW in the same frame: "
-        "{}\n",
-        *chosen->onset_within_frames, onset_frame, *half, met ? fmt::format("met, {:+} frames", delay) : "NOT MET");
+  std::string left_out;
+  for (const std::string_view what : scene::omissions(scene.level.contact)) {
+    left_out += fmt::format("{}{}", left_out.empty() ? "" : "; ", what);
   }
-  if (met) return 0;
+  const std::string error = session.commit(
+      marks, fraction,
+      {fmt::format("Simulated at contact level {}, which leaves out: {}. Onset means that more than half of the "
+                   "contact's area slips.",
+                   contact, left_out)});
+  if (!error.empty()) return fail(error);
+  print_summary(session, summary, common);
+  if (!common.json) fmt::print("lines\n{}", session.gpio_timeline());
+
+  std::vector<Promise> promises = check_promises(scene.expect, frames);
+  if (!summary.slip_frames.empty()) {
+    promises.push_back({"GRIP_OK LOW in the frame that raises slip",
+                        summary.grip_ok_fell_with_first_slip ? "it is" : "it is not",
+                        summary.grip_ok_fell_with_first_slip});
+  }
+  std::string broken;
+  for (const Promise& promise : promises) {
+    if (!common.json) {
+      fmt::print("expected  {}: {}, {}\n", promise.what, promise.result, promise.met ? "met" : "NOT MET");
+    }
+    if (!promise.met) broken += fmt::format("{}{} ({})", broken.empty() ? "" : "; ", promise.what, promise.result);
+  }
+  if (broken.empty()) return 0;
   return fail(
-      fmt::format("scene {}: slip was {}. Likely cause: model or features changed. Next: look at the report and "
-                  "at tests/e2e",
-                  chosen->name, raised ? fmt::format("raised {:+} frames from the onset", delay) : "never raised"));
+      fmt::format("scene {}: not as expected: {}. Likely cause: the scene, the model or the features changed. "
+                  "Next: look at the report, and at 'expect' in {}",
+                  scene.name, broken, options.scene));
 }
 
 }  // namespace holdfast::tool

@@ -42,6 +42,7 @@ struct Object {
   double compliance_mm_per_n = 0.0;        // of the object, in series with the gel; for `closing`
   double mass_g = 0.0;                     // 0 = follows its drive; else see Effects::drive_stiffness
   Vec2 touch_mm{0.4, -0.3};                // where it touches first; off the grid's symmetry on purpose
+  friend bool operator==(const Object&, const Object&) = default;
 };
 
 // What moves the object at one time. A value that is left out lies on the curve between its neighbours that have it.
@@ -56,6 +57,7 @@ struct Waypoint {
   std::optional<double> twist_deg;
   std::optional<double> pull_x_n;  // force on the object from outside; needs a mass
   std::optional<double> pull_y_n;
+  friend bool operator==(const Waypoint&, const Waypoint&) = default;
 };
 
 enum class Profile { kLinear, kMinimumJerk };  // between waypoints; minimum jerk is how people move
@@ -97,6 +99,7 @@ struct FaultEvent {
   int frames = 1;
   Fault fault = Fault::kDropped;
   double by_ms = 50.0;  // late, backwards
+  friend bool operator==(const FaultEvent&, const FaultEvent&) = default;
 };
 
 // Picture of the camera for levels `grey` and `jpeg`.
@@ -107,6 +110,7 @@ struct Picture {
   double shading = 20.0;
   double imprint_gain = 60.0;
   int jpeg_quality = 85;
+  friend bool operator==(const Picture&, const Picture&) = default;
 };
 
 // What a scene promises. Checked by `holdfast sim` and by the tests of the gallery; what is absent is not promised.
@@ -114,12 +118,14 @@ struct Expect {
   struct Window {
     double from_s = 0.0;
     double to_s = 0.0;
+    friend bool operator==(const Window&, const Window&) = default;
   };
   struct Entropy {
     double from_s = 0.0;
     double to_s = 0.0;
     double least_nat = 0.0;  // of the mean of E over the time
     double most_nat = 0.0;
+    friend bool operator==(const Entropy&, const Entropy&) = default;
   };
   std::optional<Window> onset_s;       // truth: when more than half of the contact slips
   bool no_onset = false;               // truth: it never does
@@ -127,6 +133,7 @@ struct Expect {
   std::optional<int> false_alarms;     // firmware: rises of `slip` before the onset, or at all without one
   std::string final_state;             // firmware: state after the last frame; empty = not promised
   std::vector<Entropy> entropy;        // firmware
+  friend bool operator==(const Expect&, const Expect&) = default;
 };
 
 struct Scene {

@@ -1,0 +1,458 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "drivers/sim/scene/contact_round.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "drivers/sim/scene/portable.hpp"
+
+namespace holdfast::scene {
+namespace {
+
+using std::numbers::pi;
+
+double length(Vec2 v) {
+  return portable::hypot(v.x, v.y);
+}
+
+// Of Hertz's dome that carries the same force on the same radius.
+double dome_slope(const Press& press) {
+  const double a = press.contact_radius_mm;
+  return 1.5 * press.force_n / (pi * a * a * a);
+}
+
+// How much further a disc that moves as one goes on the half-space than on the layer, under the same load.
+double stick_ratio(const Layer& layer, double radius_mm) {
+  if (std::isinf(layer.gel().thickness_mm) || !(radius_mm > 0.0)) return 1.0;
+  const double thin = layer.punch(radius_mm, 0.0).mean;
+  const double thick = (2.0 - layer.gel().poisson) / (8.0 * layer.gel().shear_modulus_mpa * radius_mm);
+  return thin > 0.0 && thick > 0.0 && std::isfinite(thick / thin) ? thick / thin : 1.0;
+}
+
+// Motion on the half-space that takes the load of this motion on the layer: the middle of the contact moves as the
+// object does. Each part of the load is a punch on the stick disc of its time, so the slope is the ratio of punches.
+double half_space_motion_mm(const Layer& layer, const FrictionContact& contact, double motion_mm) {
+  const double a = contact.press.contact_radius_mm;
+  const double start = motion_mm * stick_ratio(layer, a);
+  const double gross_mm = gross_displacement_mm(contact);
+  if (std::isinf(layer.gel().thickness_mm) || !std::isfinite(gross_mm) || !(gross_mm > 0.0)) return start;
+  const double slope = contact.friction * dome_slope(contact.press);
+  const double full_mm = slope * layer.dome(a, 0.0).mean;
+  // Sliding: as far beyond the limit as the object is.
+  if (motion_mm >= full_mm) return gross_mm + (motion_mm - full_mm);
+  double guess = std::min(start, gross_mm);
+  for (int round = 0; round < 4; ++round) {
+    const double c = a * std::sqrt(std::max(1.0 - guess / gross_mm, 0.0));
+    const double reached = full_mm - slope * layer.dome(c, 0.0).mean;
+    guess = std::clamp(guess + (motion_mm - reached) * stick_ratio(layer, c), 0.0, gross_mm);
+  }
+  return guess;
+}
+
+// The same for a turn, where the disc's middle half moves.
+double turn_ratio(const Layer& layer, double radius_mm) {
+  const double g = layer.gel().shear_modulus_mpa;
+  const double thin = layer.torque(radius_mm, 0.5 * radius_mm);
+  const double thick = 3.0 / (16.0 * g * radius_mm * radius_mm * radius_mm) * 0.5 * radius_mm;
+  return thin > 0.0 && std::isfinite(thick / thin) && thick > 0.0 ? thick / thin : 1.0;
+}
+
+double sphere_radius(const Round& round) {
+  return round.coefficient > 0.0 ? 0.5 / round.coefficient : 0.0;
+}
+
+// What an elastic contact would carry at this motion, over what friction lets it carry.
+double shear_demand(const Gel& gel, const Press& press, double friction, double motion_mm) {
+  const double full_n = 8.0 * gel.shear_modulus_mpa * press.contact_radius_mm / (2.0 - gel.poisson) * motion_mm;
+  return full_n / (friction * press.force_n);
+}
+
+double twist_demand(const Gel& gel, const Press& press, double friction, double angle_rad) {
+  const double a = press.contact_radius_mm;
+  const double full_nmm = 16.0 / 3.0 * gel.shear_modulus_mpa * a * a * a * std::abs(angle_rad);
+  return full_nmm / (3.0 * pi / 16.0 * friction * press.force_n * a);
+}
+
+}  // namespace
+
+RoundField::RoundField(const RoundSetup& setup, std::span<const Vec2> markers_mm)
+    : layer_(setup.gel), press_dilation_(setup.press_dilation), markers_mm_(markers_mm.begin(), markers_mm.end()) {
+  from_mm_.resize(size());
+  for (auto* numbers : {&r_mm_, &mean_, &fan_, &outward_, &full_mean_, &full_fan_, &stick_mean_, &stick_fan_})
+    numbers->resize(size());
+  move_center({});
+}
+
+void RoundField::move_center(Vec2 center_mm) {
+  for (std::size_t i = 0; i < size(); ++i) {
+    from_mm_[i] = {markers_mm_[i].x - center_mm.x, markers_mm_[i].y - center_mm.y};
+    r_mm_[i] = std::sqrt(from_mm_[i].x * from_mm_[i].x + from_mm_[i].y * from_mm_[i].y);
+  }
+  full_radius_mm_ = outward_radius_mm_ = turn_radius_mm_ = -1.0;
+  for (Turned& turned : turned_) turned.radius_mm = -1.0;
+}
+
+void RoundField::add_press(const Press& press, std::span<Vec2> motion_mm) {
+  const double a = press.contact_radius_mm;
+  if (!(a > 0.0)) return;
+  if (outward_radius_mm_ != a) {
+    outward_radius_mm_ = a;
+    for (std::size_t i = 0; i < size(); ++i) outward_[i] = layer_.press_outward(a, r_mm_[i]);
+  }
+  const double slope = dome_slope(press);
+  const double fots = press_dilation_ * press.depth_mm / a;
+  for (std::size_t i = 0; i < size(); ++i) {
+    double outward = r_mm_[i] > 0.0 ? slope * outward_[i] / r_mm_[i] : 0.0;
+    if (fots > 0.0) outward += fots * portable::exp(0.5 * (1.0 - r_mm_[i] * r_mm_[i] / (a * a)));
+    motion_mm[i].x += outward * from_mm_[i].x;
+    motion_mm[i].y += outward * from_mm_[i].y;
+  }
+}
+
+// mean_ and fan_ hold what a load of 1 along +x does.
+void RoundField::add_spread(Vec2 load, std::span<Vec2> motion_mm) const {
+  for (std::size_t i = 0; i < size(); ++i) {
+    const double r2 = r_mm_[i] * r_mm_[i];
+    const double turn = r2 > 0.0 ? fan_[i] / r2 : 0.0;
+    const Vec2 f = from_mm_[i];
+    const double cos_2 = turn * (f.x - f.y) * (f.x + f.y);
+    const double sin_2 = turn * 2.0 * f.x * f.y;
+    motion_mm[i].x += (mean_[i] + cos_2) * load.x + sin_2 * load.y;
+    motion_mm[i].y += sin_2 * load.x + (mean_[i] - cos_2) * load.y;
+  }
+}
+
+void RoundField::add_domes(double contact_mm, double stick_mm, Vec2 slope_mpa_per_mm, std::span<Vec2> motion_mm) {
+  if (!(contact_mm > 0.0)) return;
+  if (full_radius_mm_ != contact_mm) {
+    full_radius_mm_ = contact_mm;
+    layer_.dome(contact_mm, r_mm_, full_mean_, full_fan_);
+  }
+  mean_ = full_mean_;
+  fan_ = full_fan_;
+  if (stick_mm > 0.0) {
+    layer_.dome(stick_mm, r_mm_, stick_mean_, stick_fan_);
+    for (std::size_t i = 0; i < size(); ++i) {
+      mean_[i] -= stick_mean_[i];
+      fan_[i] -= stick_fan_[i];
+    }
+  }
+  add_spread(slope_mpa_per_mm, motion_mm);
+}
+
+void RoundField::add_punch(double radius_mm, Vec2 force_n, std::span<Vec2> motion_mm) {
+  if (!(radius_mm > 0.0)) return;
+  layer_.punch(radius_mm, r_mm_, mean_, fan_);
+  add_spread(force_n, motion_mm);
+}
+
+void RoundField::add_twist(const FrictionContact& contact, const Twist& twist, std::span<Vec2> motion_mm) {
+  for (std::size_t i = 0; i < size(); ++i) {
+    const Vec2 u = twist_field_mm(contact, twist, from_mm_[i]);
+    motion_mm[i] = {motion_mm[i].x + u.x, motion_mm[i].y + u.y};
+  }
+  if (std::isfinite(layer_.gel().thickness_mm)) {
+    add_layer_turn(contact.press.contact_radius_mm, twist_discs(contact, twist), motion_mm);
+  }
+}
+
+void RoundField::add_discs(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm) {
+  turned_.resize(std::max(turned_.size(), static_cast<std::size_t>(discs.count)));
+  std::fill(mean_.begin(), mean_.end(), 0.0);
+  for (std::size_t k = 0; k < static_cast<std::size_t>(discs.count); ++k) {
+    const TwistDiscs::Disc& disc = discs.discs[k];
+    if (disc.turn_rad == 0.0) continue;
+    Turned& turned = turned_[k];
+    if (turned.radius_mm != disc.radius_mm || turned.spread_mm != disc.spread_mm) {
+      turned.radius_mm = disc.radius_mm;
+      turned.spread_mm = disc.spread_mm;
+      turned.share.resize(size());
+      for (std::size_t i = 0; i < size(); ++i) {
+        turned.share[i] =
+            r_mm_[i] > 0.0 ? disc_motion_mm({disc.radius_mm, 1.0, disc.spread_mm}, r_mm_[i]) / r_mm_[i] : 1.0;
+      }
+    }
+    for (std::size_t i = 0; i < size(); ++i) mean_[i] += disc.turn_rad * turned.share[i];
+  }
+  for (std::size_t i = 0; i < size(); ++i) {
+    motion_mm[i].x -= mean_[i] * from_mm_[i].y;
+    motion_mm[i].y += mean_[i] * from_mm_[i].x;
+  }
+  if (std::isfinite(layer_.gel().thickness_mm)) add_layer_turn(radius_mm, discs, motion_mm);
+}
+
+// What the layer adds is smooth on the scale of its thickness: per moment it is a straight line in the square of the
+// disc's radius, to 1e-3 (contact_round_test). So two radii stand for all discs.
+void RoundField::add_layer_turn(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm) {
+  const std::array<double, 2> radii{0.5 * radius_mm, radius_mm};
+  if (turn_radius_mm_ != radius_mm) {
+    turn_radius_mm_ = radius_mm;
+    for (std::size_t k = 0; k < radii.size(); ++k) {
+      layer_turn_[k].resize(size());
+      const TwistDiscs::Disc unit{radii[k], 1.0, 0.0};
+      const double moment = disc_moment_nmm(layer_.gel(), unit);
+      for (std::size_t i = 0; i < size(); ++i) {
+        // In the middle the turn itself, from a little beside it.
+        const double r = std::max(r_mm_[i], 1e-3 * radius_mm);
+        layer_turn_[k][i] = (layer_.torque(radii[k], r) - disc_motion_mm(unit, r) / moment) / r;
+      }
+    }
+  }
+  const double inner_2 = radii[0] * radii[0];
+  const double span_2 = radii[1] * radii[1] - inner_2;
+  std::array<double, 2> moment{};
+  for (std::size_t k = 0; k < static_cast<std::size_t>(discs.count); ++k) {
+    const TwistDiscs::Disc& disc = discs.discs[k];
+    const double m = disc_moment_nmm(layer_.gel(), disc);
+    const double outer = (disc.radius_mm * disc.radius_mm - inner_2) / span_2;
+    moment[0] += m * (1.0 - outer);
+    moment[1] += m * outer;
+  }
+  for (std::size_t i = 0; i < size(); ++i) {
+    const double turn = moment[0] * layer_turn_[0][i] + moment[1] * layer_turn_[1][i];
+    motion_mm[i].x -= turn * from_mm_[i].y;
+    motion_mm[i].y += turn * from_mm_[i].x;
+  }
+}
+
+// --- B1 ---
+
+ClosedContact::ClosedContact(const RoundSetup& setup, std::span<const Vec2> markers_mm)
+    : setup_(setup), field_(setup, markers_mm) {
+  if (setup.bonded) setup_.static_friction = std::numeric_limits<double>::infinity();
+}
+
+const ContactState& ClosedContact::move_to(const ObjectPose& pose) {
+  return set(field_.layer().press_by_depth(sphere_radius(setup_.round), pose.depth_mm), pose.at_mm, pose.twist_rad);
+}
+
+const ContactState& ClosedContact::press_to(double force_n, Vec2 at_mm, double twist_rad) {
+  return set(field_.layer().press_by_force(sphere_radius(setup_.round), force_n), at_mm, twist_rad);
+}
+
+const ContactState& ClosedContact::set(const Press& press, Vec2 at_mm, double twist_rad) {
+  if (!(press.contact_radius_mm > 0.0)) {
+    touching_ = false;
+    for_shear_ = for_twist_ = {};
+    shear_ = {};
+    twist_ = {};
+    share_ = {};
+    state_ = {};
+    return state_;
+  }
+  if (!touching_) {
+    touching_ = true;
+    touched_mm_ = anchor_mm_ = at_mm;
+    touched_rad_ = anchor_rad_ = twist_rad;
+    field_.move_center(anchor_mm_);
+  }
+  const Layer& layer = field_.layer();
+  const Vec2 way{at_mm.x - anchor_mm_.x, at_mm.y - anchor_mm_.y};
+  const double motion_mm = length(way);
+  along_ = motion_mm > 0.0 ? Vec2{way.x / motion_mm, way.y / motion_mm} : Vec2{1.0, 0.0};
+  const double angle_rad = twist_rad - anchor_rad_;
+
+  for_shear_ = for_twist_ = {setup_.gel, press, setup_.static_friction};
+  double turn_scale = 1.0;
+  if (angle_rad != 0.0) {
+    turn_scale = turn_ratio(layer, press.contact_radius_mm);
+    const FrictionShare share =
+        share_friction(shear_demand(setup_.gel, press, setup_.static_friction,
+                                    motion_mm * stick_ratio(layer, press.contact_radius_mm)),
+                       twist_demand(setup_.gel, press, setup_.static_friction, angle_rad * turn_scale), share_);
+    share_ = share;
+    if (!setup_.bonded) {
+      for_shear_.friction *= share.for_shear;
+      for_twist_.friction *= share.for_twist;
+    }
+    twist_ = twist_by_angle(for_twist_, angle_rad * turn_scale);
+    if (twist_.turning) anchor_rad_ = twist_rad - twist_.angle_rad / turn_scale;
+  } else {
+    twist_ = {};
+  }
+  const double counted_mm = half_space_motion_mm(layer, for_shear_, motion_mm);
+  shear_ = shear_by_displacement(for_shear_, counted_mm);
+  if (shear_.sliding) {
+    const double held_mm = motion_mm - (counted_mm - shear_.displacement_mm);
+    anchor_mm_ = {at_mm.x - held_mm * along_.x, at_mm.y - held_mm * along_.y};
+    field_.move_center(anchor_mm_);
+  }
+
+  state_.depth_mm = press.depth_mm;
+  state_.normal_n = press.force_n;
+  state_.contact_radius_mm = press.contact_radius_mm;
+  state_.stick_radius_mm = shear_.stick_radius_mm;
+  if (angle_rad != 0.0) state_.stick_radius_mm = std::min(state_.stick_radius_mm, twist_.stick_radius_mm);
+  const double stick = state_.stick_radius_mm / press.contact_radius_mm;
+  state_.slip_fraction = (1.0 - stick) * (1.0 + stick);
+  state_.gross = shear_.sliding || twist_.turning;
+  if (state_.gross) {
+    state_.slip_fraction = 1.0;
+    state_.stick_radius_mm = 0.0;
+  }
+  state_.shear_n = {shear_.force_n * along_.x, shear_.force_n * along_.y};
+  state_.moment_nmm = twist_.moment_nmm;
+  state_.slid_mm = {anchor_mm_.x - touched_mm_.x, anchor_mm_.y - touched_mm_.y};
+  state_.slid_rad = anchor_rad_ - touched_rad_;
+  state_.center_mm = at_mm;
+  return state_;
+}
+
+void ClosedContact::field(std::span<Vec2> motion_mm) {
+  std::fill_n(motion_mm.begin(), field_.size(), Vec2{});
+  if (!touching_) return;
+  const Press& press = for_shear_.press;
+  field_.add_press(press, motion_mm);
+  const double a = press.contact_radius_mm;
+  if (shear_.force_n != 0.0) {
+    const double limit_n = for_shear_.friction * press.force_n;
+    if (std::isinf(limit_n) || shear_.force_n / limit_n < kStuckLoad) {
+      field_.add_punch(a, state_.shear_n, motion_mm);
+    } else {
+      const double slope = for_shear_.friction * dome_slope(press);
+      field_.add_domes(a, shear_.stick_radius_mm, {slope * along_.x, slope * along_.y}, motion_mm);
+    }
+  }
+  if (twist_.moment_nmm != 0.0) field_.add_twist(for_twist_, twist_, motion_mm);
+}
+
+// --- B2 ---
+
+SpringsContact::SpringsContact(const RoundSetup& setup, std::span<const Vec2> markers_mm)
+    : setup_(setup),
+      field_(setup, markers_mm),
+      spring_field_(field_.layer(), markers_mm),
+      springs_({.gel = setup.gel,
+                .indenter = {setup.round.coefficient, setup.round.exponent},
+                .extent_mm = setup.extent_mm,
+                .static_friction = setup.bonded ? std::numeric_limits<double>::infinity() : setup.static_friction,
+                .kinetic_friction = setup.bonded ? std::numeric_limits<double>::infinity() : setup.kinetic_friction,
+                .springs = setup.springs}),
+      turns_(
+          {.shear_modulus_mpa = setup.gel.shear_modulus_mpa, .extent_mm = setup.extent_mm, .springs = setup.springs}) {
+  if (setup.bonded) setup_.static_friction = setup_.kinetic_friction = std::numeric_limits<double>::infinity();
+}
+
+const ContactState& SpringsContact::move_to(const ObjectPose& pose) {
+  if (setup_.round.exponent == 2) {
+    return set(field_.layer().press_by_depth(sphere_radius(setup_.round), pose.depth_mm), pose.at_mm, pose.twist_rad);
+  }
+  return set({.depth_mm = std::max(pose.depth_mm, 0.0)}, pose.at_mm, pose.twist_rad);
+}
+
+const ContactState& SpringsContact::press_to(double force_n, Vec2 at_mm, double twist_rad) {
+  if (setup_.round.exponent == 2) {
+    return set(field_.layer().press_by_force(sphere_radius(setup_.round), force_n), at_mm, twist_rad);
+  }
+  return set({.depth_mm = springs_.depth_for_force_mm(force_n)}, at_mm, twist_rad);
+}
+
+// How much longer a step counts on the half-space: each part of its load is a punch on the stick disc of its time. The
+// disc's area shrinks in step with the motion, from the whole contact when the motion has just turned back.
+double SpringsContact::step_ratio(double radius_mm, Vec2 way) {
+  const bool turned_back = way.x * way_mm_.x + way.y * way_mm_.y < 0.0;
+  if (!(way == Vec2{})) way_mm_ = way;
+  if (std::isinf(setup_.gel.thickness_mm)) return 1.0;
+  const double stick = turned_back ? 1.0 : springs_.state().stick_fraction;
+  double shrinks = 0.0;
+  if (!setup_.bonded && press_.force_n > 0.0) {
+    shrinks = length(way) * stick_ratio(field_.layer(), radius_mm) /
+              gross_displacement_mm({setup_.gel, press_, setup_.static_friction});
+  }
+  const double middle = std::max(stick - 0.5 * shrinks, 0.0);
+  return stick_ratio(field_.layer(), radius_mm * std::sqrt(std::min(middle, 1.0)));
+}
+
+// `press`: of a sphere, on the layer; of any other body its depth alone, on the half-space.
+const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double twist_rad) {
+  const bool sphere = setup_.round.exponent == 2;
+  const double a_mm = std::min(press.contact_radius_mm, setup_.extent_mm);
+  // The springs stand on the radius that the layer gives.
+  const double depth_mm = sphere ? a_mm * a_mm * 2.0 * setup_.round.coefficient : press.depth_mm;
+  const Vec2 slid_before = springs_.state().slid_mm;
+  if (!(depth_mm > 0.0)) {
+    springs_.move_to(0.0, half_space_mm_);
+    turns_.step({}, 0.0, 0.0, 0.0);
+    touching_ = turned_ = false;
+    share_ = {};
+    press_ = {};
+    state_ = {};
+    return state_;
+  }
+  if (!touching_) {
+    touching_ = true;
+    touched_mm_ = at_mm_ = center_mm_ = at_mm;
+    at_rad_ = twist_rad;
+    field_.move_center(center_mm_);
+    spring_field_.move_center(center_mm_);
+  }
+  const Layer& layer = field_.layer();
+  const double force_ratio = sphere ? layer.press_ratio(a_mm).force : 1.0;
+  const Vec2 way{at_mm.x - at_mm_.x, at_mm.y - at_mm_.y};
+  const double scale = sphere ? step_ratio(a_mm, way) : 1.0;
+  const Vec2 step{scale * way.x, scale * way.y};
+  const double turn = twist_rad - at_rad_;
+  turned_ = turned_ || turn != 0.0;
+
+  FrictionShare share = setup_.bonded ? FrictionShare{1.0, 1.0} : share_;
+  const double turn_scale = turned_ && sphere ? turn_ratio(layer, a_mm) : 1.0;
+  if (turned_ && !setup_.bonded) {
+    // Loads that this step would reach if nothing slipped, over their limits.
+    const double stiffness = 8.0 * setup_.gel.shear_modulus_mpa * a_mm / (2.0 - setup_.gel.poisson);
+    const double turn_stiffness = 16.0 / 3.0 * setup_.gel.shear_modulus_mpa * a_mm * a_mm * a_mm;
+    const SpringState& before = springs_.state();
+    const double limit_n = setup_.static_friction * press.force_n;
+    const double shear_n = length({before.force_n.x + stiffness * step.x, before.force_n.y + stiffness * step.y});
+    const double moment = std::abs(turns_.state().moment_nmm + turn_stiffness * turn_scale * turn);
+    share = share_ = share_friction(shear_n / limit_n, moment / (3.0 * pi / 16.0 * limit_n * a_mm), share_);
+  }
+  springs_.scale_friction(share.for_shear * force_ratio);
+  half_space_mm_ = {half_space_mm_.x + step.x, half_space_mm_.y + step.y};
+  const SpringState& s = springs_.move_to(depth_mm, half_space_mm_);
+  press_ = press;
+  if (!sphere) {
+    press_.force_n = s.normal_force_n;
+    press_.contact_radius_mm = s.contact_radius_mm;
+  }
+  if (turned_) {
+    turns_.step(press_, share.for_twist * setup_.static_friction, share.for_twist * setup_.kinetic_friction,
+                turn_scale * turn);
+  }
+  at_mm_ = at_mm;
+  at_rad_ = twist_rad;
+
+  state_.slid_mm.x += (s.slid_mm.x - slid_before.x) / scale;
+  state_.slid_mm.y += (s.slid_mm.y - slid_before.y) / scale;
+  const Vec2 center{touched_mm_.x + state_.slid_mm.x, touched_mm_.y + state_.slid_mm.y};
+  if (!(center == center_mm_)) {
+    center_mm_ = center;
+    field_.move_center(center);
+    spring_field_.move_center(center);
+  }
+  const TwistSpringState& t = turns_.state();
+  state_.depth_mm = press.depth_mm;
+  state_.normal_n = press_.force_n;
+  state_.contact_radius_mm = press_.contact_radius_mm;
+  const double slip = turned_ ? std::max(s.slip_fraction, t.slip_fraction) : s.slip_fraction;
+  state_.gross = s.sliding || (turned_ && t.turning);
+  state_.slip_fraction = state_.gross ? 1.0 : slip;
+  state_.stick_radius_mm = press_.contact_radius_mm * std::sqrt(1.0 - state_.slip_fraction);
+  state_.shear_n = s.force_n;
+  state_.moment_nmm = turned_ ? t.moment_nmm : 0.0;
+  state_.slid_rad = turned_ ? t.slid_rad / turn_scale : 0.0;
+  state_.center_mm = at_mm;
+  return state_;
+}
+
+void SpringsContact::field(std::span<Vec2> motion_mm) {
+  std::fill_n(motion_mm.begin(), field_.size(), Vec2{});
+  if (!touching_) return;
+  spring_field_.evaluate(springs_.traction(), motion_mm);
+  field_.add_press(press_, motion_mm);
+  if (!turned_) return;
+  field_.add_discs(press_.contact_radius_mm, turns_.discs(), motion_mm);
+}
+
+}  // namespace holdfast::scene

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+// A round object on the gel behind the one seam (contact.hpp): contact levels B1, closed forms, and B2, springs, with
+// what the two share - the press, the layer, the twist and how shear and twist share the friction.
+//
+// Modelled
+//   * everything that contact_closed.hpp (B1) or contact_springs.hpp and contact_twist.hpp (B2) models
+//   * press and marker motion of a gel of finite thickness (layer.hpp); outward motion under the press
+//   * how much stiffer a layer is against shear and twist: the object's motion counts for the half-space's formulas as
+//     the motion that takes the same load there, so that the middle of the contact moves with the object
+//   * shear and twist together: their loads stay on or inside (Q / mu P)^2 + (M / M_max)^2 = 1 (share_friction())
+//   * the object that slides takes the contact along over the gel
+//
+// Not modelled
+//   * what the layer does to the shape of the stick area and of the pressure: both stay those of the half-space
+//   * B1: reversal, cycles, normal force that changes under shear, kinetic friction: each state is the one that
+//   monotone
+//     loading reaches
+//   * objects that are not round: level `grid`
+//
+// Units: contact.hpp.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "drivers/sim/scene/contact.hpp"
+#include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/contact_springs.hpp"
+#include "drivers/sim/scene/contact_twist.hpp"
+#include "drivers/sim/scene/layer.hpp"
+#include "drivers/sim/scene/shape.hpp"
+
+namespace holdfast::scene {
+
+struct RoundSetup {
+  Gel gel;
+  Round round;
+  double static_friction = 0.5;
+  double kinetic_friction = 0.5;  // B2
+  bool bonded = false;
+  double press_dilation = 0.0;  // FOTS's, added to the gel's own: dilation * depth * (r/a) exp((1 - r^2/a^2) / 2)
+  double extent_mm = 8.0;       // B2: largest contact radius; a harder press counts as this one
+  int springs = 64;             // B2
+};
+
+// Motion of the gel around a contact: press, shear and twist of the markers, over whatever layer the gel is.
+class RoundField {
+ public:
+  RoundField(const RoundSetup& setup, std::span<const Vec2> markers_mm);
+
+  // Where the contact lies on the undeformed gel.
+  void move_center(Vec2 center_mm);
+  [[nodiscard]] std::size_t size() const { return markers_mm_.size(); }
+
+  // Each adds to motion_mm.
+  void add_press(const Press& press, std::span<Vec2> motion_mm);
+  // The dome of one radius less the dome of another, 0 <= stick <= contact: partial slip.
+  void add_domes(double contact_mm, double stick_mm, Vec2 slope_mpa_per_mm, std::span<Vec2> motion_mm);
+  void add_punch(double radius_mm, Vec2 force_n, std::span<Vec2> motion_mm);
+  // A monotone twist, and one with history. `radius_mm`: of the contact.
+  void add_twist(const FrictionContact& contact, const Twist& twist, std::span<Vec2> motion_mm);
+  void add_discs(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm);
+
+  [[nodiscard]] const Layer& layer() const { return layer_; }
+
+ private:
+  // What one disc does to each marker, as a turn per turn of the disc.
+  struct Turned {
+    double radius_mm = -1.0;
+    double spread_mm = 0.0;
+    std::vector<double> share;
+  };
+  void add_spread(Vec2 load, std::span<Vec2> motion_mm) const;
+  void add_layer_turn(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm);
+
+  Layer layer_;
+  double press_dilation_;
+  std::vector<Vec2> markers_mm_;
+  std::vector<Vec2> from_mm_;  // the centre
+  std::vector<double> r_mm_, mean_, fan_;
+  double full_radius_mm_ = -1.0;
+  std::vector<double> full_mean_, full_fan_;  // of the dome of full_radius_mm_, which stays while the force does
+  std::vector<double> stick_mean_, stick_fan_;
+  double outward_radius_mm_ = -1.0;
+  std::vector<double> outward_;  // per unit of dome, at outward_radius_mm_
+  double turn_radius_mm_ = -1.0;
+  std::array<std::vector<double>, 2> layer_turn_;  // turn per moment that the layer adds, at two radii of the contact
+  std::vector<Turned> turned_;
+};
+
+class ClosedContact final : public Contact {
+ public:
+  ClosedContact(const RoundSetup& setup, std::span<const Vec2> markers_mm);
+
+  const ContactState& move_to(const ObjectPose& pose) override;
+  const ContactState& press_to(double force_n, Vec2 at_mm, double twist_rad) override;
+  void field(std::span<Vec2> motion_mm) override;
+
+ private:
+  const ContactState& set(const Press& press, Vec2 at_mm, double twist_rad);
+
+  RoundSetup setup_;
+  RoundField field_;
+  bool touching_ = false;
+  Vec2 touched_mm_;  // where the object was when it touched
+  Vec2 anchor_mm_;   // where it would be without shear: moves when it slides
+  double touched_rad_ = 0.0;
+  double anchor_rad_ = 0.0;
+  FrictionContact for_shear_, for_twist_;
+  Shear shear_;
+  Vec2 along_;
+  Twist twist_;
+  FrictionShare share_;
+  ContactState state_;
+};
+
+class SpringsContact final : public Contact {
+ public:
+  SpringsContact(const RoundSetup& setup, std::span<const Vec2> markers_mm);
+
+  const ContactState& move_to(const ObjectPose& pose) override;
+  const ContactState& press_to(double force_n, Vec2 at_mm, double twist_rad) override;
+  void field(std::span<Vec2> motion_mm) override;
+
+ private:
+  const ContactState& set(const Press& press, Vec2 at_mm, double twist_rad);
+  [[nodiscard]] double step_ratio(double radius_mm, Vec2 way);
+
+  RoundSetup setup_;
+  RoundField field_;
+  SpringField spring_field_;
+  SpringContact springs_;
+  TwistSprings turns_;
+  bool touching_ = false;
+  bool turned_ = false;  // ever since it touched
+  FrictionShare share_;
+  Vec2 touched_mm_;
+  Vec2 at_mm_;
+  Vec2 way_mm_;  // of the last step that moved
+  double at_rad_ = 0.0;
+  Vec2 half_space_mm_;  // the object's way, as the half-space's springs count it
+  Vec2 center_mm_;      // of the contact on the undeformed gel, for the fields
+  Press press_;
+  ContactState state_;
+};
+
+}  // namespace holdfast::scene

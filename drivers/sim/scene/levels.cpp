@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// From a scene to its contact level.
+#include <algorithm>
+#include <cmath>
+
+#include "drivers/sim/scene/contact_grid.hpp"
+#include "drivers/sim/scene/contact_kinematic.hpp"
+#include "drivers/sim/scene/contact_round.hpp"
+#include "drivers/sim/scene/simulation.hpp"
+
+namespace holdfast::scene {
+namespace {
+
+// Largest contact radius that the script reaches, on a half-space: a layer's is smaller under force, and the same to a
+// few percent under depth. What presses from outside a script has this much room as well.
+constexpr double kRoom = 1.1;
+constexpr double kLeastExtent_mm = 2.0;
+constexpr double kExtentWithoutScript_mm = 8.0;
+
+double extent_mm(const Scene& scene, const Round& round) {
+  double most = 0.0;
+  for (const Waypoint& point : scene.trajectory) {
+    double depth_mm = std::max(point.depth_mm.value_or(0.0), point.closing_mm.value_or(0.0));
+    if (point.force_n.value_or(0.0) > 0.0) {
+      SpringContact far({.gel = scene.gel, .indenter = {round.coefficient, round.exponent}, .extent_mm = 1e3});
+      depth_mm = std::max(depth_mm, far.depth_for_force_mm(*point.force_n));
+    }
+    if (!(depth_mm > 0.0)) continue;
+    SpringContact probe({.gel = scene.gel, .indenter = {round.coefficient, round.exponent}, .extent_mm = 1e3});
+    most = std::max(most, probe.move_to(depth_mm, {}).contact_radius_mm);
+  }
+  return most > 0.0 ? std::max(kRoom * most, kLeastExtent_mm) : kExtentWithoutScript_mm;
+}
+
+}  // namespace
+
+std::unique_ptr<Contact> make_contact(const Scene& scene, std::span<const Vec2> markers_mm) {
+  const Object& object = scene.object;
+  const double kinetic = object.kinetic_friction.value_or(object.friction);
+  const auto round = as_round(object.shape);
+  switch (scene.level.contact) {
+    case ContactLevel::kKinematic:
+      return std::make_unique<KinematicContact>(KinematicSetup{.gel = scene.gel, .shape = object.shape}, markers_mm);
+    case ContactLevel::kClosed:
+    case ContactLevel::kSprings:
+      if (round) {
+        RoundSetup setup{.gel = scene.gel,
+                         .round = *round,
+                         .static_friction = object.friction,
+                         .kinetic_friction = kinetic,
+                         .bonded = object.bonded,
+                         .press_dilation = scene.effects.press_dilation,
+                         .springs = scene.level.springs};
+        if (scene.level.contact == ContactLevel::kClosed && round->exponent == 2) {
+          return std::make_unique<ClosedContact>(setup, markers_mm);
+        }
+        setup.extent_mm = extent_mm(scene, *round);
+        return std::make_unique<SpringsContact>(setup, markers_mm);
+      }
+      break;  // the loader refuses it; the one level that can do it takes its place
+    case ContactLevel::kGrid:
+      break;
+  }
+  return std::make_unique<GridContact>(GridSetup{.gel = scene.gel,
+                                                 .shape = object.shape,
+                                                 .static_friction = object.friction,
+                                                 .kinetic_friction = kinetic,
+                                                 .bonded = object.bonded,
+                                                 .cell_mm = scene.level.cell_mm},
+                                       markers_mm);
+}
+
+}  // namespace holdfast::scene

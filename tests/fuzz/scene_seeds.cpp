@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes what the fuzzer of scenes starts from: the seeds into a folder that is there, and the words of the format, by
+// the reader's own table, as libFuzzer's dictionary:
+//   scene_seeds FOLDER DICTIONARY
+#include <cstdio>
+#include <fstream>
+#include <string>
+
+#include "tests/fuzz/scene_check.hpp"
+
+namespace {
+
+bool write(const std::string& path, const std::string& text) {
+  std::ofstream file(path, std::ios::binary);
+  file << text;
+  if (file.flush()) return true;
+  std::fprintf(stderr, "error: cannot write %s (no such folder, or the disk is full). Next: make the folder\n",
+               path.c_str());
+  return false;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace holdfast;
+  if (argc != 3) {
+    std::fprintf(stderr, "usage: scene_seeds FOLDER DICTIONARY\n");
+    return 2;
+  }
+  int number = 0;
+  for (const std::string& text : test::scene_seeds()) {
+    if (!write(argv[1] + ("/seed_" + std::to_string(++number)) + ".json", text)) return 1;
+  }
+  std::string dictionary;
+  const auto add = [&](std::string_view word) { dictionary += "\"\\\"" + std::string(word) + "\\\"\"\n"; };
+  for (const scene::FieldInfo& field : scene::scene_fields()) add(field.path.substr(field.path.rfind('.') + 1));
+  for (const auto section : {"level", "gel", "markers", "object", "texture", "effects", "picture", "expect"})
+    add(section);
+  for (const scene::Capability& capability : scene::kCapabilities) add(capability.name);
+  for (const auto name : scene::kInjectNames) add(name);
+  for (const auto name : scene::kContactLevelNames) add(name);
+  for (const auto name : scene::kShapeNames) add(name);
+  for (const auto name : scene::kTextureNames) add(name);
+  for (const auto name : scene::kFaultNames) add(name);
+  return write(argv[2], dictionary) ? 0 : 1;
+}

@@ -1,0 +1,857 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scene files: every field by hand and by its table, every refusal with its line, hostile text, and scenes that come
+// back as they were written. The judge of tests/fuzz runs here, too, on seeds and on damaged seeds.
+#include "drivers/sim/scene/scene_file.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "tests/fuzz/scene_check.hpp"
+#include "tests/support/temp_dir.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace holdfast::scene;
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+bool same(const Scene& a, const Scene& b) {
+  const auto bits = [](double x) { return std::bit_cast<std::uint64_t>(x); };
+  return a.schema_version == b.schema_version && a.name == b.name && a.help == b.help && a.seed == b.seed &&
+         a.fps == b.fps && a.duration_s == b.duration_s && a.needs == b.needs && a.level == b.level &&
+         bits(a.gel.shear_modulus_mpa) == bits(b.gel.shear_modulus_mpa) && a.gel.poisson == b.gel.poisson &&
+         a.gel.thickness_mm == b.gel.thickness_mm && a.markers.rows == b.markers.rows &&
+         a.markers.cols == b.markers.cols && a.markers.pitch_mm == b.markers.pitch_mm && a.object == b.object &&
+         a.profile == b.profile && a.trajectory == b.trajectory && a.effects == b.effects && a.faults == b.faults &&
+         a.picture == b.picture && a.expect == b.expect;
+}
+
+// Valid, and nothing touches.
+Json bare() {
+  return {{"schema_version", 1}, {"name", "n"}, {"duration_s", 10}, {"trajectory", Json::array({{{"t_s", 0}}})}};
+}
+
+// "a.b" and "list[].c" (of the first entry).
+Json::json_pointer pointer_to(std::string path) {
+  for (auto dot = path.find("[]."); dot != std::string::npos; dot = path.find("[].")) path.replace(dot, 3, ".0.");
+  std::ranges::replace(path, '.', '/');
+  return Json::json_pointer("/" + path);
+}
+
+// What else has to be there for a field to mean something.
+Json home_of(const std::string& path) {
+  Json text = bare();
+  const auto at = [&](const std::string& where) -> Json& { return text[pointer_to(where)]; };
+  if (path == "level.springs") at("level.contact") = "springs";
+  if (path == "level.cell_mm") at("level.contact") = "grid";
+  if (path == "object.radius_y_mm" || path == "object.yaw_deg") at("object.shape") = "ellipsoid";
+  if (path.starts_with("object.half_") || path == "object.rim_mm" || path == "object.tilt_deg")
+    at("object.shape") = "box";
+  if (path == "object.flank_deg") at("object.shape") = "cone";
+  if (path.starts_with("object.texture.")) at("object.texture.kind") = "bumps";
+  if (path == "effects.creep_tau_s") at("effects.creep_gain") = 0.1;
+  if (path.starts_with("effects.drive_") || path.starts_with("effects.damping_")) at("object.mass_g") = 10;
+  if (path.starts_with("faults[].")) at("faults") = Json::array({{{"t_s", 0}, {"fault", "late"}}});
+  if (path.starts_with("expect.entropy[].")) {
+    at("expect.entropy") = Json::array({{{"from_s", 0}, {"to_s", 1}, {"least_nat", 0}, {"most_nat", 1}}});
+  }
+  return text;
+}
+
+bool tells(const std::vector<std::string>& messages, std::string_view what) {
+  return std::ranges::any_of(messages, [&](const std::string& line) { return line.find(what) != std::string::npos; });
+}
+
+std::string all(const std::vector<std::string>& messages) {
+  std::string out;
+  for (const std::string& message : messages) out += message + "\n";
+  return out;
+}
+
+// A scene in the middle of things: pressed, dragged and slipping on springs; one line each.
+constexpr std::string_view kSlip = R"({
+"schema_version": 1,
+"name": "slip",
+"duration_s": 4,
+"requires": ["press", "shear", "partial_slip", "gross_slip", "layer"],
+"level": {"contact": "springs"},
+"object": {"radius_mm": 15},
+"trajectory": [
+{"t_s": 0, "force_n": 0},
+{"t_s": 1, "force_n": 3, "x_mm": 0},
+{"t_s": 3, "force_n": 3, "x_mm": 4}
+],
+"effects": {},
+"expect": {}
+})";
+
+std::string with(std::string_view from, std::string_view to) {
+  std::string text(kSlip);
+  const auto found = text.find(from);
+  if (found == std::string::npos) FAIL("the text of the test has changed");
+  return text.replace(found, from.size(), to);
+}
+
+}  // namespace
+
+TEST_GROUP(SceneFile){// One error, of that line, that says all of these.
+                      void refused(std::string_view text, int line, const std::vector<std::string>& words){
+                          const SceneResult result = read_scene(text, "s.json");
+CHECK_FALSE(result.scene.has_value());
+const std::string start = "s.json:" + std::to_string(line) + ": ";
+for (const std::string& error : result.errors) {
+  const bool fits = error.starts_with(start) && std::ranges::all_of(words, [&](const std::string& word) {
+                      return error.find(word) != std::string::npos;
+                    });
+  if (fits && error.find(". Likely cause: ") != std::string::npos && error.find(". Next: ") != std::string::npos)
+    return;
+}
+FAIL(("expected " + start + words.front() + "\n" + all(result.errors)).c_str());
+}
+void refused_edit(std::string_view from, std::string_view to, int line, const std::vector<std::string>& words) {
+  refused(with(from, to), line, words);
+}
+Scene accepted(std::string_view text) {
+  SceneResult result = read_scene(text, "s.json");
+  if (!result.scene) FAIL(all(result.errors).c_str());
+  return std::move(*result.scene);
+}
+}
+;
+
+TEST(SceneFile, ReadsEveryField) {
+  const std::string text = R"({"schema_version": 1, "name": "every_1", "help": "a b", "seed": 18446744073709551615,
+ "fps": 18.75, "duration_s": 3.5,
+ "requires": ["press", "shear", "twist", "partial_slip", "gross_slip", "load_history", "shapes", "kinetic_friction", "layer",
+   "compliance", "mass", "pull", "creep", "press_dilation", "marker_noise", "marker_loss", "marker_duplicates",
+   "fabrication", "pixel_noise", "light", "exposure", "rolling_shutter", "worn_gel", "camera_faults"],
+ "level": {"inject": "jpeg", "contact": "grid", "cell_mm": 0.35},
+ "gel": {"shear_modulus_kpa": 50.5, "poisson": 0.45, "thickness_mm": 4},
+ "markers": {"rows": 8, "cols": 10, "pitch_mm": 1.9},
+ "object": {"name": "brick", "shape": "box", "half_x_mm": 3, "half_y_mm": 4, "rim_mm": 0.5, "yaw_deg": 90,
+   "tilt_deg": -45, "texture": {"kind": "bumps", "height_mm": 0.1, "pitch_mm": 0.8}, "friction": 0.7,
+   "kinetic_friction": 0.6, "bonded": false, "compliance_mm_per_n": 0.02, "mass_g": 120, "touch_x_mm": 1.5,
+   "touch_y_mm": -2.5},
+ "profile": "minimum_jerk",
+ "trajectory": [{"t_s": 0.25, "closing_mm": 0}, {"t_s": 1, "closing_mm": 2, "x_mm": 0, "y_mm": 0.5, "twist_deg": 1,
+   "pull_x_n": 0.25, "pull_y_n": -0.5}, {"t_s": 2, "x_mm": 3, "twist_deg": 10}, {"t_s": 3, "closing_mm": 1}],
+ "effects": {"press_dilation": 0.06, "creep_gain": 0.1, "creep_tau_s": 2, "drive_stiffness_n_per_mm": 5,
+   "damping_n_s_per_mm": 0.01, "marker_noise_um": 3, "marker_loss": 0.02, "marker_missing": 2,
+   "marker_duplicates": 4, "fabrication_um": 30, "fabrication_turn_deg": 1.5, "pixel_noise": 2.5, "dirt_specks": 6,
+   "light_drift_levels_per_s": -1.25, "light_flicker_levels": 2, "exposure_ms": 20, "rolling_shutter_ms": 30,
+   "worn_gel": 0.25},
+ "faults": [{"t_s": 1, "frames": 3, "fault": "torn"}, {"t_s": 2, "fault": "backwards", "by_ms": 75}],
+ "picture": {"width": 820, "background": 110, "dot_level": 40, "shading": 15, "imprint_gain": 50, "jpeg_quality": 90},
+ "expect": {"onset_s": [1.25, 2.5], "no_onset": false, "max_delay_ms": 120, "false_alarms": 1, "final_state": "SLIP",
+   "entropy": [{"from_s": 0, "to_s": 0.5, "least_nat": 0.25, "most_nat": 0.75}]}})";
+  const SceneResult result = read_scene(text, "s.json");
+  if (!result.scene) FAIL(all(result.errors).c_str());
+  CHECK_EQUAL(0U, result.warnings.size());
+  Scene expected;
+  expected.name = "every_1";
+  expected.help = "a b";
+  expected.seed = 18446744073709551615U;
+  expected.fps = 18.75;
+  expected.duration_s = 3.5;
+  expected.needs = result.scene->needs;
+  CHECK_EQUAL(24U, expected.needs.size());
+  STRCMP_EQUAL("layer", expected.needs[8].c_str());
+  expected.level = {.inject = Inject::kJpeg, .contact = ContactLevel::kGrid, .cell_mm = 0.35};
+  expected.gel = {.shear_modulus_mpa = 0.0505, .poisson = 0.45, .thickness_mm = 4.0};
+  expected.markers = {8, 10, 1.9};
+  Object& object = expected.object;
+  object.name = "brick";
+  object.shape.kind = ShapeKind::kBox;
+  object.shape.half_x_mm = 3;
+  object.shape.half_y_mm = 4;
+  object.shape.rim_mm = 0.5;
+  object.shape.yaw_rad = std::numbers::pi / 2;
+  object.shape.tilt_rad = -std::numbers::pi / 4;
+  object.shape.texture = TextureKind::kBumps;
+  object.shape.texture_height_mm = 0.1;
+  object.shape.texture_pitch_mm = 0.8;
+  object.friction = 0.7;
+  object.kinetic_friction = 0.6;
+  object.compliance_mm_per_n = 0.02;
+  object.mass_g = 120;
+  object.touch_mm = {1.5, -2.5};
+  expected.profile = Profile::kMinimumJerk;
+  expected.trajectory.resize(4);
+  expected.trajectory[0].t_s = 0.25;
+  expected.trajectory[0].closing_mm = 0;
+  expected.trajectory[1] = {.t_s = 1,
+                            .depth_mm = {},
+                            .force_n = {},
+                            .closing_mm = 2,
+                            .x_mm = 0,
+                            .y_mm = 0.5,
+                            .twist_deg = 1,
+                            .pull_x_n = 0.25,
+                            .pull_y_n = -0.5};
+  expected.trajectory[2].t_s = 2;
+  expected.trajectory[2].x_mm = 3;
+  expected.trajectory[2].twist_deg = 10;
+  expected.trajectory[3].t_s = 3;
+  expected.trajectory[3].closing_mm = 1;
+  expected.effects = {.press_dilation = 0.06,
+                      .creep_gain = 0.1,
+                      .creep_tau_s = 2,
+                      .drive_stiffness_n_per_mm = 5,
+                      .damping_n_s_per_mm = 0.01,
+                      .marker_noise_um = 3,
+                      .marker_loss = 0.02,
+                      .marker_missing = 2,
+                      .marker_duplicates = 4,
+                      .fabrication_um = 30,
+                      .fabrication_turn_deg = 1.5,
+                      .pixel_noise = 2.5,
+                      .dirt_specks = 6,
+                      .light_drift_levels_per_s = -1.25,
+                      .light_flicker_levels = 2,
+                      .exposure_ms = 20,
+                      .rolling_shutter_ms = 30,
+                      .worn_gel = 0.25};
+  expected.faults = {{1, 3, Fault::kTorn, 50}, {2, 1, Fault::kBackwards, 75}};
+  expected.picture = {820, 110, 40, 15, 50, 90};
+  expected.expect.onset_s = {1.25, 2.5};
+  expected.expect.max_delay_ms = 120;
+  expected.expect.false_alarms = 1;
+  expected.expect.final_state = "SLIP";
+  expected.expect.entropy = {{0, 0.5, 0.25, 0.75}};
+  CHECK(same(expected, *result.scene));
+}
+
+TEST(SceneFile, LeavesOutWhatTheFileLeavesOut) {
+  Scene expected;
+  expected.name = "n";
+  expected.duration_s = 10;
+  expected.trajectory.resize(1);
+  CHECK(same(expected, accepted(bare().dump())));
+  const Scene half_space = accepted(R"({"schema_version": 1, "name": "n", "duration_s": 10, "gel": {"half_space": true},
+    "trajectory": [{"t_s": 0}], "object": {"shape": "edge", "radius_mm": 1, "flank_deg": 30}, "requires": ["shapes"],
+    "level": {"contact": "grid"}})");
+  CHECK_EQUAL(kInfinity, half_space.gel.thickness_mm);
+  CHECK_EQUAL(1.0, half_space.object.shape.radius_mm);
+  CHECK_EQUAL(30.0, half_space.object.shape.flank_deg);
+}
+
+// By the table: the ends of each range are taken, the next number beyond is refused in its line.
+TEST(SceneFile, KeepsToEveryRange) {
+  int ranges = 0;
+  for (const FieldInfo& field : scene_fields()) {
+    const bool whole = field.type == "whole number";
+    if (!whole && field.type != "number") continue;
+    ++ranges;
+    std::string shown_path = field.path;
+    if (const auto entry = shown_path.find("[]"); entry != std::string::npos) shown_path.insert(entry + 1, "0");
+    const auto errors = [&](const Json& value, int& line) {
+      Json text = home_of(field.path);
+      text[pointer_to(field.path)] = value;
+      const std::string dump = text.dump(1);
+      const std::string key = "\"" + field.path.substr(field.path.find_last_of('.') + 1) + "\": " + value.dump();
+      const auto found = dump.find(key);
+      CHECK(found != std::string::npos);
+      line = 1 + static_cast<int>(std::count(dump.begin(), dump.begin() + static_cast<long>(found), '\n'));
+      return read_scene(dump, "s").errors;
+    };
+    const bool seed = field.path == "seed";
+    const Json most = seed ? Json(std::numeric_limits<std::uint64_t>::max()) : Json(field.most);
+    const Json above = whole ? (seed ? Json::parse("18446744073709551616") : Json(static_cast<long>(field.most) + 1))
+                             : Json(std::nextafter(field.most, kInfinity));
+    const Json below = whole ? Json(static_cast<long>(field.least) - 1) : Json(std::nextafter(field.least, -kInfinity));
+    int line = 0;
+    for (const Json& end : {Json(field.least), most}) {
+      const auto said = errors(end, line);
+      if (tells(said, "out of range ('" + shown_path + "'") || tells(said, "kind of value") ||
+          tells(said, "not used by")) {
+        FAIL((field.path + " refuses " + end.dump() + "\n" + all(said)).c_str());
+      }
+    }
+    const std::string what =
+        (field.path == "schema_version" ? "unknown version ('" : "out of range ('") + shown_path + "': ";
+    for (const Json& beyond : {below, above}) {
+      const auto said = errors(beyond, line);
+      if (!tells(said, ("s:" + std::to_string(line)).append(": ").append(what))) {
+        FAIL((field.path + " takes " + beyond.dump() + " in line " + std::to_string(line) + "\n" + all(said)).c_str());
+      }
+    }
+  }
+  CHECK_EQUAL(70, ranges);
+}
+
+TEST(SceneFile, RefusesOtherKindsForEveryField) {
+  for (const FieldInfo& field : scene_fields()) {
+    std::string shown_path = field.path;
+    if (const auto entry = shown_path.find("[]"); entry != std::string::npos) shown_path.insert(entry + 1, "0");
+    for (const char* other : {"\"x\"", "7.5", "true", "null", "{}", "[]", "[1]", "[1, \"a\"]"}) {
+      const Json value = Json::parse(other);
+      const bool text = field.type == "name" || field.type == "text" || field.type == "choice";
+      if (field.type == "list" ? value.is_array() : text ? value.is_string() : false) continue;
+      if ((field.type == "number" && value.is_number()) || (field.type == "true or false" && value.is_boolean()))
+        continue;
+      Json json = home_of(field.path);
+      json[pointer_to(field.path)] = value;
+      const auto said = read_scene(json.dump(), "s").errors;
+      const std::string_view what =
+          field.type == "whole number" && value.is_number() ? "not a whole number ('" : "wrong kind of value ('";
+      if (!tells(said, std::string(what).append(shown_path).append("': ")))
+        FAIL((field.path + " takes " + other + "\n" + all(said)).c_str());
+    }
+  }
+}
+
+TEST(SceneFile, TakesOnlyTheNamesOfAChoice) {
+  for (const FieldInfo& field : scene_fields()) {
+    if (field.type != "choice") continue;
+    Json json = home_of(field.path);
+    json[pointer_to(field.path)] = "nonsense";
+    CHECK(tells(read_scene(json.dump(), "s").errors, "unknown value ('"));
+    const Json names = Json::parse("[" + field.allowed + "]");
+    CHECK(names.size() >= 2);
+    for (const Json& name : names) {
+      json[pointer_to(field.path)] = name;
+      CHECK_FALSE(tells(read_scene(json.dump(), "s").errors, "unknown value"));
+      std::string typo = name.get<std::string>();
+      typo.insert(typo.size() / 2, "x");
+      json[pointer_to(field.path)] = typo;
+      CHECK(tells(read_scene(json.dump(), "s").errors, "nearest is \"" + name.get<std::string>() + "\""));
+    }
+  }
+}
+
+TEST(SceneFile, WantsWhatIsRequired) {
+  for (const char* key : {"schema_version", "name", "duration_s", "trajectory"}) {
+    Json text = bare();
+    text.erase(key);
+    refused(text.dump(), 1, {"no '" + std::string(key) + "', required: "});
+  }
+  refused_edit(R"({"t_s": 0, "force_n": 0})", R"({"force_n": 0})", 9, {"no 'trajectory[0].t_s'"});
+  refused_edit(R"("effects": {})", R"("faults": [{"t_s": 1}])", 13, {"no 'faults[0].fault'", "\"dropped\""});
+}
+
+TEST(SceneFile, NamesTheNearestKey) {
+  refused_edit("radius_mm", "radus_mm", 7, {"unknown key ('object.radus_mm': 15)", "nearest is 'radius_mm'"});
+  refused_edit("radius_mm", "radius", 7, {"nearest is 'radius_mm'"});
+  refused_edit("force_n\": 3, \"x", "froce_n\": 3, \"x", 10, {"('trajectory[1].froce_n': 3)", "nearest is 'force_n'"});
+  refused_edit("duration_s", "duration", 4, {"nearest is 'duration_s'"});
+  refused_edit("\"effects\": {}", "\"marker_loss\": 0.1", 13, {"unknown key ('marker_loss'", "move it into 'effects'"});
+  refused_edit("\"effects\": {}", "\"qqqqqqq\": 0.1", 13, {"allowed here: schema_version, name"});
+  refused_edit("springs", "spring", 6, {"unknown value ('level.contact': \"spring\")", "nearest is \"springs\""});
+  refused_edit("\"press\"", "\"pres\"", 5, {"no such capability ('requires': \"pres\")", "nearest is \"press\""});
+  refused_edit("\"press\"", "\"mu_k\"", 5, {"no such capability", "allowed: press, shear"});
+  refused_edit("\"press\"", "\"shear\"", 5, {"given twice"});
+  refused_edit("\"press\"", "3", 5, {"wrong kind of value ('requires': 3)"});
+}
+
+TEST(SceneFile, RefusesNamesAndTexts) {
+  for (const char* name :
+       {"\"\"", "\"Slip\"", "\"a b\"", "\"a-b\"", "\"../a\"", R"("\u00e9")", R"("a\u0000")", R"("a\n")"}) {
+    refused_edit("\"slip\"", name, 3, {"cannot be used ('name': "});
+  }
+  refused_edit("\"slip\"", "\"" + std::string(65, 'a') + "\"", 3, {"1 .. 64 characters"});
+  CHECK_EQUAL(64U, accepted(with("\"slip\"", "\"" + std::string(64, 'a') + "\"")).name.size());
+  refused_edit("\"slip\"", R"("slip", "help": "a\u001b[31m")", 3, {"cannot be used ('help': \"a?[31m\")"});
+  CHECK_EQUAL(200U, accepted(with("\"slip\"", "\"slip\", \"help\": \"" + std::string(200, '~') + "\"")).help.size());
+}
+
+TEST(SceneFile, ChecksTheTrajectory) {
+  refused_edit("\"t_s\": 3", "\"t_s\": 1", 11, {"times do not rise ('trajectory[2].t_s': 1)", "above 1"});
+  refused_edit("\"t_s\": 3", "\"t_s\": 4.001", 11, {"after the end ('trajectory[2].t_s': 4.001)", "4 s"});
+  refused_edit(R"("force_n": 3, "x_mm": 4)", "\"depth_mm\": 1", 11, {"two ways to press", "line 9 has 'force_n'"});
+  refused_edit(R"("force_n": 3, "x_mm": 4)", "\"closing_mm\": 1", 11, {"two ways to press"});
+  refused_edit(R"({"t_s": 0, "force_n": 0})", "7", 9, {"wrong kind of value ('trajectory[0]': 7)", "an object"});
+  refused(R"({"schema_version": 1, "name": "n", "duration_s": 1, "trajectory": []})", 1, {"no waypoint"});
+  refused(R"({"schema_version": 1, "name": "n", "duration_s": 1, "trajectory": {}})", 1, {"allowed a list"});
+  refused_edit("\"effects\": {}", R"("faults": [{"t_s": 5, "fault": "bad"}])", 13, {"a fault after the end"});
+  CHECK_EQUAL(4.0, accepted(with("\"t_s\": 3", "\"t_s\": 4")).trajectory[2].t_s);
+}
+
+TEST(SceneFile, ChecksSizes) {
+  refused_edit("\"duration_s\": 4", R"("duration_s": 1000.001, "fps": 1000)", 4,
+               {"too many frames", "allowed 1000000"});
+  accepted(with("\"duration_s\": 4", R"("duration_s": 1000, "fps": 1000)"));
+  refused_edit("\"effects\": {}", R"("markers": {"rows": 16})", 13, {"too many markers", "144", "allowed 128"});
+  refused_edit("\"effects\": {}", R"("effects": {"marker_missing": 64})", 13, {"than there are", "0 .. 63"});
+  refused_edit("\"radius_mm\": 15", R"("shape": "disc", "radius_mm": 0.5)", 7, {"the rim is wider", "0 .. 0.5"});
+}
+
+TEST(SceneFile, RefusesKeysThatMeanNothing) {
+  refused_edit(
+      "\"radius_mm\": 15", R"("shape": "box", "radius_mm": 15)", 7,
+      {"not used by a box ('object.radius_mm': 15)", "keys of a box: half_x_mm, half_y_mm, rim_mm, yaw_deg, tilt_deg"});
+  refused_edit("\"radius_mm\": 15", "\"yaw_deg\": 15", 7, {"not used by a sphere", "keys of a sphere: radius_mm"});
+  refused_edit("\"radius_mm\": 15", "\"rim_mm\": 15", 7, {"not used by a sphere"});
+  refused_edit("\"radius_mm\": 15", R"("texture": {"height_mm": 1})", 7, {"not used by an object without texture"});
+  refused_edit("\"springs\"", R"("springs", "cell_mm": 1)", 6, {"not used by level springs ('level.cell_mm': 1)"});
+  refused_edit("\"effects\": {}", R"("gel": {"thickness_mm": 4, "half_space": true})", 13,
+               {"not used by a half-space"});
+  refused_edit("\"effects\": {}", R"("effects": {"creep_tau_s": 2})", 13, {"not used by a gel without creep_gain"});
+  refused_edit("\"effects\": {}", R"("effects": {"damping_n_s_per_mm": 2})", 13, {"without mass_g"});
+  refused_edit("\"effects\": {}", R"("effects": {"drive_stiffness_n_per_mm": 2})", 13, {"without mass_g"});
+  refused_edit("\"effects\": {}", R"("faults": [{"t_s": 1, "fault": "bad", "by_ms": 1}])", 13,
+               {"not used by this fault ('faults[0].by_ms': 1)"});
+  refused_edit("\"radius_mm\": 15", R"("bonded": true, "kinetic_friction": 0.1)", 7, {"not used by a bonded object"});
+}
+
+TEST(SceneFile, RefusesContradictions) {
+  refused_edit("\"radius_mm\": 15", R"("friction": 0.3, "kinetic_friction": 0.31)", 7,
+               {"above the static one", "0 .. 0.3"});
+  refused_edit("\"radius_mm\": 15", "\"mass_g\": 50", 7,
+               {"nothing moves an object with mass", "drive_stiffness_n_per_mm"});
+  refused_edit("\"x_mm\": 4", "\"pull_x_n\": 4", 8, {"needs a mass"});
+  refused_edit("\"expect\": {}", R"("expect": {"onset_s": [2, 2]})", 14, {"not a time of the scene", "2 .. 2"});
+  refused_edit("\"expect\": {}", R"("expect": {"onset_s": [2, 4.5]})", 14, {"up to duration_s, 4 s"});
+  refused_edit("\"expect\": {}", "\"expect\": {\"onset_s\": [2, 3],\n\"no_onset\": true}", 14, {"contradicts"});
+  refused_edit("\"expect\": {}", R"("expect": {"max_delay_ms": 3, "no_onset": true})", 14, {"contradicts"});
+  refused_edit("\"expect\": {}", R"("expect": {"entropy": [{"from_s": 1, "to_s": 0, "least_nat": 2, "most_nat": 1}]})",
+               14, {"not a time of the scene ('expect.entropy[0]'"});
+  refused_edit("\"expect\": {}", R"("expect": {"entropy": [{"from_s": 0, "to_s": 1, "least_nat": 2, "most_nat": 1}]})",
+               14, {"least is above most"});
+}
+
+TEST(SceneFile, TellsAllProblemsInOrderAndAtMostTwenty) {
+  std::string text = R"({"schema_version": 1, "name": "n", "duration_s": 9, "trajectory": [{"t_s": 0}], "effects": {)";
+  for (int i = 0; i < 30; ++i) text += "\n\"key_" + std::to_string(i) + "\": 1,";
+  text += "\n\"marker_loss\": 2}}";
+  const auto errors = read_scene(text, "s.json").errors;
+  CHECK_EQUAL(kMostSceneErrors, errors.size());
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    CHECK(
+        errors[i].starts_with("s.json:" + std::to_string(i + 2) + ": unknown key ('effects.key_" + std::to_string(i)));
+  }
+}
+
+TEST(SceneFile, WantsEveryCapabilityNamed) {
+  refused_edit(
+      R"("press", "shear", )", "\"press\", ", 5,
+      {"the scene uses shear: say so in 'requires'", R"(["press", "shear", "partial_slip", "gross_slip", "layer"])"});
+  refused_edit("\"effects\": {}", R"("effects": {"marker_loss": 0.1})", 5, {"the scene uses marker_loss"});
+  refused_edit("\"requires\": [\"press\", \"shear\", \"partial_slip\", \"gross_slip\", \"layer\"],\n", "", 8,
+               {"uses press, shear"});
+}
+
+TEST(SceneFile, WarnsOfWhatChangesNothing) {
+  const auto warned = [](std::string_view from, std::string_view to, int line, std::string_view what) {
+    const SceneResult result = read_scene(with(from, to), "s.json");
+    if (!result.scene) FAIL(all(result.errors).c_str());
+    CHECK_EQUAL(1U, result.warnings.size());
+    CHECK(result.warnings[0].starts_with("s.json:" + std::to_string(line) + ": unused: "));
+    CHECK(tells(result.warnings, what));
+  };
+  CHECK(read_scene(kSlip, "s.json").warnings.empty());
+  warned("\"press\"", R"("press", "creep")", 5, "\"creep\"");
+  warned("\"effects\": {}", R"("picture": {"shading": 3})", 13, "'picture.shading' needs a picture");
+  const SceneResult light = read_scene(with("\"effects\": {}", R"("effects": {"dirt_specks": 3})"), "s.json");
+  CHECK_FALSE(light.scene.has_value());  // not named
+  const SceneResult moved =
+      read_scene(R"({"schema_version": 1, "name": "n", "duration_s": 9, "requires": ["compliance"],
+    "object": {"compliance_mm_per_n": 1},
+    "trajectory": [{"t_s": 0, "x_mm": 0}, {"t_s": 1, "x_mm": 1}]})",
+                 "s");
+  CHECK(moved.scene.has_value());
+  CHECK(tells(moved.warnings, "s:3: unused: the object moves but never touches"));
+  CHECK(tells(moved.warnings, "s:2: unused: 'object.compliance_mm_per_n'"));
+}
+
+TEST(SceneFile, RefusesWhatTheLevelCannotDo) {
+  for (const Capability& capability : kCapabilities) {
+    for (std::size_t level = 0; level < kContactLevelNames.size(); ++level) {
+      Json text = bare();
+      text["level"]["contact"] = kContactLevelNames[level];
+      text["requires"] = Json::array({std::string(capability.name)});
+      const SceneResult result = read_scene(text.dump(), "s");
+      const bool can = ((capability.contacts >> level) & 1U) != 0;
+      CHECK_EQUAL(can, result.scene.has_value());
+      const std::string words =
+          "level " + std::string(kContactLevelNames[level]) + " cannot do " + std::string(capability.name);
+      CHECK_EQUAL(can, !tells(result.errors, words));
+    }
+  }
+  std::string text = with("\"radius_mm\": 15", "\"kinetic_friction\": 0.4");
+  text.replace(text.find("\"springs\""), 9, "\"closed\"");
+  refused(text, 7,
+          {"level closed cannot do kinetic_friction", "'object.kinetic_friction'", "allowed levels: springs, grid"});
+}
+
+// --- capabilities ---
+
+TEST(SceneFile, KnowsWhatASceneUses) {
+  const auto names = [](const Scene& scene) {
+    std::string out;
+    for (const std::string_view name : used_capabilities(scene)) out += std::string(name) + " ";
+    return out;
+  };
+  Scene scene;
+  scene.trajectory.resize(4);
+  for (int i = 0; i < 4; ++i) scene.trajectory[static_cast<std::size_t>(i)].t_s = i;
+  auto& path = scene.trajectory;
+  STRCMP_EQUAL("", names(scene).c_str());
+  path[1].x_mm = 0;
+  path[2].x_mm = 3;
+  STRCMP_EQUAL("", names(scene).c_str());  // never touches
+  path[0].depth_mm = 0;
+  path[1].depth_mm = 1;
+  STRCMP_EQUAL("press shear partial_slip gross_slip layer ", names(scene).c_str());
+  path[3].depth_mm = 0;  // falls from second 1 on, straight to a release
+  STRCMP_EQUAL("press shear partial_slip gross_slip layer ", names(scene).c_str());
+  path[2].depth_mm = 0.5;  // to less under shear
+  STRCMP_EQUAL("press shear partial_slip gross_slip layer load_history ", names(scene).c_str());
+  path[2].depth_mm = 1;
+  path[3].x_mm = 2;  // and back
+  STRCMP_EQUAL("press shear partial_slip gross_slip layer load_history ", names(scene).c_str());
+  path[3].x_mm = 4;
+  path[3].y_mm = -50;  // only aside: no corner of more than 90 degrees
+  path[2].y_mm = 0;
+  STRCMP_EQUAL("press shear partial_slip gross_slip layer ", names(scene).c_str());
+  scene.object.bonded = true;
+  STRCMP_EQUAL("press shear layer ", names(scene).c_str());
+  scene.gel.thickness_mm = kInfinity;
+  STRCMP_EQUAL("press shear ", names(scene).c_str());
+  path[2].x_mm = path[3].x_mm = 0;
+  path[3].y_mm = 0;
+  STRCMP_EQUAL("press ", names(scene).c_str());
+  path[1].twist_deg = 1;
+  path[2].twist_deg = 5;
+  STRCMP_EQUAL("press twist ", names(scene).c_str());
+  path[3].twist_deg = 4;
+  STRCMP_EQUAL("press twist load_history ", names(scene).c_str());
+  path[2].depth_mm = 0;  // let go before it turns back
+  STRCMP_EQUAL("press twist ", names(scene).c_str());
+  scene = {};
+  scene.trajectory.resize(1);
+  scene.trajectory[0].force_n = 1;
+  scene.level.contact = ContactLevel::kKinematic;
+  STRCMP_EQUAL("press ", names(scene).c_str());
+  scene.trajectory[0].pull_y_n = 1;
+  scene.object.mass_g = 1;
+  STRCMP_EQUAL("press shear gross_slip mass pull ", names(scene).c_str());
+  scene = {};
+  scene.object.shape.kind = ShapeKind::kCone;
+  STRCMP_EQUAL("", names(scene).c_str());
+  scene.object.shape.texture = TextureKind::kBumps;
+  scene.object.shape.texture_height_mm = 0.1;
+  STRCMP_EQUAL("shapes ", names(scene).c_str());
+  scene.object.shape = {};
+  scene.object.compliance_mm_per_n = 1;
+  scene.effects.dirt_specks = scene.effects.marker_missing = 1;
+  scene.effects.fabrication_turn_deg = -1;
+  scene.effects.light_flicker_levels = 1;
+  scene.faults.resize(1);
+  STRCMP_EQUAL("compliance marker_loss marker_duplicates fabrication light camera_faults ", names(scene).c_str());
+}
+
+TEST(SceneFile, EveryCapabilityCanBeUsedAndEveryLevelLeavesSomethingOut) {
+  std::set<std::string_view> switched;
+  for (const FieldInfo& field : scene_fields()) switched.insert(field.capability);
+  // These follow from what others do together.
+  for (const char* name : {"partial_slip", "gross_slip", "load_history"}) switched.insert(name);
+  for (const Capability& capability : kCapabilities) CHECK_EQUAL(1U, switched.count(capability.name));
+  for (const ContactLevel level :
+       {ContactLevel::kKinematic, ContactLevel::kClosed, ContactLevel::kSprings, ContactLevel::kGrid}) {
+    CHECK(omissions(level).size() >= 2);
+  }
+}
+
+// --- hostile text ---
+
+TEST(SceneFile, RefusesHostileText) {
+  using namespace std::string_literals;
+  refused("", 1, {"not JSON"});
+  refused("3", 1, {"wrong kind of value (3), allowed an object"});
+  refused("\n\n[]", 3, {"allowed an object"});
+  refused("{\n\"a\": 1,\n}", 3, {"not JSON", "object key"});
+  refused("{\n// why\n}", 2, {"not JSON"});
+  refused("{\n\"a\": 1\n}\n x", 4, {"not JSON", "end of input"});
+  refused("{\n\"a\": \"\xFF\"}", 2, {"not JSON", "UTF-8"});
+  refused("{\n\"a\": \"\\ud800\"}", 2, {"not JSON"});
+  refused("{\n\"a\": 1e999}", 2, {"not JSON", "number overflow"});
+  refused("{\n\"a\": NaN}", 2, {"not JSON"});
+  refused("{\n\"a\": 0x10}", 2, {"not JSON"});
+  refused("{\"a\": \n\"b", 2, {"not JSON"});
+  refused("{\n}\0 {}"s, 2, {"a NUL byte"});
+  refused("\xEF\xBB\xBF{}", 1, {"byte-order mark"});
+  refused("\xEF\xBB", 1, {"not JSON"});
+  refused("{\"a\":\n" + std::string(8, '[') + std::string(8, ']') + "}", 2, {"nested too deep", "allowed 8"});
+  refused("{\"a\":\n" + std::string(500'000, '['), 2, {"nested too deep"});
+  refused("{\"a\":" + std::string(7, '[') + std::string(7, ']') + "}", 1, {"unknown key ('a': [...])"});
+  std::string list = "{\"trajectory\": [\n0";
+  for (int i = 0; i < 10'000; ++i) list += ",0";
+  refused(list + "]}", 2, {"list too long", "allowed 10000"});
+  std::string keys = "{";
+  for (int i = 0; i <= 100; ++i) keys += (i > 0 ? ",\n\"" : "\"") + std::to_string(i) + "\": 0";
+  refused(keys + "}", 101, {"too many keys", "allowed 100"});
+  refused("{" + std::string(kMostSceneBytes, ' '), 1, {"too long (1000001 bytes)"});
+  refused("{\"" + std::string(900'000, 'k') + "\": \"" + std::string(90'000, 'v') + "\"}", 1,
+          {"unknown key ('kkk", "..."});
+  refused(with("\"effects\": {}", R"("name": "again")"), 13, {"key given twice ('name', first in line 3)"});
+  refused(with("\"radius_mm\": 15", R"("radius_mm": 15, "radius_mm": 15)"), 7, {"key given twice ('radius_mm'"});
+  refused(with("\"effects\": {}", R"("e\u001b\u0000\u00e9": 1)"), 13, {"unknown key ('e????"});
+  // A number of the last place before a line break does not take the next line.
+  refused(with("\"duration_s\": 4,", "\"duration_s\": -4\n,"), 4, {"out of range ('duration_s': -4)"});
+}
+
+TEST(SceneFile, ManyWaypointsCostLittle) {
+  std::string text = R"({"schema_version": 1, "name": "n", "duration_s": 100000, "requires": ["press", "shear",
+    "partial_slip", "gross_slip", "layer", "load_history"], "level": {"contact": "grid"}, "fps": 1, "trajectory": [)";
+  for (int i = 0; i < 10'000; ++i) {
+    text += (i > 0 ? ",\n" : "\n") + std::string("{\"t_s\": ") + std::to_string(i) + R"(, "force_n": 2, "x_mm": )" +
+            (i == 9'999 ? "0" : std::to_string(i / 1000 * 2 + (i % 1000 == 0 ? 0 : 1))) + "}";
+  }
+  CHECK_EQUAL(10'000U, accepted(text + "]}").trajectory.size());
+}
+
+TEST(SceneFile, ShowsFileNamesWithoutControlCharacters) {
+  CHECK(read_scene("", "a\x1b\nb\xC3\xA9").errors.at(0).starts_with("a??b\xC3\xA9:1: "));
+}
+
+TEST(SceneFile, ReadsFiles) {
+  const test::TempDir folder;
+  test::write_file(folder / "slip.json", kSlip);
+  CHECK(read_scene_file(folder / "slip.json").scene.has_value());
+  CHECK(tells(read_scene_file(folder / "none.json").errors, "none.json: cannot be read. Likely cause: No such file"));
+  CHECK(tells(read_scene_file(folder.path()).errors, "is no file"));
+  test::write_file(folder / "long.json", std::string(kMostSceneBytes + 5, ' '));
+  CHECK(tells(read_scene_file(folder / "long.json").errors, "long.json:1: too long"));
+}
+
+// --- there and back ---
+
+namespace {
+
+class RandomScene {
+ public:
+  explicit RandomScene(unsigned seed) : random_(seed) {}
+
+  Scene next() {
+    Scene s;
+    s.name = "random_" + std::to_string(random_() % 1000);
+    if (chance()) s.help = "quotes \" and \\ and ~";
+    if (chance()) s.seed = (static_cast<std::uint64_t>(random_()) << 32U) | random_();
+    s.fps = chance() ? 25.0 : number(1, 100);
+    s.duration_s = number(1, 1000);
+    s.level.inject = pick<Inject>(4);
+    s.level.contact = pick<ContactLevel>(4);
+    s.gel = {.shear_modulus_mpa = chance() ? 0.035 : number(0.01, 1e6) / 1000,
+             .poisson = number(0, 0.5),
+             .thickness_mm = chance() ? kInfinity : number(0.5, 1000)};
+    s.markers = {whole(2, 8), whole(2, 16), number(0.2, 20)};
+    make_object(s);
+    s.profile = pick<Profile>(2);
+    make_trajectory(s);
+    make_effects(s);
+    for (int i = whole(0, 3); i > 0; --i) {
+      FaultEvent& fault = s.faults.emplace_back();
+      fault = {number(0, s.duration_s), whole(1, 9), pick<Fault>(9), 50.0};
+      if (fault.fault == Fault::kLate || fault.fault == Fault::kBackwards) fault.by_ms = number(0, 100);
+    }
+    if (chance())
+      s.picture = {whole(64, 3280), number(0, 255), number(0, 255), number(0, 255), number(0, 9), whole(1, 100)};
+    if (chance()) s.expect.onset_s = {number(0, 0.4), number(0.5, 1)};
+    if (chance() && !s.expect.onset_s) s.expect.no_onset = true;
+    if (chance() && !s.expect.no_onset) s.expect.max_delay_ms = number(0, 500);
+    if (chance()) s.expect.false_alarms = whole(0, 5);
+    if (chance()) s.expect.final_state = "DEGRADED";
+    if (chance()) s.expect.entropy = {{number(0, 0.4), number(0.5, 1), number(0, 1), number(1, 3)}};
+    s.level.contact = can_all(s) ? s.level.contact : ContactLevel::kGrid;
+    if (s.level.contact == ContactLevel::kSprings) s.level.springs = whole(1, 256);
+    if (s.level.contact == ContactLevel::kGrid) s.level.cell_mm = number(0.1, 5);
+    for (const std::string_view name : used_capabilities(s)) s.needs.emplace_back(name);
+    return s;
+  }
+
+ private:
+  bool chance() { return random_() % 2 == 0; }
+  double number(double least, double most) { return std::uniform_real_distribution<double>(least, most)(random_); }
+  int whole(int least, int most) { return std::uniform_int_distribution<int>(least, most)(random_); }
+  template <typename Enum>
+  Enum pick(int count) {
+    return static_cast<Enum>(whole(0, count - 1));
+  }
+  // An angle of a file, as the reader keeps it.
+  double angle(double most_deg) { return number(-most_deg, most_deg) / (180.0 / std::numbers::pi); }
+
+  void make_object(Scene& s) {
+    using enum ShapeKind;
+    Object& object = s.object;
+    Shape& shape = object.shape;
+    shape.kind = pick<ShapeKind>(7);
+    const bool flat = shape.kind == kDisc || shape.kind == kBox;
+    if (shape.kind != kCone && shape.kind != kBox) shape.radius_mm = number(1, 100);
+    if (shape.kind == kEllipsoid) shape.radius_y_mm = number(0.01, 1e4);
+    if (shape.kind == kBox) shape.half_x_mm = number(1, 10), shape.half_y_mm = number(1, 10);
+    if (shape.kind == kCone || shape.kind == kEdge) shape.flank_deg = number(0.1, 89);
+    if (flat) shape.rim_mm = number(0, 1), shape.tilt_rad = angle(45);
+    if (chance()) {
+      shape.texture = chance() ? TextureKind::kRidges : TextureKind::kBumps;
+      shape.texture_height_mm = number(0, 10);
+      shape.texture_pitch_mm = number(0.01, 100);
+    }
+    if (flat || shape.texture != TextureKind::kNone) shape.yaw_rad = angle(360);
+    object.name = "thing";
+    object.friction = number(0.5, 2);
+    object.bonded = chance();
+    if (!object.bonded && chance()) object.kinetic_friction = number(0, 0.5);
+    object.compliance_mm_per_n = chance() ? 0.0 : number(0, 1);
+    object.mass_g = chance() ? 0.0 : number(1, 1000);
+    object.touch_mm = {number(-10, 10), number(-10, 10)};
+    if (object.mass_g > 0)
+      s.effects.drive_stiffness_n_per_mm = number(0.1, 10), s.effects.damping_n_s_per_mm = number(0, 1);
+  }
+
+  void make_trajectory(Scene& s) {
+    const int normal = whole(0, 3);
+    double t = 0;
+    for (int i = whole(1, 8); i > 0; --i) {
+      Waypoint& point = s.trajectory.emplace_back();
+      point.t_s = t;
+      t += number(0.001, 0.1);
+      const auto maybe = [&](std::optional<double>& value, double most) {
+        if (chance()) value = number(-most, most);
+      };
+      if (normal == 1) maybe(point.depth_mm, 2);
+      if (normal == 2 && chance()) point.force_n = number(0, 5);
+      if (normal == 3) maybe(point.closing_mm, 2);
+      maybe(point.x_mm, 10);
+      maybe(point.y_mm, 10);
+      maybe(point.twist_deg, 90);
+      if (s.object.mass_g > 0) maybe(point.pull_x_n, 3), maybe(point.pull_y_n, 3);
+    }
+  }
+
+  void make_effects(Scene& s) {
+    Effects& e = s.effects;
+    for (double* value : {&e.press_dilation, &e.marker_noise_um, &e.marker_loss, &e.fabrication_um,
+                          &e.fabrication_turn_deg, &e.pixel_noise, &e.light_drift_levels_per_s, &e.light_flicker_levels,
+                          &e.exposure_ms, &e.rolling_shutter_ms, &e.worn_gel}) {
+      if (chance()) *value = number(0, 1);
+    }
+    if (chance()) e.creep_gain = number(0.001, 1), e.creep_tau_s = number(0.1, 10);
+    e.marker_missing = whole(0, 4);
+    e.marker_duplicates = whole(0, 9);
+    e.dirt_specks = whole(0, 9);
+  }
+
+  static bool can_all(const Scene& s) {
+    const auto used = used_capabilities(s);
+    return std::ranges::all_of(kCapabilities, [&](const Capability& capability) {
+      const bool can = ((capability.contacts >> static_cast<unsigned>(s.level.contact)) & 1U) != 0;
+      return can || std::ranges::find(used, capability.name) == used.end();
+    });
+  }
+
+  std::mt19937 random_;
+};
+
+}  // namespace
+
+TEST(SceneFile, ComesBackAsItWasWritten) {
+  RandomScene random(1);
+  std::set<ContactLevel> levels;
+  for (int round = 0; round < 3000; ++round) {
+    const Scene scene = random.next();
+    const std::string text = write_scene(scene);
+    const SceneResult result = read_scene(text, "s");
+    if (!result.scene) FAIL((all(result.errors) + text).c_str());
+    if (!same(scene, *result.scene)) FAIL((text + write_scene(*result.scene)).c_str());
+    CHECK(write_scene(*result.scene) == text);
+    levels.insert(scene.level.contact);
+  }
+  CHECK_EQUAL(4U, levels.size());
+}
+
+TEST(SceneFile, WritesOnlyWhatDiffersAndRoundNumbers) {
+  Scene scene;
+  scene.name = "n";
+  scene.duration_s = 2;
+  scene.gel.shear_modulus_mpa = 63.7 / 1000;  // times 1000 is another number
+  scene.object.shape.kind = ShapeKind::kBox;
+  scene.object.shape.yaw_rad = 30.0 / (180.0 / std::numbers::pi);
+  scene.trajectory.resize(2);
+  scene.trajectory[1].t_s = 0.1;
+  scene.trajectory[1].x_mm = -1e-3;
+  STRCMP_EQUAL(
+      "{\n  \"schema_version\": 1,\n  \"name\": \"n\",\n  \"duration_s\": 2,\n  \"gel\": {\"shear_modulus_kpa\": "
+      "63.7},\n"
+      "  \"object\": {\"shape\": \"box\", \"yaw_deg\": 30},\n"
+      "  \"trajectory\": [\n    {\"t_s\": 0},\n    {\"t_s\": 0.1, \"x_mm\": -0.001}\n  ]\n}\n",
+      write_scene(scene).c_str());
+}
+
+TEST(SceneFile, DescribesInWords) {
+  Scene scene = accepted(kSlip);
+  scene.help = "a sphere slips";
+  scene.effects.marker_loss = 0.25;
+  scene.faults = {{1.5, 2, Fault::kFrozen, 50}};
+  scene.expect.final_state = "SLIP";
+  const std::string text = describe(scene);
+  for (const char* words :
+       {"slip: a sphere slips\n", "contact springs, springs 64", "thickness_mm 4.25", "shape sphere, radius_mm 15",
+        "partial_slip: a stick area shrinks", "left out by level springs", "t_s  force_n  x_mm\n",
+        "  3        3     4\n", "marker_loss 0.25", "t_s 1.5, frames 2, fault frozen\n", "final_state SLIP"}) {
+    if (text.find(words) == std::string::npos) FAIL((std::string(words) + " is not in\n" + text).c_str());
+  }
+  CHECK(text.find("cell_mm") == std::string::npos);  // means nothing on springs
+  for (const std::string_view omission : omissions(ContactLevel::kSprings))
+    CHECK(text.find(omission) != std::string::npos);
+}
+
+TEST_GROUP(SceneFuzz){void check(const std::string& text){const std::string finding = test::check_scene_text(text);
+if (!finding.empty()) FAIL((finding + "\n--- of\n" + text).c_str());
+}
+}
+;
+
+TEST(SceneFuzz, HoldsForTheSeeds) {
+  for (const std::string& seed : test::scene_seeds()) check(seed);
+}
+
+TEST(SceneFuzz, SeedsButTheLastAreScenes) {
+  const auto seeds = test::scene_seeds();
+  for (std::size_t i = 0; i + 1 < seeds.size(); ++i) {
+    const SceneResult result = read_scene(seeds[i], "seed");
+    if (!result.scene) FAIL(all(result.errors).c_str());
+  }
+}
+
+TEST(SceneFuzz, HoldsForDamagedSeeds) {
+  const auto seeds = test::scene_seeds();
+  std::mt19937 random(1);
+  using namespace std::string_view_literals;
+  constexpr std::string_view kSpice = "{}[]\",:.-+eE019 \n\\\0\x80\xFFntu"sv;
+  for (int round = 0; round < 20'000; ++round) {
+    std::string text = seeds[random() % seeds.size()];
+    for (auto i = 1 + random() % 3; i > 0; --i) {
+      const std::size_t at = random() % text.size();
+      switch (random() % 3) {
+        case 0:
+          text[at] = kSpice[random() % kSpice.size()];
+          break;
+        case 1:
+          text.erase(at, 1 + random() % 20);
+          break;
+        default:
+          text.insert(at, text.substr(random() % text.size(), random() % 40));
+      }
+      if (text.empty()) text = "{";
+    }
+    check(text);
+  }
+}
+
+TEST(SceneFuzz, HoldsForWhatOnceWasAFinding) {
+  const std::filesystem::path folder = std::filesystem::path(HOLDFAST_SOURCE_DIR) / "tests/fuzz/regressions/scene";
+  if (!std::filesystem::exists(folder)) return;
+  for (const auto& file : std::filesystem::directory_iterator(folder)) check(test::read_file(file.path()));
+}

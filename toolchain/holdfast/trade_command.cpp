@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// holdfast trade sim: what each contact level costs and what it leaves wrong, on scenes.
+#include <fmt/format.h>
+
+#include <optional>
+#include <string_view>
+
+#include "drivers/sim/scene/scene_file.hpp"
+#include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/progress.hpp"
+#include "toolchain/holdfast/trade_sim.hpp"
+
+namespace holdfast::tool {
+namespace {
+
+void print_table(const std::vector<LevelPrice>& prices) {
+  std::string scene;
+  for (const LevelPrice& p : prices) {
+    if (p.scene != scene) {
+      scene = p.scene;
+      fmt::print("{}\n  {:14} {:>11} {:>11} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}  {}\n", scene, "level", "us p50",
+                 "us p99", "rms px", "most px", "dE nat", "flips", "onset ms", "alarm ms", "omits");
+    }
+    const auto cell = [](const std::optional<double>& value) { return value ? fmt::format("{:+.0f}", *value) : "-"; };
+    fmt::print("{} {:14} {:11.2f} {:11.2f} {:9.4f} {:9.4f} {:9.4f} {:6} {:>9} {:>9}  {}\n", p.best ? '*' : ' ', p.level,
+               p.us_p50, p.us_p99, p.rms_px, p.most_px, p.entropy_nat, p.label_flips, cell(p.onset_shift_ms),
+               cell(p.alarm_shift_ms), p.reference ? "(reference)" : p.omitted);
+  }
+}
+
+// Written whole or not at all.
+std::string write(AtomicFile* file, const std::string& text) {
+  if (file == nullptr) return {};
+  file->stream() << text;
+  return file->commit();
+}
+
+}  // namespace
+
+int trade_sim(const TradeSimOptions& options) {
+  std::vector<scene::Scene> scenes;
+  for (const std::string& path : options.scenes) {
+    std::optional<scene::Scene> scene = load_scene(path);
+    if (!scene) return 1;
+    scenes.push_back(*std::move(scene));
+  }
+  std::optional<AtomicFile> csv;
+  std::optional<AtomicFile> svg;
+  if (!options.csv.empty()) csv.emplace(options.csv);
+  if (!options.svg.empty()) svg.emplace(options.svg);
+  for (const auto* file : {&csv, &svg}) {
+    if (*file && !(*file)->error().empty()) return fail((*file)->error());
+  }
+  TradeSimConfig config;
+  config.reference_cell_mm = options.reference_cell_mm;
+  config.repeats = options.repeats;
+  std::vector<LevelPrice> prices;
+  Progress progress("trade", static_cast<long>(scenes.size()));
+  long done = 0;
+  for (const scene::Scene& scene : scenes) {
+    const std::vector<LevelPrice> some = price_levels(scene, config);
+    prices.insert(prices.end(), some.begin(), some.end());
+    progress.update(++done);
+    if (interrupted()) return fail(interrupted_line());
+  }
+  progress.clear();
+  print_table(prices);
+  fmt::print(
+      "* nothing is both faster and nearer. px of a picture 320 wide; times are thread CPU time on this machine\n");
+  for (const scene::ContactLevel level : {scene::ContactLevel::kKinematic, scene::ContactLevel::kClosed,
+                                          scene::ContactLevel::kSprings, scene::ContactLevel::kGrid}) {
+    fmt::print("{} leaves out\n", scene::kContactLevelNames[static_cast<std::size_t>(level)]);
+    for (const std::string_view what : scene::omissions(level)) fmt::print("  {}\n", what);
+  }
+  if (std::string error = write(csv ? &*csv : nullptr, trade_sim_csv(prices)); !error.empty()) return fail(error);
+  if (std::string error = write(svg ? &*svg : nullptr, trade_sim_svg(prices)); !error.empty()) return fail(error);
+  return 0;
+}
+
+}  // namespace holdfast::tool

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Work and precision of the simulator's contact levels: what each costs and how far it is from the finest grid.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "drivers/sim/scene/scene.hpp"
+
+namespace holdfast::tool {
+
+// One level on one scene.
+struct LevelPrice {
+  std::string scene;
+  std::string level;    // "closed", "springs 64", "grid 0.70 mm"
+  std::string omitted;  // capabilities that the scene uses and the level lacks; empty = none
+  bool reference = false;
+  bool best = false;    // nothing is both faster and nearer
+  double us_p50 = 0.0;  // thread CPU time of a frame in contact, marker motion included
+  double us_p99 = 0.0;
+  double rms_px = 0.0;  // of all markers and frames in contact, against the reference; px of a picture 320 wide
+  double most_px = 0.0;
+  double entropy_nat = 0.0;              // mean change of E, same frames
+  int label_flips = 0;                   // frames whose label (more than half slips) differs
+  int frames = 0;                        // in contact
+  std::optional<double> onset_shift_ms;  // truth; none = one of the two has no onset
+  std::optional<double> alarm_shift_ms;  // firmware: first rise of slip after that of the reference; likewise
+};
+
+struct TradeSimConfig {
+  double reference_cell_mm = 0.35;
+  int repeats = 3;  // of the timing
+};
+
+// All levels that can play the scene's object; the reference last. `scene` is played at features, without noise: every
+// difference is the contact's.
+[[nodiscard]] std::vector<LevelPrice> price_levels(const scene::Scene& scene, const TradeSimConfig& config);
+
+[[nodiscard]] std::string trade_sim_csv(const std::vector<LevelPrice>& prices);
+// One panel per scene: time against error, both logarithmic, with what each level omits.
+[[nodiscard]] std::string trade_sim_svg(const std::vector<LevelPrice>& prices);
+
+}  // namespace holdfast::tool
