@@ -668,11 +668,9 @@ TEST(TwistSprings, ExtremesAreFinite) {
 TEST_GROUP(FrictionShare){};
 
 TEST(FrictionShare, OneLoadHasItAllExactly) {
-  for (const double demand : {1e-320, 1e-9, 0.3, 1.0, 1e300, kInfinity}) {
-    const FrictionShare shear = share_friction(-demand, 0.0);
-    CHECK(shear.for_shear == 1.0 && shear.for_twist == 0.0);
-    const FrictionShare twist = share_friction(0.0, demand);
-    CHECK(twist.for_shear == 0.0 && twist.for_twist == 1.0);
+  for (const double load : {1e-320, 1e-9, 0.3, 1.0, 1e300, kInfinity}) {
+    CHECK(share_friction(-load, 0.0).for_shear == 1.0);
+    CHECK(share_friction(0.0, load).for_twist == 1.0);
   }
   // So what does not share is what it was, to the last bit.
   const FrictionContact contact = contact_of();
@@ -683,46 +681,54 @@ TEST(FrictionShare, OneLoadHasItAllExactly) {
   }
 }
 
-TEST(FrictionShare, OnTheCircle) {
+TEST(FrictionShare, InsideEachHasWhatTheOtherLeavesAndOutsideBothLieOnTheEllipse) {
+  for (double q = 0.0; q <= 1.0; q += 0.05) {
+    for (double m = 0.0; q * q + m * m <= 1.0; m += 0.05) {
+      const FrictionShare share = share_friction(q, -m);
+      DOUBLES_EQUAL(1.0, share.for_shear * share.for_shear + m * m, 1e-15);
+      DOUBLES_EQUAL(1.0, share.for_twist * share.for_twist + q * q, 1e-15);
+    }
+  }
   Dice dice;
   for (int i = 0; i < 1000; ++i) {
-    const double shear = std::pow(10.0, 600.0 * dice.next() - 300.0);
+    const double shear = std::pow(10.0, 300.0 * dice.next());
     const double twist = std::pow(10.0, 600.0 * dice.next() - 300.0);
     const FrictionShare share = share_friction(shear, twist);
     DOUBLES_EQUAL(1.0, share.for_shear * share.for_shear + share.for_twist * share.for_twist, 1e-15);
   }
   const FrictionShare both = share_friction(kInfinity, kInfinity);
   DOUBLES_EQUAL(both.for_shear, both.for_twist, 0.0);
-  const FrictionShare none = share_friction(0.0, 0.0, {0.6, 0.8});
-  CHECK(none.for_shear == 0.6 && none.for_twist == 0.8);
-  const FrictionShare nothing = share_friction(std::nan(""), 0.0);
-  CHECK(nothing.for_shear == 1.0 && nothing.for_twist == 0.0);
-  // Continuous: a small twist takes the square of its share.
-  DOUBLES_EQUAL(1.0 - 0.5e-8, share_friction(1.0, 1e-4).for_shear, 1e-15);
+  const FrictionShare none = share_friction(0.0, std::nan(""));
+  CHECK(none.for_shear == 1.0 && none.for_twist == 1.0);
+  // Continuous where both meet.
+  for (double angle = 0.01; angle < 1.57; angle += 0.01) {
+    const FrictionShare in = share_friction(0.999999999 * std::cos(angle), 0.999999999 * std::sin(angle));
+    const FrictionShare out = share_friction(1.000000001 * std::cos(angle), 1.000000001 * std::sin(angle));
+    DOUBLES_EQUAL(in.for_shear, out.for_shear, 1e-6);
+    DOUBLES_EQUAL(in.for_twist, out.for_twist, 1e-6);
+  }
 }
 
-// Shear and twist in any fixed proportion stay inside the ellipse and end on it, together.
+// Shear and twist in any fixed proportion stay inside the ellipse and end on it.
 TEST(FrictionShare, ProportionalLoadsReachTheEllipse) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   const double shear_limit = kFriction * kPress_n;
   const double twist_limit = moment_limit_nmm(contact);
-  const double shear_stiffness = 8.0 * kGel.shear_modulus_mpa * a / (2.0 - kGel.poisson);
-  const double twist_stiffness = 16.0 / 3.0 * kGel.shear_modulus_mpa * a * a * a;
   for (const double mix : {0.0, 0.01, 0.3, 1.0, 3.0, 100.0}) {
-    double before = 0.0;
+    double used = 0.0;
     for (double way = 1e-6; way < 100.0; way *= 1.3) {
-      const double delta = way;
       const double angle = way * mix / a;
+      const Shear alone = shear_by_displacement(contact, way);
+      const Twist twist_alone = twist_by_angle(contact, angle);
       const FrictionShare share =
-          share_friction(shear_stiffness * delta / shear_limit, twist_stiffness * angle / twist_limit);
-      const double q = shear_by_displacement(contact_of(kFriction * share.for_shear), delta).force_n / shear_limit;
+          share_friction(alone.sliding ? way / gross_displacement_mm(contact) : alone.force_n / shear_limit,
+                         twist_alone.turning ? angle / gross_angle_rad(contact) : twist_alone.moment_nmm / twist_limit);
+      const double q = shear_by_displacement(contact_of(kFriction * share.for_shear), way).force_n / shear_limit;
       const double m = twist_by_angle(contact_of(kFriction * share.for_twist), angle).moment_nmm / twist_limit;
-      const double used = q * q + m * m;
+      used = q * q + m * m;
       CHECK(used <= 1.0 + 1e-12);
-      CHECK(used >= before - 1e-12);
-      before = used;
     }
-    DOUBLES_EQUAL(1.0, before, 1e-12);
+    DOUBLES_EQUAL(1.0, used, 1e-9);
   }
 }

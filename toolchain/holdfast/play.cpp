@@ -264,9 +264,9 @@ Switch effect(std::string_view name) {
           [](scene::Scene& s) { s.effects.*kMember = scene::Effects{}.*kMember; }};
 }
 
-const std::vector<Switch>& switches() {
+std::vector<Switch> switches() {
   using E = scene::Effects;
-  static const std::vector<Switch> kSwitches{
+  return {
       effect<&E::press_dilation>("press_dilation"),
       effect<&E::creep_gain>("creep_gain"),
       effect<&E::drive_stiffness_n_per_mm>("drive_stiffness_n_per_mm"),
@@ -284,6 +284,8 @@ const std::vector<Switch>& switches() {
       effect<&E::exposure_ms>("exposure_ms"),
       effect<&E::rolling_shutter_ms>("rolling_shutter_ms"),
       effect<&E::worn_gel>("worn_gel"),
+      effect<&E::dot_shading_levels>("dot_shading_levels"),
+      effect<&E::gel_margins>("gel_margins"),
       {"kinetic_friction", [](const scene::Scene& s) { return s.object.kinetic_friction.has_value(); },
        [](scene::Scene& s) { s.object.kinetic_friction.reset(); }},
       {"compliance_mm_per_n", [](const scene::Scene& s) { return s.object.compliance_mm_per_n > 0.0; },
@@ -294,7 +296,6 @@ const std::vector<Switch>& switches() {
        [](scene::Scene& s) { s.object.shape.texture = scene::TextureKind::kNone; }},
       {"faults", [](const scene::Scene& s) { return !s.faults.empty(); }, [](scene::Scene& s) { s.faults.clear(); }},
   };
-  return kSwitches;
 }
 
 }  // namespace

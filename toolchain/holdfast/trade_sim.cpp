@@ -205,8 +205,8 @@ constexpr double kTop = 34.0;
 constexpr double kBottom = 62.0;
 constexpr int kColumns = 3;
 
-// Decades shown: 1 us to 1 s, and 0.001 to 100 px. What lies outside is drawn on the edge.
-constexpr double kLeastUs = 1.0, kMostUs = 1e6, kLeastPx = 1e-3, kMostPx = 1e2;
+// Decades shown: 1 us to 100 ms, and 0.001 to 100 px. What lies outside is drawn on the edge.
+constexpr double kLeastUs = 1.0, kMostUs = 1e5, kLeastPx = 1e-3, kMostPx = 1e2;
 
 struct LevelStyle {
   std::string_view prefix;
@@ -269,8 +269,13 @@ std::string panel(double left, double top, const std::string& name, const std::v
     const double y = y0 - along(p->rms_px, kLeastPx, kMostPx, height);
     out += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"4\" fill=\"{}\" stroke=\"{}\"/>\n", x, y,
                        p->omitted.empty() ? color_of(p->level) : "#ffffff", color_of(p->level));
-    const std::string number = p->level.find(' ') == std::string::npos ? p->level : p->level.substr(kind.size() + 1);
-    out += text(x + 6.0, y - 5.0, "start", number, 8.0, color_of(p->level));
+    // Springs lie close together: the first and the last stand for all.
+    const std::string number = p->level.size() == kind.size() ? p->level : p->level.substr(kind.size() + 1);
+    const bool below = kind == "closed" || kind == "grid";
+    if (kind != "springs" || number == "8" || number == "256") {
+      out += text(below ? x - 4.0 : x + 4.0, below ? y + 13.0 : y - 6.0, below ? "end" : "start", number, 8.0,
+                  color_of(p->level));
+    }
     if (p->best) front.emplace_back(x, y);
   }
   std::sort(front.begin(), front.end());
@@ -317,8 +322,9 @@ std::string trade_sim_svg(const std::vector<LevelPrice>& prices) {
   out +=
       text(x, 42.0, "start", "hollow: omits something the scene has; dashed: nothing is both faster and nearer", 11.0);
   for (std::size_t i = 0; i < names.size(); ++i) {
+    const std::size_t row = i / static_cast<std::size_t>(columns);
     const double left = static_cast<double>(i % static_cast<std::size_t>(columns)) * kPanelWidth;
-    const double top = 56.0 + static_cast<double>(i / static_cast<std::size_t>(columns)) * kPanelHeight;
+    const double top = 56.0 + static_cast<double>(row) * kPanelHeight;
     out += panel(left, top, names[i], by_scene[names[i]]);
   }
   return out + "</svg>\n";

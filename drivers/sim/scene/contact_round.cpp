@@ -13,6 +13,9 @@ namespace {
 
 using std::numbers::pi;
 
+// The cube of a smaller radius underflows; no marker sees such a contact.
+constexpr double kLeastRadius_mm = 1e-60;
+
 double length(Vec2 v) {
   return portable::hypot(v.x, v.y);
 }
@@ -63,16 +66,17 @@ double sphere_radius(const Round& round) {
   return round.coefficient > 0.0 ? 0.5 / round.coefficient : 0.0;
 }
 
-// What an elastic contact would carry at this motion, over what friction lets it carry.
-double shear_demand(const Gel& gel, const Press& press, double friction, double motion_mm) {
-  const double full_n = 8.0 * gel.shear_modulus_mpa * press.contact_radius_mm / (2.0 - gel.poisson) * motion_mm;
-  return full_n / (friction * press.force_n);
+// A load alone over its limit; beyond the limit, how far the motion is beyond it (share_friction()).
+double shear_load(const FrictionContact& contact, double half_space_mm) {
+  const Shear alone = shear_by_displacement(contact, half_space_mm);
+  if (alone.sliding) return half_space_mm / gross_displacement_mm(contact);
+  return alone.force_n / (contact.friction * contact.press.force_n);
 }
 
-double twist_demand(const Gel& gel, const Press& press, double friction, double angle_rad) {
-  const double a = press.contact_radius_mm;
-  const double full_nmm = 16.0 / 3.0 * gel.shear_modulus_mpa * a * a * a * std::abs(angle_rad);
-  return full_nmm / (3.0 * pi / 16.0 * friction * press.force_n * a);
+double twist_load(const FrictionContact& contact, double half_space_rad) {
+  const Twist alone = twist_by_angle(contact, half_space_rad);
+  if (alone.turning) return half_space_rad / gross_angle_rad(contact);
+  return alone.moment_nmm / moment_limit_nmm(contact);
 }
 
 }  // namespace
@@ -233,12 +237,11 @@ const ContactState& ClosedContact::press_to(double force_n, Vec2 at_mm, double t
 }
 
 const ContactState& ClosedContact::set(const Press& press, Vec2 at_mm, double twist_rad) {
-  if (!(press.contact_radius_mm > 0.0)) {
+  if (!(press.contact_radius_mm > kLeastRadius_mm)) {
     touching_ = false;
     for_shear_ = for_twist_ = {};
     shear_ = {};
     twist_ = {};
-    share_ = {};
     state_ = {};
     return state_;
   }
@@ -259,10 +262,8 @@ const ContactState& ClosedContact::set(const Press& press, Vec2 at_mm, double tw
   if (angle_rad != 0.0) {
     turn_scale = turn_ratio(layer, press.contact_radius_mm);
     const FrictionShare share =
-        share_friction(shear_demand(setup_.gel, press, setup_.static_friction,
-                                    motion_mm * stick_ratio(layer, press.contact_radius_mm)),
-                       twist_demand(setup_.gel, press, setup_.static_friction, angle_rad * turn_scale), share_);
-    share_ = share;
+        share_friction(shear_load(for_shear_, half_space_motion_mm(layer, for_shear_, motion_mm)),
+                       twist_load(for_twist_, angle_rad * turn_scale));
     if (!setup_.bonded) {
       for_shear_.friction *= share.for_shear;
       for_twist_.friction *= share.for_twist;
@@ -372,11 +373,10 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
   // The springs stand on the radius that the layer gives.
   const double depth_mm = sphere ? a_mm * a_mm * 2.0 * setup_.round.coefficient : press.depth_mm;
   const Vec2 slid_before = springs_.state().slid_mm;
-  if (!(depth_mm > 0.0)) {
+  if (!(depth_mm > 0.0) || (sphere && !(a_mm > kLeastRadius_mm))) {
     springs_.move_to(0.0, half_space_mm_);
     turns_.step({}, 0.0, 0.0, 0.0);
     touching_ = turned_ = false;
-    share_ = {};
     press_ = {};
     state_ = {};
     return state_;
@@ -396,7 +396,7 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
   const double turn = twist_rad - at_rad_;
   turned_ = turned_ || turn != 0.0;
 
-  FrictionShare share = setup_.bonded ? FrictionShare{1.0, 1.0} : share_;
+  FrictionShare share;
   const double turn_scale = turned_ && sphere ? turn_ratio(layer, a_mm) : 1.0;
   if (turned_ && !setup_.bonded) {
     // Loads that this step would reach if nothing slipped, over their limits.
@@ -406,7 +406,7 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
     const double limit_n = setup_.static_friction * press.force_n;
     const double shear_n = length({before.force_n.x + stiffness * step.x, before.force_n.y + stiffness * step.y});
     const double moment = std::abs(turns_.state().moment_nmm + turn_stiffness * turn_scale * turn);
-    share = share_ = share_friction(shear_n / limit_n, moment / (3.0 * pi / 16.0 * limit_n * a_mm), share_);
+    share = share_friction(shear_n / limit_n, moment / (3.0 * pi / 16.0 * limit_n * a_mm));
   }
   springs_.scale_friction(share.for_shear * force_ratio);
   half_space_mm_ = {half_space_mm_.x + step.x, half_space_mm_.y + step.y};

@@ -17,7 +17,7 @@
 //     loading reaches
 //   * objects that are not round: level `grid`
 //
-// Units: contact.hpp.
+// Units: contact.hpp. Range: as the files it joins; a contact smaller than 1e-60 mm is none. No NaN.
 #pragma once
 
 #include <array>
@@ -112,7 +112,6 @@ class ClosedContact final : public Contact {
   Shear shear_;
   Vec2 along_;
   Twist twist_;
-  FrictionShare share_;
   ContactState state_;
 };
 
@@ -135,7 +134,6 @@ class SpringsContact final : public Contact {
   TwistSprings turns_;
   bool touching_ = false;
   bool turned_ = false;  // ever since it touched
-  FrictionShare share_;
   Vec2 touched_mm_;
   Vec2 at_mm_;
   Vec2 way_mm_;  // of the last step that moved

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace holdfast::scene {
 namespace {
@@ -464,8 +465,8 @@ Vec2 traction_field_mm(const Gel& gel, const Traction& traction, Vec2 at_mm) {
   return sum + turned_field(stuck_field_mm, gel, traction.punch_radius_mm, traction.punch_n, at_mm);
 }
 
-SpringField::SpringField(const Layer& layer, std::span<const Vec2> points_mm)
-    : layer_(layer), points_mm_(points_mm.begin(), points_mm.end()) {
+SpringField::SpringField(Layer layer, std::span<const Vec2> points_mm)
+    : layer_(std::move(layer)), points_mm_(points_mm.begin(), points_mm.end()) {
   for (auto* numbers : {&r_mm_, &cos_2_, &sin_2_, &mean_x_, &mean_y_, &fan_x_, &fan_y_})
     numbers->resize(points_mm.size());
   move_center({});

@@ -166,7 +166,7 @@ class SpringContact {
 // that changed (at the rim, while the depth changes) are worked out anew.
 class SpringField {
  public:
-  SpringField(const Layer& layer, std::span<const Vec2> points_mm);
+  SpringField(Layer layer, std::span<const Vec2> points_mm);
   // Where the centre of the contact is on the undeformed gel; 0 until told. Costs all that is remembered.
   void move_center(Vec2 center_mm);
   // motion_mm.size() at least the number of points.

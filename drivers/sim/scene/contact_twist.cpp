@@ -556,13 +556,15 @@ TwistDiscs TwistSprings::discs() const {
   return result;
 }
 
-FrictionShare share_friction(double shear_demand, double twist_demand, FrictionShare before) {
-  double shear = std::abs(shear_demand);
-  double twist = std::abs(twist_demand);
+FrictionShare share_friction(double shear_load, double twist_load) {
+  double shear = std::abs(shear_load);
+  double twist = std::abs(twist_load);
   if (!(shear > 0.0)) shear = 0.0;
   if (!(twist > 0.0)) twist = 0.0;
+  if (shear <= 1.0 && twist <= 1.0 && shear * shear + twist * twist <= 1.0) {
+    return {std::sqrt(1.0 - twist * twist), std::sqrt(1.0 - shear * shear)};
+  }
   const double most = std::max(shear, twist);
-  if (most == 0.0) return before;
   if (std::isinf(most)) {
     shear = std::isinf(shear) ? 1.0 : 0.0;
     twist = std::isinf(twist) ? 1.0 : 0.0;

@@ -164,15 +164,15 @@ class TwistSprings {
 // Shares of one friction: limits become for_shear * mu P and for_twist * M_max.
 struct FrictionShare {
   double for_shear = 1.0;
-  double for_twist = 0.0;
+  double for_twist = 1.0;
 };
 
-// Limit surface (Q / mu P)^2 + (M / M_max)^2 = 1: an ellipse (Howe & Cutkosky 1996). Demands are what each load would
-// be with nothing slipping, over its limit: |Q_trial| / (mu P), |M_trial| / M_max; any number, the sign does not count.
-// The shares are the direction of the demands: their squares sum to 1, so the loads stay inside the ellipse and end on
-// it (shear first, when its trial load is 1.5 limits; twist after 16), and a load that the other does not disturb has
-// the whole friction, exactly. Demands of 0 and 0 have no direction and need no friction: the shares stay as they were
-// (`before`). NaN (0 over a limit of 0) counts as 0; infinite demands against each other count as equal.
-[[nodiscard]] FrictionShare share_friction(double shear_demand, double twist_demand, FrictionShare before = {});
+// Limit surface (Q / mu P)^2 + (M / M_max)^2 = 1, as an ellipse (Howe & Cutkosky 1996; the exact surface of Hertz's
+// pressure lies within 6 % of it, contact_grid_test.cpp). Given is what each load would be alone, over its limit;
+// beyond 1 how far its motion is beyond the limit; the sign does not count. Inside the ellipse each load has what the
+// other leaves: sqrt(1 - other^2); outside it both get what lies on the ellipse in their direction. Continuous; a load
+// that the other does not disturb has the whole friction, exactly. NaN (0 over a limit of 0) counts as 0; infinite
+// loads against each other count as equal.
+[[nodiscard]] FrictionShare share_friction(double shear_load, double twist_load);
 
 }  // namespace holdfast::scene

@@ -18,18 +18,16 @@ constexpr double kLeastExtent_mm = 2.0;
 constexpr double kExtentWithoutScript_mm = 8.0;
 
 double extent_mm(const Scene& scene, const Round& round) {
-  double most = 0.0;
+  double depth_mm = 0.0;
+  double force_n = 0.0;
   for (const Waypoint& point : scene.trajectory) {
-    double depth_mm = std::max(point.depth_mm.value_or(0.0), point.closing_mm.value_or(0.0));
-    if (point.force_n.value_or(0.0) > 0.0) {
-      SpringContact far({.gel = scene.gel, .indenter = {round.coefficient, round.exponent}, .extent_mm = 1e3});
-      depth_mm = std::max(depth_mm, far.depth_for_force_mm(*point.force_n));
-    }
-    if (!(depth_mm > 0.0)) continue;
-    SpringContact probe({.gel = scene.gel, .indenter = {round.coefficient, round.exponent}, .extent_mm = 1e3});
-    most = std::max(most, probe.move_to(depth_mm, {}).contact_radius_mm);
+    depth_mm = std::max({depth_mm, point.depth_mm.value_or(0.0), point.closing_mm.value_or(0.0)});
+    force_n = std::max(force_n, point.force_n.value_or(0.0));
   }
-  return most > 0.0 ? std::max(kRoom * most, kLeastExtent_mm) : kExtentWithoutScript_mm;
+  SpringContact probe({.gel = scene.gel, .indenter = {round.coefficient, round.exponent}, .extent_mm = 1e3});
+  depth_mm = std::max(depth_mm, probe.depth_for_force_mm(force_n));
+  if (!(depth_mm > 0.0)) return kExtentWithoutScript_mm;
+  return std::max(kRoom * probe.move_to(depth_mm, {}).contact_radius_mm, kLeastExtent_mm);
 }
 
 }  // namespace

@@ -49,14 +49,14 @@ struct Object {
 // The normal direction is given by one of depth, force and closing.
 struct Waypoint {
   double t_s = 0.0;
-  std::optional<double> depth_mm;
-  std::optional<double> force_n;
-  std::optional<double> closing_mm;  // of the gripper since first touch: object and gel in series
-  std::optional<double> x_mm;
-  std::optional<double> y_mm;
-  std::optional<double> twist_deg;
-  std::optional<double> pull_x_n;  // force on the object from outside; needs a mass
-  std::optional<double> pull_y_n;
+  std::optional<double> depth_mm{};
+  std::optional<double> force_n{};
+  std::optional<double> closing_mm{};  // of the gripper since first touch: object and gel in series
+  std::optional<double> x_mm{};
+  std::optional<double> y_mm{};
+  std::optional<double> twist_deg{};
+  std::optional<double> pull_x_n{};  // force on the object from outside; needs a mass
+  std::optional<double> pull_y_n{};
   friend bool operator==(const Waypoint&, const Waypoint&) = default;
 };
 
@@ -87,6 +87,8 @@ struct Effects {
   double exposure_ms = 0.0;           // motion blur
   double rolling_shutter_ms = 0.0;    // from the first row to the last
   double worn_gel = 0.0;              // 0 new .. 1: dots lose contrast in patches
+  double dot_shading_levels = 0.0;    // of a dot's rim that faces a lamp; moves its centre by 0.07 px at 10 levels
+  bool gel_margins = false;           // the camera sees the dark frame around the pad of 25.25 x 20.75 mm
   friend bool operator==(const Effects&, const Effects&) = default;
 };
 
@@ -163,7 +165,7 @@ struct Capability {
   std::uint8_t contacts;  // bit k: ContactLevel k can
 };
 inline constexpr std::uint8_t kAllContacts = 0b1111;
-inline constexpr std::array<Capability, 24> kCapabilities{{
+inline constexpr std::array<Capability, 28> kCapabilities{{
     {"press", "markers move under a press", kAllContacts},
     {"shear", "markers move under a drag", kAllContacts},
     {"twist", "the object turns about the normal", kAllContacts},
@@ -172,7 +174,8 @@ inline constexpr std::array<Capability, 24> kCapabilities{{
     {"layer", "finite thickness of the gel", 0b1110},
     {"load_history", "reversal, cycles, and a normal force that changes under shear", 0b1100},
     {"kinetic_friction", "kinetic friction below the static one", 0b1100},
-    {"shapes", "objects that are not round, and textures", 0b1000},
+    {"cone", "a body of revolution other than a sphere", 0b1101},
+    {"shapes", "objects that are not round, and textures", 0b1001},
     {"compliance", "a soft object between gripper and gel", kAllContacts},
     {"mass", "an object with mass on a springy drive: stick-slip", 0b1110},
     {"pull", "forces from outside on an object with mass", 0b1110},
@@ -180,13 +183,16 @@ inline constexpr std::array<Capability, 24> kCapabilities{{
     {"press_dilation", "FOTS's outward motion under a press", kAllContacts},
     {"marker_noise", "noise of marker places", kAllContacts},
     {"marker_loss", "markers missing now and then, or for ever", kAllContacts},
-    {"marker_duplicates", "dots beside dots, dirt", kAllContacts},
+    {"marker_duplicates", "dots beside dots", kAllContacts},
+    {"dirt", "dark specks on the picture", kAllContacts},
     {"fabrication", "dots printed off their place", kAllContacts},
     {"pixel_noise", "noise of the picture", kAllContacts},
     {"light", "drift and flicker of the light", kAllContacts},
     {"exposure", "motion blur", kAllContacts},
     {"rolling_shutter", "rows are taken one after the other", kAllContacts},
     {"worn_gel", "dots lose contrast", kAllContacts},
+    {"dot_shading", "lit and shaded rims of dots", kAllContacts},
+    {"gel_margins", "dark margins around the gel", kAllContacts},
     {"camera_faults", "dropped, late, torn, frozen frames; unplug", kAllContacts},
 }};
 

@@ -379,7 +379,7 @@ constexpr auto kSceneFields = std::to_array<Field<Scene>>({
      "of the whole print", "fabrication"},
     {"effects.pixel_noise", kOf<&Scene::effects, &Effects::pixel_noise>, "levels", 0, 64, "sigma", "pixel_noise"},
     {"effects.dirt_specks", kOf<&Scene::effects, &Effects::dirt_specks>, "", 0, 1000,
-     "dark specks that stay where they are", "marker_duplicates"},
+     "dark specks that stay where they are", "dirt"},
     {"effects.light_drift_levels_per_s", kOf<&Scene::effects, &Effects::light_drift_levels_per_s>, "levels/s", -255,
      255, "of the whole picture", "light"},
     {"effects.light_flicker_levels", kOf<&Scene::effects, &Effects::light_flicker_levels>, "levels", 0, 255,
@@ -389,6 +389,10 @@ constexpr auto kSceneFields = std::to_array<Field<Scene>>({
      "from the first row to the last", "rolling_shutter"},
     {"effects.worn_gel", kOf<&Scene::effects, &Effects::worn_gel>, "", 0, 1,
      "0 new .. 1: dots lose contrast in patches", "worn_gel"},
+    {"effects.dot_shading_levels", kOf<&Scene::effects, &Effects::dot_shading_levels>, "levels", 0, 60,
+     "of a dot's rim that faces a lamp", "dot_shading"},
+    {"effects.gel_margins", kOf<&Scene::effects, &Effects::gel_margins>, "", 0, 0,
+     "dark frame around the pad of 25.25 x 20.75 mm", "gel_margins"},
 
     {"faults", {}, "", 0, kMostSceneItems, "of the camera"},
 
@@ -647,6 +651,11 @@ constexpr auto kRules = std::to_array<Rule>({
        return s.level.contact != ContactLevel::kKinematic && pressed(s) && std::isfinite(s.gel.thickness_mm);
      }},
     {"load_history", has_history},
+    {"cone",
+     [](const Scene& s) {
+       const auto round = as_round(s.object.shape);
+       return round && round->exponent != 2;
+     }},
     {"shapes", [](const Scene& s) { return !as_round(s.object.shape); }},
     {"pull", pulled},
     {"camera_faults", [](const Scene& s) { return !s.faults.empty(); }},
@@ -680,13 +689,12 @@ const Capability* find_capability(std::string_view name) {
 
 // Fields that only a picture shows.
 bool needs_picture(std::string_view path) {
-  constexpr std::array<std::string_view, 7> kEffects{"effects.pixel_noise",
-                                                     "effects.dirt_specks",
-                                                     "effects.light_drift_levels_per_s",
-                                                     "effects.light_flicker_levels",
-                                                     "effects.exposure_ms",
-                                                     "effects.rolling_shutter_ms",
-                                                     "effects.worn_gel"};
+  constexpr std::array<std::string_view, 10> kEffects{
+      "effects.pixel_noise",          "effects.marker_duplicates",
+      "effects.dot_shading_levels",   "effects.gel_margins",
+      "effects.dirt_specks",          "effects.light_drift_levels_per_s",
+      "effects.light_flicker_levels", "effects.exposure_ms",
+      "effects.rolling_shutter_ms",   "effects.worn_gel"};
   return path.starts_with("picture.") || std::ranges::find(kEffects, path) != kEffects.end();
 }
 
@@ -1178,6 +1186,14 @@ class Reader {
              "level.inject is " + std::string(kInjectNames[static_cast<std::size_t>(scene.level.inject)]),
              R"(inject "grey" or "jpeg", or leave it out)");
       }
+      if (!scene.faults.empty()) {
+        idle(line_at("faults"), "unused: 'faults' are a camera's",
+             "level.inject is " + std::string(kInjectNames[static_cast<std::size_t>(scene.level.inject)]),
+             R"(inject "grey" or "jpeg", or leave them out)");
+      }
+    } else if (scene.effects.marker_noise_um > 0.0) {
+      idle(line_at("effects.marker_noise_um"), "unused: 'effects.marker_noise_um' is of tracked markers",
+           "a picture has pixel_noise instead", R"(inject "markers" or "features", or leave it out)");
     }
     if (scene.object.compliance_mm_per_n > 0.0 && channel(scene, &Waypoint::closing_mm).empty()) {
       idle(line_at("object.compliance_mm_per_n"), "unused: 'object.compliance_mm_per_n' acts on closing_mm alone",

@@ -31,12 +31,12 @@ namespace holdfast::scene {
 
 // What moves the object at one instant. The normal direction is one of depth, force and closing; none is no contact.
 struct Drive {
-  std::optional<double> depth_mm;
-  std::optional<double> force_n;
-  std::optional<double> closing_mm;
-  Vec2 at_mm;  // of the object, or of the arm that moves it through a spring; 0 = where it touches first
+  std::optional<double> depth_mm{};
+  std::optional<double> force_n{};
+  std::optional<double> closing_mm{};
+  Vec2 at_mm{};  // of the object, or of the arm that moves it through a spring; 0 = where it touches first
   double twist_rad = 0.0;
-  Vec2 pull_n;  // on an object with mass
+  Vec2 pull_n{};  // on an object with mass
 };
 
 // What the script says at a time.
@@ -67,6 +67,8 @@ class Simulation {
  public:
   // Range: a scene that read_scene() accepts, or one like it.
   explicit Simulation(const Scene& scene);
+  Simulation(const Simulation&) = delete;
+  Simulation& operator=(const Simulation&) = delete;
   Simulation(Simulation&&) noexcept;
   Simulation& operator=(Simulation&&) noexcept;
   ~Simulation();
