@@ -9,7 +9,8 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source toolchain/packages.sh
 
 report=build/demo/report.html
-demo=(build/sim/bin/holdfast sim sphere_slip --report "$report" --overlay build/demo/overlay.png --features build/demo/features.csv)
+scene=tests/scenes/sphere_slip.json
+demo=(build/sim/bin/holdfast sim "$scene" --report "$report" --overlay build/demo/overlay.png --features build/demo/features.csv)
 
 case ${1:-} in
   '') ;;

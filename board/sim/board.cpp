@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The board of a desk without hardware: the camera films the scene sphere_slip through the sensor's own format
 // (3280x2464 JPEG), lines and link are recorded in memory, text goes to standard output. Time is virtual: the run is
-// over when the grasp is.
+// over when the scene is.
 #include "board/board.hpp"
 
 #include <unistd.h>
@@ -10,7 +10,7 @@
 
 #include "drivers/common/crew.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/camera_grasp.hpp"
+#include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/scene/scenes.hpp"
@@ -28,12 +28,6 @@ class StandardOutput final : public hal::Serial {
   [[nodiscard]] std::size_t do_read(std::span<std::uint8_t>) override { return 0; }
 };
 
-sim::GraspCamera::Config filmed() {
-  sim::GraspCamera::Config config{};
-  config.grasp = scene::sphere_slip();
-  return config;
-}
-
 drivers::Threads::Config threads(const Params& params) {
   drivers::Threads::Config config;
   config.workers = static_cast<std::size_t>(params.jpeg_threads);
@@ -42,7 +36,7 @@ drivers::Threads::Config threads(const Params& params) {
 
 struct Desk {
   sim::Clock clock;
-  sim::GraspCamera camera{filmed(), clock};
+  sim::SceneCamera camera{scene::sphere_slip(), clock};
   sim::Gpio gpio{clock};
   sim::Serial link;
   drivers::TurboJpegDecoder other_scales;

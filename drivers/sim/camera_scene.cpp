@@ -15,17 +15,10 @@ namespace {
 
 // The firmware's working size at 1/8 of the sensor's columns.
 constexpr int kGreyWidth = 410;
+constexpr double kPadWidth_mm = 25.25;
+constexpr double kPadHeight_mm = 20.75;
 // Twice the mains, a little fast as grids are at times: at exactly 100 Hz 25 frames a second see no flicker at all.
 constexpr double kMainsFlicker_hz = 100.3;
-
-scene::Imprint imprint_of(const scene::PictureConfig& picture, const scene::ContactState& contact) {
-  scene::Imprint imprint;
-  imprint.center = scene::to_px(picture, contact.center_mm);
-  imprint.radius_px = contact.contact_radius_mm * picture.px_per_mm;
-  // a / R of a sphere, which is as deep as a^2 / R.
-  if (contact.contact_radius_mm > 0.0) imprint.rim_slope = contact.depth_mm / contact.contact_radius_mm;
-  return imprint;
-}
 
 }  // namespace
 
@@ -45,6 +38,11 @@ scene::PictureConfig picture_of(const scene::Scene& scene) {
   picture.effects.rolling_shutter_ms = scene.effects.rolling_shutter_ms;
   picture.effects.dirt_specks = scene.effects.dirt_specks;
   picture.effects.worn_gel = scene.effects.worn_gel;
+  picture.effects.dot_shading = scene.effects.dot_shading_levels;
+  if (scene.effects.gel_margins) {
+    picture.effects.gel_width_mm = kPadWidth_mm;
+    picture.effects.gel_height_mm = kPadHeight_mm;
+  }
   return picture;
 }
 
@@ -121,7 +119,7 @@ hal::Capture SceneCamera::do_next(hal::Frame& frame, std::chrono::microseconds t
 
 void SceneCamera::film(const scene::ContactState& contact_before) {
   const scene::Scene& scene = simulation_.scene();
-  const scene::Imprint before = imprint_of(picture_, contact_before);
+  scene::Imprint before = scene::imprint_px(picture_, contact_before);
   scene::see_markers(simulation_, *snapshot_, seen_);
   const auto place = [&](const scene::Dot& dot, const std::vector<scene::Vec2>& motion) {
     const scene::Vec2 u = motion[static_cast<std::size_t>(dot.marker)];
@@ -139,14 +137,20 @@ void SceneCamera::film(const scene::ContactState& contact_before) {
   }
   const scene::Effects& effects = scene.effects;
   const bool moves = effects.exposure_ms > 0.0 || effects.rolling_shutter_ms > 0.0;
-  const scene::Imprint imprint = imprint_of(picture_, snapshot_->contact);
+  const scene::Imprint imprint = scene::imprint_px(picture_, snapshot_->contact);
+  const bool there = before.radius_px > 0.0 && imprint.radius_px > 0.0;
   scene::PictureFrame frame;
   frame.dots = dots_;
   frame.contact = &imprint;
   if (moves) {
     frame.dots_end = dots_end_;
-    // The imprint is smooth: the way from the last frame stands for its way during this one.
-    const bool there = before.radius_px > 0.0 && imprint.radius_px > 0.0;
+    // The imprint is smooth: a straight way from the last frame's stands for its own.
+    const double open_share =
+        std::min((effects.exposure_ms + effects.rolling_shutter_ms) * 1e-3 * simulation_.scene().fps, 1.0);
+    const auto opened = [&](double from, double to) { return to + open_share * (from - to); };
+    before = {{opened(before.center.x, imprint.center.x), opened(before.center.y, imprint.center.y)},
+              opened(before.radius_px, imprint.radius_px),
+              opened(before.rim_slope, imprint.rim_slope)};
     frame.contact_end = &imprint;
     if (there) frame.contact = &before;
   }

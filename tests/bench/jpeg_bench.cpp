@@ -51,10 +51,11 @@
 #include "base/math.hpp"
 #include "drivers/common/crew.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/camera_grasp.hpp"
+#include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/support/host_clips.hpp"
 #include "tests/support/reference.hpp"
+#include "tests/support/scene_pictures.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace {
@@ -233,12 +234,9 @@ Rgb sensor_picture(int width, double sigma) {
   scene::PictureConfig config = scene::scaled(scene::camera_3280x2464(), width);
   if (width == 640) config.height = 480;
   config.noise_sigma = sigma;
-  const scene::GraspConfig grasp = scene::sphere_slip();
-  const scene::GraspTruth truth = scene::at(grasp, grasp.empty_s + grasp.press_s + grasp.hold_s / 2);
-  const scene::Imprint imprint = scene::imprint_px(config, grasp, truth);
+  const test::SceneView held = test::views_of(scene::sphere_slip(), config)[32];  // at 1.28 s
   Rgb rgb{config.width, config.height, {}};
-  scene::render_rgb(config, scene::dot_centers_px(config, scene::markers_at(grasp, truth, {})), &imprint, 1,
-                    rgb.pixels);
+  scene::render_rgb(config, held.dots, &held.imprint, 1, rgb.pixels);
   return rgb;
 }
 
@@ -783,17 +781,16 @@ std::vector<Point> seen(const MarkerField& field) {
   return out;
 }
 
-// One grasp, each frame by all methods. Empty: done. Otherwise what went wrong, one line.
+// One scene, each frame by all methods. Empty: done. Otherwise what went wrong, one line.
 std::string run_to_decision(double sigma, Csv& csv, Goals& goals) {
   sim::Clock clock;
-  sim::GraspCamera::Config config;
-  config.grasp = scene::sphere_slip();
-  config.picture.noise_sigma = sigma;
-  sim::GraspCamera camera(config, clock);
-  const scene::PictureConfig working = scene::scaled(config.picture, kSensorWidth / 8);
+  scene::Scene scene = scene::sphere_slip();
+  scene.effects.pixel_noise = sigma;
+  sim::SceneCamera camera(scene, clock);
+  const scene::PictureConfig working = scene::scaled(camera.picture(), kSensorWidth / 8);
   const auto truth = [&camera] {
     std::vector<Point> out;
-    for (const Point& p : camera.dot_centers()) out.push_back({(p.x + 0.5) / 8 - 0.5, (p.y + 0.5) / 8 - 0.5});
+    for (const Point& p : camera.marker_centers()) out.push_back({(p.x + 0.5) / 8 - 0.5, (p.y + 0.5) / 8 - 0.5});
     return out;
   };
 
@@ -832,7 +829,7 @@ std::string run_to_decision(double sigma, Csv& csv, Goals& goals) {
       const std::size_t m = (turn + static_cast<std::size_t>(frames)) % kMethods;
       if (m == kRival) {
         methods[m].spent.push_back(timed([&] { rival->update(frame.bytes, frame.timestamp.count()); }));
-        errors[m].judge(dots, rival->seen(), 0.3 * working.px_per_mm * config.grid.pitch_mm);
+        errors[m].judge(dots, rival->seen(), 0.3 * working.px_per_mm * scene.markers.pitch_mm);
         continue;
       }
       pipeline::Result result;
@@ -842,7 +839,7 @@ std::string run_to_decision(double sigma, Csv& csv, Goals& goals) {
         return fmt::format("error: {}: frame {} is refused: {} (a bug). Next: run the tests", methods[m].name, frames,
                            info(result.quality.reason).what);
       }
-      errors[m].judge(dots, seen(states[m]->tracker.field), 0.3 * working.px_per_mm * config.grid.pitch_mm);
+      errors[m].judge(dots, seen(states[m]->tracker.field), 0.3 * working.px_per_mm * scene.markers.pitch_mm);
     }
     camera.release(frame);
   }
@@ -850,8 +847,8 @@ std::string run_to_decision(double sigma, Csv& csv, Goals& goals) {
 
   const auto mean_bytes = static_cast<std::size_t>(bytes / frames);
   const std::string name =
-      fmt::format("{}x{} s{} q{}", config.picture.width, config.picture.height, sigma, config.jpeg_quality);
-  fmt::print("{}, {} kB, {} frames of a grasp\n", name, (mean_bytes + 500) / 1000, frames);
+      fmt::format("{}x{} s{} q{}", camera.picture().width, camera.picture().height, sigma, scene.picture.jpeg_quality);
+  fmt::print("{}, {} kB, {} frames of a scene\n", name, (mean_bytes + 500) / 1000, frames);
   const double scale = 320.0 / working.width;
   const auto ratio = [&](std::size_t m, Take take) { return methods[kRival].us(take) / methods[m].us(take); };
   for (std::size_t m = 0; m < kMethods; ++m) {

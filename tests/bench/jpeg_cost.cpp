@@ -20,7 +20,7 @@
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/sim/scene/jpeg_encode.hpp"
 #include "drivers/sim/scene/render.hpp"
-#include "drivers/sim/scene/scenes.hpp"
+#include "drivers/sim/scene/simulation.hpp"
 #include "vision/jpeg_dc.hpp"
 #include "vision/jpeg_fast.hpp"
 
@@ -36,7 +36,7 @@ std::vector<std::uint8_t> picture(const std::string& name) {
   }
   scene::PictureConfig config = scene::camera_3280x2464();
   config.noise_sigma = 3;
-  const auto dots = scene::dot_centers_px(config, scene::markers_at({}, {}, {}));
+  const auto dots = scene::dot_centers_px(config, scene::Simulation({}).markers());
   std::vector<std::uint8_t> rgb;
   scene::render_rgb(config, dots, nullptr, 1, rgb);
   return scene::encode_jpeg(rgb, config.width, config.height, scene::JpegInput::kRgb, 85);

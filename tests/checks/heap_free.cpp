@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the whole firmware between the two marks of the preloaded heap counter (heap_marks.hpp):
-//   heap_free luma FRAMES      luma pictures of a grasp that presses, slips, releases and now and then jumps: must be 0
-//   heap_free jpeg FRAMES      8-megapixel JPEG in mode fast, by the firmware's own decoder: must be 0
-//   heap_free library FRAMES   the same in mode balanced, which libjpeg-turbo decodes in memory of ours: must be 0
-//   heap_free crew RUNS        tasks of four workers, and now and then a pause in which the helpers sleep: must be 0
+//   heap_free luma FRAMES      luma pictures of a sphere that presses, slips, releases and now and then jumps: must be
+//   0 heap_free jpeg FRAMES      8-megapixel JPEG in mode fast, by the firmware's own decoder: must be 0 heap_free
+//   library FRAMES   the same in mode balanced, which libjpeg-turbo decodes in memory of ours: must be 0 heap_free crew
+//   RUNS        tasks of four workers, and now and then a pause in which the helpers sleep: must be 0
 // Exit status 77: started without the counter.
 #include <sched.h>
 
@@ -23,7 +23,7 @@
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
 #include "tests/checks/heap_marks.hpp"
-#include "tests/support/grasp_pictures.hpp"
+#include "tests/support/scene_pictures.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace {
@@ -61,14 +61,12 @@ class JpegLoop final : public hal::Camera {
 };
 
 std::vector<std::vector<std::uint8_t>> jpeg_pictures() {
-  const scene::GraspConfig grasp = scene::sphere_slip();
   const scene::PictureConfig picture = scene::camera_3280x2464();
   std::vector<std::vector<std::uint8_t>> out;
   std::vector<std::uint8_t> rgb;
-  for (const double t_s : {0.0, 0.04, 0.9, 1.6}) {
-    const scene::GraspTruth truth = scene::at(grasp, t_s);
-    const scene::Imprint imprint = scene::imprint_px(picture, grasp, truth);
-    scene::render_rgb(picture, scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {})), &imprint, 1, rgb);
+  const std::vector<test::SceneView> views = test::views_of(scene::sphere_slip(), picture);
+  for (const std::size_t frame : {0u, 1u, 22u, 40u}) {  // twice at rest, pressed on, sliding
+    scene::render_rgb(picture, views[frame].dots, &views[frame].imprint, 1, rgb);
     out.push_back(scene::encode_jpeg(rgb, picture.width, picture.height, scene::JpegInput::kRgb, 85));
   }
   return out;
@@ -132,9 +130,9 @@ int main(int argc, char** argv) {
   const long frames = std::atol(argv[2]);
   if (crew) return run_crew(*marks, frames);
 
-  // The grasp, and then pictures moved by more than half a pitch: the search of the whole picture runs, too.
+  // The scene, and then pictures moved by more than half a pitch: the search of the whole picture runs, too.
   const scene::PictureConfig picture = scene::cropped_320x240();
-  test::GraspPictures film = test::film(scene::sphere_slip(), picture);
+  test::ScenePictures film = test::film(scene::sphere_slip(), picture);
   scene::PictureConfig jumped = picture;
   jumped.center_x_px += 18.0;
   for (const auto& view : test::film(scene::sphere_slip(), jumped).pixels) {

@@ -90,9 +90,11 @@ void check_falls(const std::array<double, 3>& error, double factor, double most)
 
 }  // namespace
 
+// Fine grids take seconds: the sanitizers and the emulator leave this group out (tests/run.sh).
+TEST_GROUP(ContactGridFine){};
 TEST_GROUP(ContactGrid){};
 
-TEST(ContactGrid, PressMeetsHertzAndRefines) {
+TEST(ContactGridFine, PressMeetsHertzAndRefines) {
   std::array<double, 3> depth{}, radius{}, peak{};
   for (std::size_t k = 0; k < kCells.size(); ++k) {
     const GridSetup setup = classic(kCells[k], 0.5);
@@ -113,7 +115,7 @@ TEST(ContactGrid, PressMeetsHertzAndRefines) {
   for (const double error : peak) CHECK(error < 1e-3);  // where in its cell the middle lies
 }
 
-TEST(ContactGrid, DragMeetsCattaneoAndMindlin) {
+TEST(ContactGridFine, DragMeetsCattaneoAndMindlin) {
   std::array<double, 3> force{}, stick{}, field{};
   const std::vector<Vec2> at = markers();
   for (std::size_t k = 0; k < kCells.size(); ++k) {
@@ -169,7 +171,7 @@ TEST(ContactGrid, SidewaysSlipIsSmallAtAnyPoissonRatio) {
   CHECK(worst < 4e-3 && worst > 1e-3);
 }
 
-TEST(ContactGrid, TwistMeetsLubkin) {
+TEST(ContactGridFine, TwistMeetsLubkin) {
   // c/a; M / mu P a; G a^2 beta / mu P: elliptic integrals, computed for this project. A stiff gel: small turns.
   struct Case {
     double stick, moment, turn;
@@ -201,7 +203,7 @@ TEST(ContactGrid, TwistMeetsLubkin) {
   check_falls(moment, 4.0, 5e-4);
 }
 
-TEST(ContactGrid, BondedContactIsARigidDisc) {
+TEST(ContactGridFine, BondedContactIsARigidDisc) {
   std::array<double, 3> twist{}, drag{};
   for (std::size_t k = 0; k < kCells.size(); ++k) {
     GridSetup setup = classic(kCells[k]);
@@ -223,7 +225,7 @@ TEST(ContactGrid, BondedContactIsARigidDisc) {
   check_falls(drag, 2.8, 0.005);
 }
 
-TEST(ContactGrid, FlatPunchesCarryWhatTheyShould) {
+TEST(ContactGridFine, FlatPunchesCarryWhatTheyShould) {
   std::array<double, 3> press{};
   for (std::size_t k = 0; k < kCells.size(); ++k) {
     GridSetup setup = classic(kCells[k]);

@@ -7,13 +7,16 @@
 #include <cmath>
 #include <numbers>
 
+#include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/scene_pictures.hpp"
+
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast::scene;
 
 namespace {
 
-using Picture = std::vector<std::uint8_t>;
+using Pixels = std::vector<std::uint8_t>;
 
 // Taken on x86-64; the aarch64 build under qemu-user finds the same.
 constexpr std::uint64_t kBytesHash = 7908283152694949046u;
@@ -31,7 +34,7 @@ struct Blob {
 };
 
 // Mean place of what is darker than the background, within a square around `near`.
-Blob centroid(const PictureConfig& config, const Picture& picture, PointPx near, int half) {
+Blob centroid(const PictureConfig& config, const Pixels& picture, PointPx near, int half) {
   Blob blob;
   const int cx = static_cast<int>(std::lround(near.x));
   const int cy = static_cast<int>(std::lround(near.y));
@@ -48,33 +51,33 @@ Blob centroid(const PictureConfig& config, const Picture& picture, PointPx near,
   return blob;
 }
 
-Picture luma(const PictureConfig& config, std::span<const PointPx> dots, const Imprint* contact = nullptr,
-             std::uint64_t seed = 1) {
-  Picture out;
+Pixels luma(const PictureConfig& config, std::span<const PointPx> dots, const Imprint* contact = nullptr,
+            std::uint64_t seed = 1) {
+  Pixels out;
   render_luma(config, dots, contact, seed, out);
   return out;
 }
 
-Picture rgb(const PictureConfig& config, std::span<const PointPx> dots, const Imprint* contact = nullptr,
-            std::uint64_t seed = 1) {
-  Picture out;
+Pixels rgb(const PictureConfig& config, std::span<const PointPx> dots, const Imprint* contact = nullptr,
+           std::uint64_t seed = 1) {
+  Pixels out;
   render_rgb(config, dots, contact, seed, out);
   return out;
 }
 
-Picture luma_of(const PictureConfig& config, const PictureFrame& frame) {
-  Picture out;
+Pixels luma_of(const PictureConfig& config, const PictureFrame& frame) {
+  Pixels out;
   render_luma(config, frame, out);
   return out;
 }
 
-Picture rgb_of(const PictureConfig& config, const PictureFrame& frame) {
-  Picture out;
+Pixels rgb_of(const PictureConfig& config, const PictureFrame& frame) {
+  Pixels out;
   render_rgb(config, frame, out);
   return out;
 }
 
-std::uint64_t fnv1a(const Picture& picture) {
+std::uint64_t fnv1a(const Pixels& picture) {
   std::uint64_t hash = 0xcbf29ce484222325u;
   for (const std::uint8_t byte : picture) hash = (hash ^ byte) * 0x100000001b3u;
   return hash;
@@ -87,7 +90,7 @@ std::vector<int> exact_levels(const PictureConfig& config, PictureFrame frame) {
   std::vector<int> sum(static_cast<std::size_t>(config.width * config.height), -128);
   for (int k = 0; k < 256; ++k) {
     frame.light_levels = k / 256.0;
-    const Picture picture = luma_of(config, frame);
+    const Pixels picture = luma_of(config, frame);
     for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += picture[i];
   }
   return sum;
@@ -132,9 +135,39 @@ PictureConfig small(int width = 48, int height = 40) {
   return config;
 }
 
+std::vector<PointPx> dots_at_rest(const PictureConfig& config) {
+  return dot_centers_px(config, Simulation({}).markers());
+}
+
 }  // namespace
 
 TEST_GROUP(Render){};
+
+TEST(Render, PlacesAreTheGelsAndTheImprintIsTheSpheres) {
+  PictureConfig config = flat(0.0);
+  config.px_per_mm = 10.0;
+  const std::array<Vec2, 2> rest{{{0.0, 0.0}, {-2.0, 1.5}}};
+  const std::array<Vec2, 2> motion{{{0.25, -0.5}, {0.0, 0.125}}};
+  const auto still = dot_centers_px(config, rest);
+  const auto moved = dot_centers_px(config, rest, motion);
+  DOUBLES_EQUAL(139.5, still[1].x, 1e-12);
+  DOUBLES_EQUAL(134.5, still[1].y, 1e-12);
+  DOUBLES_EQUAL(162.0, moved[0].x, 1e-12);
+  DOUBLES_EQUAL(135.75, moved[1].y, 1e-12);
+  // R = 16 mm at a depth of 1 mm: a = 4 mm, and the rim's slope is a / R.
+  ContactState contact;
+  contact.depth_mm = 1.0;
+  contact.contact_radius_mm = 4.0;
+  contact.center_mm = {1.0, -1.0};
+  const Imprint imprint = imprint_px(config, contact);
+  DOUBLES_EQUAL(169.5, imprint.center.x, 1e-12);
+  DOUBLES_EQUAL(109.5, imprint.center.y, 1e-12);
+  DOUBLES_EQUAL(40.0, imprint.radius_px, 1e-12);
+  DOUBLES_EQUAL(0.25, imprint.rim_slope, 1e-12);
+  const Imprint none = imprint_px(config, {});
+  DOUBLES_EQUAL(0.0, none.radius_px, 0.0);
+  DOUBLES_EQUAL(0.0, none.rim_slope, 0.0);
+}
 
 TEST(Render, DotIsExactBeforeRounding) {
   for (const double radius_px : {4.5, 6.1, 8.25}) {
@@ -182,9 +215,8 @@ TEST(Render, CameraPresetPutsDotsWhereItSays) {
   PictureConfig config = camera_3280x2464();
   config.shading = 0.0;
   config.noise_sigma = 0.0;
-  const GraspConfig grasp;
-  const auto dots = dot_centers_px(config, markers_at(grasp, at(grasp, 2.0), {}));
-  const Picture picture = luma(config, dots);
+  const auto dots = holdfast::test::views_of(sphere_slip(), config)[50].dots;  // at 2.0 s, sliding
+  const Pixels picture = luma(config, dots);
   for (const std::size_t i : {0u, 31u, 62u}) {
     const Blob found = centroid(config, picture, dots[i], 90);
     // Rounding to 8 bits again, of 5000 rim pixels; 0.0007 px on the scale of 320.
@@ -192,7 +224,7 @@ TEST(Render, CameraPresetPutsDotsWhereItSays) {
     DOUBLES_EQUAL(dots[i].y, found.y, 0.005);
   }
   // Pitch 233 px, the grid within the middle 70 %.
-  const auto rest = dot_centers_px(config, markers_at(grasp, at(grasp, 0.0), {}));
+  const auto rest = dots_at_rest(config);
   DOUBLES_EQUAL(233.0, rest[1].x - rest[0].x, 0.5);
   CHECK(rest[0].x > 0.15 * config.width);
   CHECK(rest[62].x < 0.85 * config.width);
@@ -202,11 +234,10 @@ TEST(Render, CameraPresetPutsDotsWhereItSays) {
 
 TEST(Render, CroppedPresetLooksLikeARecording) {
   const PictureConfig config = cropped_320x240();
-  const GraspConfig grasp;
-  const auto dots = dot_centers_px(config, markers_at(grasp, at(grasp, 0.0), {}));
+  const auto dots = dots_at_rest(config);
   DOUBLES_EQUAL(31.9, dots[1].x - dots[0].x, 0.05);  // px, measured on recordings
   DOUBLES_EQUAL(16.6, config.dot_diameter_mm * config.px_per_mm, 0.1);
-  const Picture picture = luma(config, dots);
+  const Pixels picture = luma(config, dots);
   DOUBLES_EQUAL(config.dot_level, picture[120 * 320 + 160], 5.0 * config.noise_sigma);
   // Between four dots in the middle, and at a corner.
   const int middle = picture[135 * 320 + 175];
@@ -231,7 +262,7 @@ TEST(Render, NoiseHasTheSigmaAskedForAndNoPattern) {
     PictureConfig config = flat(sigma);
     config.width = 640;
     config.height = 480;
-    const Picture picture = luma(config, {});
+    const Pixels picture = luma(config, {});
     double sum = 0.0;
     double square = 0.0;
     double beside = 0.0;
@@ -263,12 +294,12 @@ TEST(Render, NoiseHasTheSigmaAskedForAndNoPattern) {
 TEST(Render, SeedsDecideTheNoise) {
   PictureConfig config = cropped_320x240();
   const PointPx dot{150.3, 90.6};
-  const Picture first = rgb(config, {&dot, 1}, nullptr, 7);
+  const Pixels first = rgb(config, {&dot, 1}, nullptr, 7);
   CHECK(first == rgb(config, {&dot, 1}, nullptr, 7));
-  const Picture next = rgb(config, {&dot, 1}, nullptr, 8);
+  const Pixels next = rgb(config, {&dot, 1}, nullptr, 8);
   config.seed = 2;
-  const Picture other = rgb(config, {&dot, 1}, nullptr, 7);
-  for (const Picture& picture : {next, other}) {
+  const Pixels other = rgb(config, {&dot, 1}, nullptr, 7);
+  for (const Pixels& picture : {next, other}) {
     std::size_t same = 0;
     for (std::size_t i = 0; i < first.size(); ++i) same += first[i] == picture[i] ? 1u : 0u;
     // Two roundings of independent noise of sigma 2.5 agree by chance in 11 %.
@@ -288,8 +319,8 @@ TEST(Render, LumaIsTheSumOfTheColours) {
   config.noise_sigma = 0.0;
   const PointPx dot{150.3, 90.6};
   const Imprint contact{{170.0, 120.0}, 60.0, 0.3};
-  const Picture grey = luma(config, {&dot, 1}, &contact);
-  const Picture colour = rgb(config, {&dot, 1}, &contact);
+  const Pixels grey = luma(config, {&dot, 1}, &contact);
+  const Pixels colour = rgb(config, {&dot, 1}, &contact);
   for (std::size_t i = 0; i < grey.size(); ++i) {
     const double y = 0.299 * colour[3 * i] + 0.587 * colour[3 * i + 1] + 0.114 * colour[3 * i + 2];
     DOUBLES_EQUAL(y, grey[i], 1.1);  // each of the two is rounded, and the imprint's integer steps
@@ -299,7 +330,7 @@ TEST(Render, LumaIsTheSumOfTheColours) {
 TEST(Render, ImprintFacesTheLampsAndEndsAtTwiceTheRadius) {
   PictureConfig config = flat(0.0);
   const Imprint contact{{160.0, 120.0}, 40.0, 0.3};
-  const Picture picture = rgb(config, {}, &contact);
+  const Pixels picture = rgb(config, {}, &contact);
   const auto level = [&](int x, int y, int channel) {
     return static_cast<int>(picture[static_cast<std::size_t>((y * 320 + x) * 3 + channel)]);
   };
@@ -324,7 +355,7 @@ TEST(Render, LevelsClampAndDotsMayLeaveThePicture) {
   config.dot_level = 3.0;
   const std::array<PointPx, 6> dots{
       {{0.0, 0.0}, {319.4, 239.2}, {-8.0, 100.0}, {1e300, 100.0}, {50.0, -1e300}, {std::nan(""), 60.0}}};
-  const Picture picture = luma(config, dots);
+  const Pixels picture = luma(config, dots);
   // Wrapped values would show as dark pixels in the bright middle and bright ones in the dot.
   for (int y = 110; y < 130; ++y) {
     for (int x = 150; x < 170; ++x) CHECK(picture[static_cast<std::size_t>(y * 320 + x)] > 100);
@@ -336,7 +367,7 @@ TEST(Render, OnePixelIsAPicture) {
   PictureConfig config = flat(0.0);
   config.width = 1;
   config.height = 1;
-  const Picture picture = rgb(config, {});
+  const Pixels picture = rgb(config, {});
   LONGS_EQUAL(3, picture.size());
   LONGS_EQUAL(120, picture[0]);
 }
@@ -365,7 +396,7 @@ TEST(Render, NothingMovesUnlessTheShutterIsOpenLong) {
   const std::array<PointPx, 2> later{{{110.25, 80.5}, {160.125, 141.75}}};
   const Imprint contact{{150.0, 110.0}, 64.0, 0.25};
   const Imprint moved{{170.0, 110.0}, 70.0, 0.25};
-  const Picture still = rgb(config, dots, &contact, 3);
+  const Pixels still = rgb(config, dots, &contact, 3);
   CHECK(still ==
         rgb_of(config, {.dots = dots, .dots_end = later, .contact = &contact, .contact_end = &moved, .seed = 3}));
   PictureConfig open = config;
@@ -445,11 +476,11 @@ TEST(Render, TheImprintMovesWithTheShutterToo) {
   config.effects.exposure_ms = 10.0;
   const Imprint start{{140.0, 120.0}, 40.0, 1.6};
   const Imprint end{{164.0, 128.0}, 48.0, 1.2};
-  const Picture moving = rgb_of(config, {.contact = &start, .contact_end = &end});
+  const Pixels moving = rgb_of(config, {.contact = &start, .contact_end = &end});
   for (const int y : {70, 100, 119, 150, 190}) {
     const double share = (30.0 * y / 239.0 + 5.0) / 40.0;
     const Imprint now{{140.0 + 24.0 * share, 120.0 + 8.0 * share}, 40.0 + 8.0 * share, 1.6 - 0.4 * share};
-    const Picture still = rgb_of(config, {.contact = &now});
+    const Pixels still = rgb_of(config, {.contact = &now});
     for (int x = 0; x < 3 * config.width; ++x) {
       const auto i = static_cast<std::size_t>(y * 3 * config.width + x);
       DOUBLES_EQUAL(still[i], moving[i], 1.0);  // the same sums, in another order
@@ -462,10 +493,10 @@ TEST(Render, LightAddsToEverySampleAndClamps) {
   const PointPx dot{150.3, 90.6};
   const Imprint contact{{170.0, 120.0}, 60.0, 0.3};
   PictureFrame frame{.dots = {&dot, 1}, .contact = &contact};
-  const Picture plain = rgb_of(config, frame);
+  const Pixels plain = rgb_of(config, frame);
   for (const int levels : {7, -5, 100, -200, 300}) {
     frame.light_levels = levels;
-    const Picture lit = rgb_of(config, frame);
+    const Pixels lit = rgb_of(config, frame);
     for (std::size_t i = 0; i < plain.size(); ++i) {
       // A sample that was clamped already says nothing about what lay beyond.
       if (plain[i] == 0 || plain[i] == 255) continue;
@@ -477,7 +508,7 @@ TEST(Render, LightAddsToEverySampleAndClamps) {
 TEST(Render, DirtIsDarkStaysAndMovesWithTheSeedOnly) {
   PictureConfig config = flat(0.0);
   config.effects.dirt_specks = 20;
-  const Picture dirty = luma(config, {});
+  const Pixels dirty = luma(config, {});
   CHECK(dirty == luma_of(config, PictureFrame{.seed = 99}));
   std::size_t dark = 0;
   for (const std::uint8_t level : dirty) {
@@ -491,26 +522,25 @@ TEST(Render, DirtIsDarkStaysAndMovesWithTheSeedOnly) {
   // More specks leave the first where they were.
   config.seed = 1;
   config.effects.dirt_specks = 40;
-  const Picture dirtier = luma(config, {});
+  const Pixels dirtier = luma(config, {});
   for (std::size_t i = 0; i < dirty.size(); ++i) CHECK(dirtier[i] <= dirty[i] + 1);
   config.effects.dirt_specks = 0;
   for (const std::uint8_t level : luma(config, {})) LONGS_EQUAL(120, level);
 }
 
 TEST(Render, AWornGelLosesDotsInPatchesWithoutMovingThem) {
-  const GraspConfig grasp;
   PictureConfig config = flat(0.0);
-  const auto dots = dot_centers_px(config, markers_at(grasp, at(grasp, 0.0), {}));
-  const auto contrast = [&](const Picture& picture, std::size_t i) {
+  const auto dots = dots_at_rest(config);
+  const auto contrast = [&](const Pixels& picture, std::size_t i) {
     const auto x = static_cast<std::size_t>(std::lround(dots[i].x));
     const auto y = static_cast<std::size_t>(std::lround(dots[i].y));
     return (120.0 - picture[y * 320 + x]) / 75.0;
   };
   config.effects.worn_gel = 0.5;
-  const Picture half = luma(config, dots);
+  const Pixels half = luma(config, dots);
   CHECK(half == luma_of(config, {.dots = dots, .seed = 99}));  // noise is off: nothing else depends on the frame
   config.effects.worn_gel = 1.0;
-  const Picture worn = luma(config, dots);
+  const Pixels worn = luma(config, dots);
   double beside = 0.0;
   double apart = 0.0;
   for (std::size_t i = 0; i < dots.size(); ++i) {
@@ -536,9 +566,9 @@ TEST(Render, ShadedDotsHaveALitAndADarkSide) {
   PictureConfig config = flat(0.0);
   config.effects.dot_shading = 20.0;
   const PointPx dot{160.0, 120.0};
-  const Picture shaded = rgb(config, {&dot, 1});
+  const Pixels shaded = rgb(config, {&dot, 1});
   config.effects.dot_shading = 0.0;
-  const Picture plain = rgb(config, {&dot, 1});
+  const Pixels plain = rgb(config, {&dot, 1});
   const auto gain = [&](int x, int y, int channel) {
     const auto i = static_cast<std::size_t>((y * 320 + x) * 3 + channel);
     return shaded[i] - plain[i];
@@ -560,11 +590,11 @@ TEST(Render, TheGelMayEndWithinThePicture) {
   config = scaled(config, 410);
   config.noise_sigma = 0.0;
   const PointPx dot{200.3, 150.6};
-  const Picture plain = luma(config, {&dot, 1});
+  const Pixels plain = luma(config, {&dot, 1});
   config.effects.gel_width_mm = 18.6;
   config.effects.gel_height_mm = 14.3;
   config.effects.margin_level = 9.0;
-  const Picture framed = luma(config, {&dot, 1});
+  const Pixels framed = luma(config, {&dot, 1});
   const double half_x = 9.3 * config.px_per_mm;
   const double half_y = 7.15 * config.px_per_mm;
   const double soft = 0.13 * config.px_per_mm;  // half of a quarter of a millimetre

@@ -169,6 +169,8 @@ Scene at_markers(Scene scene) {
 }
 
 TEST_GROUP(Gallery){};
+// Plays every scene several times more: the sanitizers leave this group out (tests/run.sh).
+TEST_GROUP(GalleryTwice){};
 
 TEST(Gallery, EveryFileIsAShortSceneNamedAfterItself) {
   CHECK(files().size() >= 50);
@@ -227,7 +229,7 @@ TEST(Gallery, EverythingTheSimulatorCanDoOccurs) {
   }
 }
 
-TEST(Gallery, NothingIsSwitchedOnInVain) {
+TEST(GalleryTwice, NothingIsSwitchedOnInVain) {
   for (const Scene& scene : gallery()) {
     const std::vector<std::string> unused = tool::unused_effects(scene);
     if (!unused.empty()) FAIL((scene.name + ": " + unused.front()).c_str());
@@ -378,7 +380,7 @@ TEST(Gallery, SteadySlideLooksLikeAHold) {
   }
 }
 
-TEST(Gallery, TheSameSceneTwiceIsTheSame) {
+TEST(GalleryTwice, TheSameSceneTwiceIsTheSame) {
   for (const Scene& scene : gallery()) {
     Simulation one(scene), other(scene);
     for (int k = 0; k < std::min(frame_count(scene), 60); ++k) {

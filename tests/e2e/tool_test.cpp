@@ -17,7 +17,8 @@
 
 #include "drivers/sim/scene/jpeg_encode.hpp"
 #include "drivers/sim/scene/render.hpp"
-#include "drivers/sim/scene/scenes.hpp"
+#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/simulation.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
@@ -36,6 +37,7 @@ using test::write_file;
 using Words = std::vector<std::string>;
 
 constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
+constexpr const char* kScene = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
 constexpr const char* kFeaturesHeader =
     "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok";
 constexpr const char* kMarkersHeader = "frame,row,col,valid,x_px,y_px,dx_px,dy_px";
@@ -45,11 +47,24 @@ struct Film {
   scene::PictureConfig picture = scene::cropped_320x240();
   scene::MarkerGrid grid{};
 
-  [[nodiscard]] static scene::GraspTruth truth(int frame) {
-    return scene::at(scene::sphere_slip(), frame == 0 ? 0.0 : 1.48 + 0.03 * frame);
-  }
   [[nodiscard]] std::vector<scene::PointPx> dots(int frame) const {
-    return scene::dot_centers_px(picture, scene::markers_at(scene::sphere_slip(), truth(frame), grid));
+    constexpr double kStep_s = 0.03;
+    scene::Scene scene;
+    scene.fps = 1.0 / kStep_s;
+    scene.gel = {.shear_modulus_mpa = 0.1};
+    scene.markers = grid;
+    scene.trajectory = {{.t_s = 0.0, .force_n = 3.0, .x_mm = 0.0, .y_mm = 0.0},
+                        {.t_s = 1.0, .force_n = 3.0, .x_mm = 7.5, .y_mm = 2.7}};
+    scene::Simulation simulation(scene);
+    const scene::Snapshot* snapshot = nullptr;
+    for (int k = 0; k <= frame; ++k) snapshot = &simulation.next();
+    std::vector<scene::PointPx> dots;
+    for (std::size_t i = 0; i < simulation.markers().size(); ++i) {
+      const scene::Vec2 rest = simulation.markers()[i];
+      const scene::Vec2 u = frame == 0 ? scene::Vec2{} : snapshot->motion_mm[i];
+      dots.push_back(scene::to_px(picture, {rest.x + u.x, rest.y + u.y}));
+    }
+    return dots;
   }
   [[nodiscard]] cv::Mat grey(int frame) const {
     std::vector<std::uint8_t> out;
@@ -368,7 +383,7 @@ TEST(Tool, RefusesOutputsThatCannotBe) {
   refuse({in("gel.avi"), "--reference", in("rest.png"), "--overlay", in("rest.png")}, in("rest.png"), "an input");
   refuse({in("gel.avi"), "--model", in("m.tree"), "--report", in("m.tree")}, in("m.tree"), "an input");
   refuse({in("gel.avi"), "--features", in("f"), "--report", in("gel/../f")}, in("f"), "--features and --report");
-  check_line(ask({"sim", "sphere_slip", "--truth", in("f"), "--markers", in("f")}), "sim", in("f"), "given for both");
+  check_line(ask({"sim", kScene, "--truth", in("f"), "--markers", in("f")}), "sim", in("f"), "given for both");
   // The report can be made and the table of markers can not: none of them may appear.
   const Finished full = test::run({"sh", "-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh", kTool, "replay",
                                    in("gel"), "--features", in("f"), "--report", in("r"), "--overlay", in("o")});
@@ -387,7 +402,7 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
     check_line(ask(arguments), joined(arguments), named, said);
   };
   refuse({}, "no command given", "holdfast --help");
-  refuse({"frobnicate"}, "'frobnicate'", "give replay or sim");
+  refuse({"frobnicate"}, "'frobnicate'", "give replay, sim, scene or trade");
   refuse({"--frob"}, "'--frob'", "holdfast --help");
   refuse({"replay"}, "INPUT", "holdfast replay --help");
   refuse({"replay", ""}, "INPUT", "empty");
@@ -395,10 +410,22 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"replay", in("gel"), "more"}, "'more'", "holdfast replay --help");
   refuse({"replay", in("gel"), "--grid"}, "--grid", "holdfast replay --help");
   refuse({"replay", "no\nsuch\033[31mfile"}, "no?such?[31mfile", "check the path");
-  refuse({"sim"}, "no scene given", "sphere_slip");
-  refuse({"sim", "sphere_slop"}, "'sphere_slop'", "sphere_slip");
-  refuse({"sim", "sphere_slip", "--camera", "1x1"}, "--camera '1x1'", "320x240");
-  refuse({"sim", "sphere_slip", "--fps", "3"}, "'--fps'", "holdfast sim --help");
+  refuse({"sim"}, "SCENE", "holdfast sim --help");
+  refuse({"sim", in("sphere_slop.json")}, "sphere_slop.json", "check the name");
+  refuse({"sim", kScene, "--inject", "here"}, "--inject 'here'", "jpeg");
+  refuse({"sim", kScene, "--contact", "soft"}, "--contact 'soft'", "springs");
+  refuse({"sim", kScene, "--inject", "markers", "--overlay", in("o.png")}, "--overlay", "--inject grey");
+  refuse(Words{"scene"}, "subcommand", "holdfast scene --help");
+  refuse(Words{"scene", "frobnicate"}, "'frobnicate'", "holdfast scene --help");
+  refuse({"scene", "list", in("gel")}, "gel", "tests/scenes");
+  refuse({"scene", "describe", in("gel/0.png")}, "0.png", "Next:");
+  refuse({"scene", "make", "bal", "translate_x", "slip"}, "'bal'", "ball");
+  refuse({"scene", "make", "ball", "wave", "slip"}, "'wave'", "rotate_z");
+  refuse({"scene", "make", "ball", "rotate_z", "drop"}, "'drop'", "static or slip");
+  refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
+  refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
+  refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
+  refuse({"sim", kScene, "--fps", "3"}, "'--fps'", "holdfast sim --help");
 }
 
 TEST(Tool, FeaturesHaveARowForEachFrame) {
@@ -575,9 +602,8 @@ TEST(Tool, TakesTheReferenceThatIsGiven) {
 TEST(Tool, SimulatesAGraspAndSaysItTwiceTheSame) {
   std::map<std::string, std::string> first;
   for (int round = 0; round < 2; ++round) {
-    const Finished done =
-        succeed({"sim", "sphere_slip", "--camera", "320x240", "--truth", in("t.csv"), "--features", in("f.csv"),
-                 "--markers", in("m.csv"), "--report", in("r.html"), "--overlay", in("o.png")});
+    const Finished done = succeed({"sim", kScene, "--inject", "grey", "--truth", in("t.csv"), "--features", in("f.csv"),
+                                   "--markers", in("m.csv"), "--report", in("r.html"), "--overlay", in("o.png")});
     STRCMP_EQUAL("", done.err.c_str());
     STRCMP_CONTAINS("GRIP_OK", done.out.c_str());
     for (const char* name : {"t.csv", "f.csv", "m.csv", "r.html", "o.png"}) {
@@ -587,7 +613,7 @@ TEST(Tool, SimulatesAGraspAndSaysItTwiceTheSame) {
       CHECK_TEXT(first[name] == text, name);
     }
   }
-  const auto frames = static_cast<std::size_t>(scene::frame_count(scene::sphere_slip()));
+  const auto frames = static_cast<std::size_t>(scene::frame_count(*scene::read_scene_file(kScene).scene));
   LONGS_EQUAL(frames, read_csv(dir / "t.csv").rows.size());
   LONGS_EQUAL(frames, read_csv(dir / "f.csv").rows.size());
   STRCMP_EQUAL(kFeaturesHeader, read_csv(dir / "f.csv").header.c_str());
@@ -624,21 +650,53 @@ TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   LONGS_EQUAL(2, summary["accepted"].get<int>());
   LONGS_EQUAL(63, summary["markers_least"].get<int>());
   CHECK(summary["slip_frames"].is_array() && summary["slip_times_s"].is_array());
-  for (const Words& command : {Words{}, Words{"replay"}, Words{"sim"}}) {
+  for (const Words& command : {Words{}, Words{"replay"}, Words{"sim"}, Words{"scene", "check"}, Words{"scene", "list"},
+                               Words{"scene", "describe"}, Words{"scene", "make"}, Words{"trade", "sim"}}) {
     Words arguments = command;
     arguments.emplace_back("--help");
     const Finished help = succeed(arguments);
     STRCMP_EQUAL("", help.err.c_str());
     STRCMP_CONTAINS(("Example:\n  holdfast " + joined(command)).c_str(), help.out.c_str());
   }
-  STRCMP_CONTAINS("sphere_slip", succeed({"sim", "--list"}).out.c_str());
+}
+
+TEST(Tool, LooksAtScenes) {
+  const std::string folder = HOLDFAST_SOURCE_DIR "/tests/scenes";
+  STRCMP_CONTAINS("sphere_slip.json", succeed({"scene", "list", folder}).out.c_str());
+  STRCMP_CONTAINS("left out by level closed", succeed({"scene", "describe", kScene}).out.c_str());
+  STRCMP_CONTAINS("1 scene checked: good", succeed({"scene", "check", "--strict", kScene}).out.c_str());
+  // What `make` prints can be played, and a seed is a trial.
+  const Words make{"scene", "make", "ball", "translate_x", "slip", "--seed", "7"};
+  const std::string trial = succeed(make).out;
+  CHECK(trial == succeed(make).out);
+  write_file(dir / "trial.json", trial);
+  succeed({"sim", in("trial.json"), "--truth", in("t.csv")});
+  CHECK(!read_csv(dir / "t.csv").rows.empty());
+  // An effect that nothing shows is said, and an error if asked for.
+  std::string idle = read_file(kScene);
+  const auto at = idle.find("\"jpeg\"");
+  CHECK(at != std::string::npos);
+  idle.replace(at, 6, "\"markers\"");
+  write_file(dir / "idle.json", idle);
+  STRCMP_CONTAINS("pixel_noise", succeed({"scene", "check", in("idle.json")}).err.c_str());
+  LONGS_EQUAL(1, ask({"scene", "check", "--strict", in("idle.json")}).status);
+}
+
+TEST(Tool, PricesTheContactLevels) {
+  const Finished done =
+      succeed({"trade", "sim", HOLDFAST_SOURCE_DIR "/tests/scenes/twist_to_gross.json", "--reference-cell", "0.7",
+               "--repeats", "1", "--csv", in("trade.csv"), "--svg", in("trade.svg")});
+  STRCMP_CONTAINS("springs 64", done.out.c_str());
+  STRCMP_CONTAINS("grid leaves out", done.out.c_str());
+  LONGS_EQUAL(13, read_csv(dir / "trade.csv").rows.size());
+  STRCMP_CONTAINS("</svg>", read_file(dir / "trade.svg").c_str());
 }
 
 // The bar appears because eight-megapixel pictures take more than a second; then the user has had enough.
 TEST(Tool, ShowsABarOnATerminalAndLeavesNothingWhenStopped) {
   fs::create_directory(dir / "out");
   HostProcess tool(
-      {"env", "NO_COLOR=1", kTool, "sim", "sphere_slip", "--features", in("out/f.csv"), "--report", in("out/r.html")},
+      {"env", "NO_COLOR=1", kTool, "sim", kScene, "--features", in("out/f.csv"), "--report", in("out/r.html")},
       HostProcess::Stderr::kTerminal);
   CHECK(tool.err_says(" s left"));
   CHECK(!fs::is_empty(dir / "out"));  // the temporary files

@@ -12,6 +12,7 @@
 
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/support/reference.hpp"
+#include "tests/support/scene_pictures.hpp"
 #include "vision/luma_input.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -121,18 +122,11 @@ TEST(PictureCheck, AcceptsTheFirstPictureWhateverItIs) {
   CHECK_FALSE(accepts(with_step(picture(), 100, 100, 60)));
 }
 
-TEST(PictureCheck, AcceptsEveryFrameOfTheSimulatedGrasps) {
-  std::vector<std::uint8_t> pixels;
-  for (const scene::Scene& scene : scene::kScenes) {
-    const scene::GraspConfig grasp = scene.grasp();
+TEST(PictureCheck, AcceptsEveryFrameOfTheScenes) {
+  for (const scene::Scene& scene : {scene::sphere_slip(), scene::sphere_hold(), scene::sphere_shake()}) {
     *state = {};
-    for (int frame = 0; frame < scene::frame_count(grasp); ++frame) {
-      const scene::GraspTruth truth = scene::at(grasp, frame / grasp.fps);
-      const scene::Imprint imprint = scene::imprint_px(view, grasp, truth);
-      const auto dots = scene::dot_centers_px(view, scene::markers_at(grasp, truth, {}));
-      scene::render_luma(view, dots, &imprint, ++seed, pixels);
-      CHECK_TRUE(picture_check::update(*state, config, {pixels.data(), view.width, view.height, view.width}, 1).ok());
-    }
+    const test::ScenePictures film = test::film(scene, view);
+    for (const LumaView& luma : film.views) CHECK_TRUE(picture_check::update(*state, config, luma, 1).ok());
   }
 }
 

@@ -8,6 +8,8 @@
 #include <jpeglib.h>
 
 #include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/scene_pictures.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -75,10 +77,9 @@ TEST_GROUP(JpegEncode){};
 TEST(JpegEncode, ColourIsBaseline422AndDecodes) {
   PictureConfig config = cropped_320x240();
   config.noise_sigma = 0.0;
-  const GraspConfig grasp;
-  const auto dots = dot_centers_px(config, markers_at(grasp, at(grasp, 2.0), {}));
+  const auto sliding = holdfast::test::views_of(sphere_slip(), config)[50];  // at 2.0 s
   Bytes pixels;
-  render_rgb(config, dots, nullptr, 1, pixels);
+  render_rgb(config, sliding.dots, nullptr, 1, pixels);
   const Bytes jpeg = encode_jpeg(pixels, config.width, config.height, JpegInput::kRgb, 85);
   const Header header = parse(jpeg);
   LONGS_EQUAL(0, header.sof);

@@ -136,7 +136,8 @@ TEST(SceneFile, ReadsEveryField) {
  "fps": 18.75, "duration_s": 3.5,
  "requires": ["press", "shear", "twist", "partial_slip", "gross_slip", "load_history", "shapes", "kinetic_friction", "layer",
    "compliance", "mass", "pull", "creep", "press_dilation", "marker_noise", "marker_loss", "marker_duplicates",
-   "fabrication", "pixel_noise", "light", "exposure", "rolling_shutter", "worn_gel", "camera_faults"],
+   "dirt", "fabrication", "pixel_noise", "light", "exposure", "rolling_shutter", "worn_gel", "dot_shading",
+   "gel_margins", "camera_faults"],
  "level": {"inject": "jpeg", "contact": "grid", "cell_mm": 0.35},
  "gel": {"shear_modulus_kpa": 50.5, "poisson": 0.45, "thickness_mm": 4},
  "markers": {"rows": 8, "cols": 10, "pitch_mm": 1.9},
@@ -151,14 +152,15 @@ TEST(SceneFile, ReadsEveryField) {
    "damping_n_s_per_mm": 0.01, "marker_noise_um": 3, "marker_loss": 0.02, "marker_missing": 2,
    "marker_duplicates": 4, "fabrication_um": 30, "fabrication_turn_deg": 1.5, "pixel_noise": 2.5, "dirt_specks": 6,
    "light_drift_levels_per_s": -1.25, "light_flicker_levels": 2, "exposure_ms": 20, "rolling_shutter_ms": 30,
-   "worn_gel": 0.25},
+   "worn_gel": 0.25, "dot_shading_levels": 10, "gel_margins": true},
  "faults": [{"t_s": 1, "frames": 3, "fault": "torn"}, {"t_s": 2, "fault": "backwards", "by_ms": 75}],
  "picture": {"width": 820, "background": 110, "dot_level": 40, "shading": 15, "imprint_gain": 50, "jpeg_quality": 90},
  "expect": {"onset_s": [1.25, 2.5], "no_onset": false, "max_delay_ms": 120, "false_alarms": 1, "final_state": "SLIP",
    "entropy": [{"from_s": 0, "to_s": 0.5, "least_nat": 0.25, "most_nat": 0.75}]}})";
   const SceneResult result = read_scene(text, "s.json");
   if (!result.scene) FAIL(all(result.errors).c_str());
-  CHECK_EQUAL(0U, result.warnings.size());
+  // A scene with a picture has its noise there.
+  CHECK(result.warnings.size() == 1 && result.warnings[0].find("marker_noise_um") != std::string::npos);
   Scene expected;
   expected.name = "every_1";
   expected.help = "a b";
@@ -166,7 +168,7 @@ TEST(SceneFile, ReadsEveryField) {
   expected.fps = 18.75;
   expected.duration_s = 3.5;
   expected.needs = result.scene->needs;
-  CHECK_EQUAL(24U, expected.needs.size());
+  CHECK_EQUAL(27U, expected.needs.size());
   STRCMP_EQUAL("layer", expected.needs[8].c_str());
   expected.level = {.inject = Inject::kJpeg, .contact = ContactLevel::kGrid, .cell_mm = 0.35};
   expected.gel = {.shear_modulus_mpa = 0.0505, .poisson = 0.45, .thickness_mm = 4.0};
@@ -222,7 +224,9 @@ TEST(SceneFile, ReadsEveryField) {
                       .light_flicker_levels = 2,
                       .exposure_ms = 20,
                       .rolling_shutter_ms = 30,
-                      .worn_gel = 0.25};
+                      .worn_gel = 0.25,
+                      .dot_shading_levels = 10,
+                      .gel_margins = true};
   expected.faults = {{1, 3, Fault::kTorn, 50}, {2, 1, Fault::kBackwards, 75}};
   expected.picture = {820, 110, 40, 15, 50, 90};
   expected.expect.onset_s = {1.25, 2.5};
@@ -288,7 +292,7 @@ TEST(SceneFile, KeepsToEveryRange) {
       }
     }
   }
-  CHECK_EQUAL(70, ranges);
+  CHECK_EQUAL(71, ranges);
 }
 
 TEST(SceneFile, RefusesOtherKindsForEveryField) {
@@ -539,7 +543,7 @@ TEST(SceneFile, KnowsWhatASceneUses) {
   STRCMP_EQUAL("press shear gross_slip mass pull ", names(scene).c_str());
   scene = {};
   scene.object.shape.kind = ShapeKind::kCone;
-  STRCMP_EQUAL("", names(scene).c_str());
+  STRCMP_EQUAL("cone ", names(scene).c_str());
   scene.object.shape.texture = TextureKind::kBumps;
   scene.object.shape.texture_height_mm = 0.1;
   STRCMP_EQUAL("shapes ", names(scene).c_str());
@@ -549,14 +553,14 @@ TEST(SceneFile, KnowsWhatASceneUses) {
   scene.effects.fabrication_turn_deg = -1;
   scene.effects.light_flicker_levels = 1;
   scene.faults.resize(1);
-  STRCMP_EQUAL("compliance marker_loss marker_duplicates fabrication light camera_faults ", names(scene).c_str());
+  STRCMP_EQUAL("compliance marker_loss dirt fabrication light camera_faults ", names(scene).c_str());
 }
 
 TEST(SceneFile, EveryCapabilityCanBeUsedAndEveryLevelLeavesSomethingOut) {
   std::set<std::string_view> switched;
   for (const FieldInfo& field : scene_fields()) switched.insert(field.capability);
   // These follow from what others do together.
-  for (const char* name : {"partial_slip", "gross_slip", "load_history"}) switched.insert(name);
+  for (const char* name : {"partial_slip", "gross_slip", "load_history", "cone"}) switched.insert(name);
   for (const Capability& capability : kCapabilities) CHECK_EQUAL(1U, switched.count(capability.name));
   for (const ContactLevel level :
        {ContactLevel::kKinematic, ContactLevel::kClosed, ContactLevel::kSprings, ContactLevel::kGrid}) {
@@ -734,10 +738,11 @@ class RandomScene {
     Effects& e = s.effects;
     for (double* value : {&e.press_dilation, &e.marker_noise_um, &e.marker_loss, &e.fabrication_um,
                           &e.fabrication_turn_deg, &e.pixel_noise, &e.light_drift_levels_per_s, &e.light_flicker_levels,
-                          &e.exposure_ms, &e.rolling_shutter_ms, &e.worn_gel}) {
+                          &e.exposure_ms, &e.rolling_shutter_ms, &e.worn_gel, &e.dot_shading_levels}) {
       if (chance()) *value = number(0, 1);
     }
     if (chance()) e.creep_gain = number(0.001, 1), e.creep_tau_s = number(0.1, 10);
+    e.gel_margins = chance();
     e.marker_missing = whole(0, 4);
     e.marker_duplicates = whole(0, 9);
     e.dirt_specks = whole(0, 9);

@@ -9,7 +9,8 @@
 
 #include "app/pipeline.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/scene/grasp.hpp"
+#include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/scene_pictures.hpp"
 #include "vision/jpeg_fast.hpp"
 #include "vision/luma_input.hpp"
 
@@ -17,7 +18,19 @@ namespace holdfast::test {
 namespace {
 
 constexpr int kQuality = 85;
-constexpr double kFramesPerSecond = 8.0;
+
+// sphere_slip pulled at 1 mm/s: what the tracker is to follow at 8 frames a second.
+scene::Scene slow_drag() {
+  scene::Scene scene = scene::sphere_slip();
+  scene.fps = 8.0;
+  scene::Waypoint& end = scene.trajectory[3];
+  end.t_s = 3.08;
+  end.x_mm = 1.5035;
+  end.y_mm = 0.5472;
+  scene.trajectory[4].t_s = 3.48;
+  scene.duration_s = 3.0;
+  return scene;
+}
 
 scene::PictureConfig picture_of(int width) {
   scene::PictureConfig picture = scene::camera_3280x2464();
@@ -168,17 +181,15 @@ Bytes damaged(const Bytes& whole, Damage damage, Random& random) {
 Film film(int width, int restart_interval, int shots) {
   Film out{width, restart_interval, luma_input::scale_for(DecodeScale::kEighth, width), {}, {}};
   const scene::PictureConfig picture = picture_of(width);
-  const scene::GraspConfig grasp;
+  const std::vector<SceneView> views = views_of(slow_drag(), picture);
   Bench bench(out);
   tracker::Config config;
   auto state = std::make_unique<tracker::State>();
   picture_check::State check;
   Bytes rgb;
   for (int i = -1; i < shots; ++i) {  // the first is the rest position, and no shot
-    const scene::GraspTruth truth = scene::at(grasp, i / kFramesPerSecond);
-    const scene::Imprint imprint = scene::imprint_px(picture, grasp, truth);
-    scene::render_rgb(picture, scene::dot_centers_px(picture, scene::markers_at(grasp, truth, {})), &imprint,
-                      static_cast<std::uint64_t>(i + 2), rgb);
+    const SceneView& view = views[static_cast<std::size_t>(std::max(i, 0))];
+    scene::render_rgb(picture, view.dots, &view.imprint, static_cast<std::uint64_t>(i + 2), rgb);
     Shot shot;
     shot.bytes = encode_rgb(rgb, picture.width, picture.height, kQuality, restart_interval);
     shot.before = std::make_shared<const tracker::State>(*state);

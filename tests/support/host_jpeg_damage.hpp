@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What damaged frames do to the tracking: frames of a simulated grasp, damaged in transit, through the decoders and
+// What damaged frames do to the tracking: frames of a simulated drag, damaged in transit, through the decoders and
 // the firmware's tracker, in great numbers.
 //
 // A frame is encoded as the camera does it (4:2:2, quality 85), damaged in one place of its scan data, and decoded. It
@@ -63,7 +63,8 @@ struct Shot {
   std::array<scene::PointPx, kMaxMarkers> centres;  // where the tracker then sees the markers
 };
 
-// The first `shots` frames of a grasp at 8 frames a second (25 in all); a restart marker every `restart_interval` MCUs.
+// The first `shots` frames of a slow drag at 8 frames a second (25 in all); a restart marker every `restart_interval`
+// MCUs.
 struct Film {
   int width = 640;  // 640 or 3280
   int restart_interval = 0;

@@ -200,7 +200,7 @@ namespace {
 constexpr double kPanelWidth = 380.0;
 constexpr double kPanelHeight = 300.0;
 constexpr double kLeft = 54.0;
-constexpr double kRight = 14.0;
+constexpr double kRight = 26.0;
 constexpr double kTop = 34.0;
 constexpr double kBottom = 62.0;
 constexpr int kColumns = 3;

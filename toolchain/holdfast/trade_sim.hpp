@@ -33,8 +33,8 @@ struct TradeSimConfig {
   int repeats = 3;  // of the timing
 };
 
-// All levels that can play the scene's object; the reference last. The scene is played at features, without noise: every
-// difference is the contact's.
+// All levels that can play the scene's object; the reference last. The scene is played at features, without noise:
+// every difference is the contact's.
 [[nodiscard]] std::vector<LevelPrice> price_levels(const scene::Scene& asked, const TradeSimConfig& config);
 
 [[nodiscard]] std::string trade_sim_csv(const std::vector<LevelPrice>& prices);

@@ -16,6 +16,16 @@ using std::numbers::pi;
 // The cube of a smaller radius underflows; no marker sees such a contact.
 constexpr double kLeastRadius_mm = 1e-60;
 
+// Read off level `grid` (a sphere of 15 mm pressed with 3 N on the default gel, mu 0.2, 0.5 and 1); checked at other
+// forces and moduli by contact_round_test.
+constexpr double kRimShare = 0.66;
+constexpr double kHoldingFriction = 0.1;
+
+// How much of the press's outward flow friction holds back where the object sticks: all of it from about mu = 0.3 on.
+double held_share(double friction) {
+  return -portable::expm1(-friction / kHoldingFriction);
+}
+
 double length(Vec2 v) {
   return portable::hypot(v.x, v.y);
 }
@@ -82,9 +92,12 @@ double twist_load(const FrictionContact& contact, double half_space_rad) {
 }  // namespace
 
 RoundField::RoundField(const RoundSetup& setup, std::span<const Vec2> markers_mm)
-    : layer_(setup.gel), press_dilation_(setup.press_dilation), markers_mm_(markers_mm.begin(), markers_mm.end()) {
+    : layer_(setup.gel),
+      sphere_radius_mm_(setup.round.exponent == 2 ? sphere_radius(setup.round) : 0.0),
+      press_dilation_(setup.press_dilation),
+      markers_mm_(markers_mm.begin(), markers_mm.end()) {
   from_mm_.resize(size());
-  for (auto* numbers : {&r_mm_, &mean_, &fan_, &outward_, &full_mean_, &full_fan_, &stick_mean_, &stick_fan_})
+  for (auto* numbers : {&r_mm_, &mean_, &fan_, &outward_, &passed_, &full_mean_, &full_fan_, &stick_mean_, &stick_fan_})
     numbers->resize(size());
   move_center({});
 }
@@ -95,21 +108,50 @@ void RoundField::move_center(Vec2 center_mm) {
     r_mm_[i] = std::sqrt(from_mm_[i].x * from_mm_[i].x + from_mm_[i].y * from_mm_[i].y);
   }
   full_radius_mm_ = outward_radius_mm_ = turn_radius_mm_ = -1.0;
+  passed_known_ = false;
   for (Turned& turned : turned_) turned.radius_mm = -1.0;
 }
 
-void RoundField::add_press(const Press& press, std::span<Vec2> motion_mm) {
+// Under a dry object the gel flows out freely. Friction holds what has come under the object where it was when the rim
+// passed over it: at kRimShare of what a rim of that radius would have moved on its own. Beyond the rim what is held
+// back inside is missing as (a/r)^3. Where the object slips along, the gel flows on.
+void RoundField::add_press(const Press& press, double friction, double stick_mm, std::span<Vec2> motion_mm) {
   const double a = press.contact_radius_mm;
   if (!(a > 0.0)) return;
   if (outward_radius_mm_ != a) {
     outward_radius_mm_ = a;
+    rim_outward_ = layer_.press_outward(a, a);
     for (std::size_t i = 0; i < size(); ++i) outward_[i] = layer_.press_outward(a, r_mm_[i]);
+  }
+  const double stick = stick_mm / a;
+  const double held = sphere_radius_mm_ > 0.0 && stick_mm > 0.0 ? held_share(friction) : 0.0;
+  if (held > 0.0 && !passed_known_) {
+    passed_known_ = true;
+    for (std::size_t i = 0; i < size(); ++i) {
+      const double r = r_mm_[i];
+      const double slope = 2.0 * effective_modulus_mpa(layer_.gel()) / (pi * sphere_radius_mm_);
+      passed_[i] = r > 0.0 ? kRimShare * slope * layer_.press_ratio(r).force * layer_.press_outward(r, r) : 0.0;
+    }
   }
   const double slope = dome_slope(press);
   const double fots = press_dilation_ * press.depth_mm / a;
   for (std::size_t i = 0; i < size(); ++i) {
-    double outward = r_mm_[i] > 0.0 ? slope * outward_[i] / r_mm_[i] : 0.0;
-    if (fots > 0.0) outward += fots * portable::exp(0.5 * (1.0 - r_mm_[i] * r_mm_[i] / (a * a)));
+    const double r = r_mm_[i];
+    if (!(r > 0.0)) continue;
+    double outward = slope * outward_[i];
+    if (held > 0.0) {
+      const double in = a / r;
+      if (r < stick_mm) {
+        outward -= held * (outward - passed_[i]);
+      } else if (r < a) {
+        outward -=
+            held * (a - (1.0 - stick * stick) * r - stick * stick * stick_mm) / (a - stick_mm) * (outward - passed_[i]);
+      } else {
+        outward -= held * stick * stick * (1.0 - kRimShare) * slope * rim_outward_ * in * in * in;
+      }
+    }
+    outward /= r;
+    if (fots > 0.0) outward += fots * portable::exp(0.5 * (1.0 - r * r / (a * a)));
     motion_mm[i].x += outward * from_mm_[i].x;
     motion_mm[i].y += outward * from_mm_[i].y;
   }
@@ -305,7 +347,7 @@ void ClosedContact::field(std::span<Vec2> motion_mm) {
   std::fill_n(motion_mm.begin(), field_.size(), Vec2{});
   if (!touching_) return;
   const Press& press = for_shear_.press;
-  field_.add_press(press, motion_mm);
+  field_.add_press(press, setup_.static_friction, state_.stick_radius_mm, motion_mm);
   const double a = press.contact_radius_mm;
   if (shear_.force_n != 0.0) {
     const double limit_n = for_shear_.friction * press.force_n;
@@ -450,7 +492,7 @@ void SpringsContact::field(std::span<Vec2> motion_mm) {
   std::fill_n(motion_mm.begin(), field_.size(), Vec2{});
   if (!touching_) return;
   spring_field_.evaluate(springs_.traction(), motion_mm);
-  field_.add_press(press_, motion_mm);
+  field_.add_press(press_, setup_.static_friction, state_.stick_radius_mm, motion_mm);
   if (!turned_) return;
   field_.add_discs(press_.contact_radius_mm, turns_.discs(), motion_mm);
 }

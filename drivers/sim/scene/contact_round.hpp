@@ -4,7 +4,8 @@
 //
 // Modelled
 //   * everything that contact_closed.hpp (B1) or contact_springs.hpp and contact_twist.hpp (B2) models
-//   * press and marker motion of a gel of finite thickness (layer.hpp); outward motion under the press
+//   * press and marker motion of a gel of finite thickness (layer.hpp); outward motion under the press, held back by
+//     friction under the object (after level `grid`, not from first principles)
 //   * how much stiffer a layer is against shear and twist: the object's motion counts for the half-space's formulas as
 //     the motion that takes the same load there, so that the middle of the contact moves with the object
 //   * shear and twist together: their loads stay on or inside (Q / mu P)^2 + (M / M_max)^2 = 1 (share_friction())
@@ -55,7 +56,8 @@ class RoundField {
   [[nodiscard]] std::size_t size() const { return markers_mm_.size(); }
 
   // Each adds to motion_mm.
-  void add_press(const Press& press, std::span<Vec2> motion_mm);
+  // Friction holds back the outward flow where the object sticks.
+  void add_press(const Press& press, double friction, double stick_mm, std::span<Vec2> motion_mm);
   // The dome of one radius less the dome of another, 0 <= stick <= contact: partial slip.
   void add_domes(double contact_mm, double stick_mm, Vec2 slope_mpa_per_mm, std::span<Vec2> motion_mm);
   void add_punch(double radius_mm, Vec2 force_n, std::span<Vec2> motion_mm);
@@ -76,6 +78,7 @@ class RoundField {
   void add_layer_turn(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm);
 
   Layer layer_;
+  double sphere_radius_mm_;  // 0: no sphere
   double press_dilation_;
   std::vector<Vec2> markers_mm_;
   std::vector<Vec2> from_mm_;  // the centre
@@ -84,6 +87,9 @@ class RoundField {
   std::vector<double> full_mean_, full_fan_;  // of the dome of full_radius_mm_, which stays while the force does
   std::vector<double> stick_mean_, stick_fan_;
   double outward_radius_mm_ = -1.0;
+  double rim_outward_ = 0.0;
+  bool passed_known_ = false;
+  std::vector<double> passed_;   // motion of each marker when the rim passed over it
   std::vector<double> outward_;  // per unit of dome, at outward_radius_mm_
   double turn_radius_mm_ = -1.0;
   std::array<std::vector<double>, 2> layer_turn_;  // turn per moment that the layer adds, at two radii of the contact

@@ -530,17 +530,22 @@ PointPx to_px(const PictureConfig& config, Vec2 mm) {
   return {config.center_x_px + mm.x * config.px_per_mm, config.center_y_px + mm.y * config.px_per_mm};
 }
 
-Imprint imprint_px(const PictureConfig& config, const GraspConfig& grasp, const GraspTruth& truth) {
-  return {to_px(config, truth.contact_center_mm), truth.contact_radius_mm * config.px_per_mm,
-          truth.contact_radius_mm / grasp.sphere_radius_mm};
+Imprint imprint_px(const PictureConfig& config, const ContactState& contact) {
+  Imprint imprint;
+  imprint.center = to_px(config, contact.center_mm);
+  imprint.radius_px = contact.contact_radius_mm * config.px_per_mm;
+  // a / R of a sphere, which is as deep as a^2 / R.
+  if (contact.contact_radius_mm > 0.0) imprint.rim_slope = contact.depth_mm / contact.contact_radius_mm;
+  return imprint;
 }
 
-std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const MarkerTruth> markers) {
+std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const Vec2> rest_mm,
+                                    std::span<const Vec2> motion_mm) {
   std::vector<PointPx> centers;
-  centers.reserve(markers.size());
-  for (const MarkerTruth& marker : markers) {
-    centers.push_back(
-        to_px(config, {marker.rest_mm.x + marker.displacement_mm.x, marker.rest_mm.y + marker.displacement_mm.y}));
+  centers.reserve(rest_mm.size());
+  for (std::size_t i = 0; i < rest_mm.size(); ++i) {
+    const Vec2 u = motion_mm.empty() ? Vec2{} : motion_mm[i];
+    centers.push_back(to_px(config, {rest_mm[i].x + u.x, rest_mm[i].y + u.y}));
   }
   return centers;
 }

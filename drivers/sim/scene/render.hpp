@@ -34,7 +34,7 @@
 #include <span>
 #include <vector>
 
-#include "drivers/sim/scene/grasp.hpp"
+#include "drivers/sim/scene/contact.hpp"
 
 namespace holdfast::scene {
 
@@ -91,8 +91,11 @@ struct Imprint {
 };
 
 [[nodiscard]] PointPx to_px(const PictureConfig& config, Vec2 mm);
-[[nodiscard]] Imprint imprint_px(const PictureConfig& config, const GraspConfig& grasp, const GraspTruth& truth);
-[[nodiscard]] std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const MarkerTruth> markers);
+// Of no contact: radius 0, which is not drawn.
+[[nodiscard]] Imprint imprint_px(const PictureConfig& config, const ContactState& contact);
+// Places of dots from where they were printed and how far each has moved: as many, or none = they are at rest.
+[[nodiscard]] std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const Vec2> rest_mm,
+                                                  std::span<const Vec2> motion_mm = {});
 
 // One picture. Rows are exposed from y / (height - 1) * rolling_shutter_ms on, for exposure_ms; dots and imprint go
 // straight from where they are when the first row's exposure starts to where they are when the last row's ends.

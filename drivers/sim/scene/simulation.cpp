@@ -27,6 +27,9 @@ constexpr std::uint64_t kMarkerLoss = 5;
 constexpr double kSwingShare = 0.2;
 constexpr int kMostSteps = 4000;
 
+// Contacts add up the share that sticks, spring by spring: less slip than this is the sum's rounding.
+constexpr double kNoSlip = 1e-12;
+
 // A double lies beside its dot, clear of it and of its neighbours.
 constexpr double kLeastAside = 0.35;  // of the pitch
 constexpr double kMostAside = 0.5;
@@ -101,24 +104,20 @@ Drive between(const Drive& from, const Drive& to, double share) {
 }
 
 // Force of a gripper that has closed so far, by the depth of gel and the give of the object in series. A table over the
-// force, made once by pressing a contact of the same kind.
+// force, made by pressing a contact of the same kind, as far as it is asked for.
 class Closing {
  public:
-  explicit Closing(const Scene& scene) {
-    const std::unique_ptr<Contact> contact = make_contact(scene, {});
-    double most_mm = 0.0;
-    for (const Waypoint& point : scene.trajectory) most_mm = std::max(most_mm, point.closing_mm.value_or(0.0));
-    curve_.emplace_back(0.0, 0.0);
-    // Force rises at least as depth does: equal steps of force, coarser as it grows.
-    double force_n = kLeastForce_n;
-    while (curve_.back().first < most_mm && force_n < kMostForce_n) {
-      const ContactState& pressed = contact->press_to(force_n, scene.object.touch_mm, 0.0);
-      curve_.emplace_back(pressed.depth_mm + scene.object.compliance_mm_per_n * force_n, force_n);
-      force_n *= kForceStep;
-    }
-  }
+  explicit Closing(const Scene& scene)
+      : contact_(make_contact(scene, {})), object_(scene.object), next_n_(kLeastForce_n) {}
 
-  [[nodiscard]] double force_n(double closing_mm) const {
+  [[nodiscard]] double force_n(double closing_mm) {
+    // Force rises at least as depth does: steps that grow with it. Between them the force is 0.2 % high at most,
+    // but for the first hundredth of a newton.
+    while (curve_.back().first < closing_mm && next_n_ < kMostForce_n) {
+      const ContactState& pressed = contact_->press_to(next_n_, object_.touch_mm, 0.0);
+      curve_.emplace_back(pressed.depth_mm + object_.compliance_mm_per_n * next_n_, next_n_);
+      next_n_ *= kForceStep;
+    }
     const auto after = std::upper_bound(curve_.begin(), curve_.end(), closing_mm,
                                         [](double mm, const auto& point) { return mm < point.first; });
     if (after == curve_.begin()) return 0.0;
@@ -131,7 +130,10 @@ class Closing {
   static constexpr double kLeastForce_n = 0.01;
   static constexpr double kMostForce_n = 200.0;
   static constexpr double kForceStep = 1.2;
-  std::vector<std::pair<double, double>> curve_;
+  std::unique_ptr<Contact> contact_;
+  Object object_;
+  double next_n_;
+  std::vector<std::pair<double, double>> curve_{{0.0, 0.0}};
 };
 
 std::vector<Dot> print_dots(const Scene& scene) {
@@ -181,9 +183,6 @@ struct Simulation::State {
       if (!dot.extra) markers.push_back(dot.rest_mm);
     }
     contact = make_contact(scene, markers);
-    for (const Waypoint& point : scene.trajectory) {
-      if (point.closing_mm && !closing) closing.emplace(scene);
-    }
     snapshot.motion_mm.resize(markers.size());
     snapshot.before_mm.resize(markers.size());
     crept.resize(markers.size());
@@ -212,7 +211,8 @@ struct Simulation::State {
 // Object where the drive (or its own mass) has it, pressed as the drive says.
 void Simulation::State::place(const Drive& to) {
   const Vec2 at{scene.object.touch_mm.x + snapshot.object_mm.x, scene.object.touch_mm.y + snapshot.object_mm.y};
-  if (to.closing_mm && closing) {
+  if (to.closing_mm) {
+    if (!closing) closing.emplace(scene);
     touch = contact->press_to(closing->force_n(*to.closing_mm), at, to.twist_rad);
   } else if (to.force_n) {
     touch = contact->press_to(*to.force_n, at, to.twist_rad);
@@ -232,16 +232,22 @@ void Simulation::State::move(const Drive& to, double dt_s) {
   const double mass_kg = scene.object.mass_g * 1e-3;
   const double spring = scene.effects.drive_stiffness_n_per_mm;
   const double damping = scene.effects.damping_n_s_per_mm;
-  const double gel = 8.0 * scene.gel.shear_modulus_mpa * touch.contact_radius_mm / (2.0 - scene.gel.poisson);
+  const auto gel = [this] {
+    return 8.0 * scene.gel.shear_modulus_mpa * touch.contact_radius_mm / (2.0 - scene.gel.poisson);
+  };
   // 1000: N per kg is m/s^2.
-  const double swing_per_s = std::sqrt(1000.0 * (spring + gel) / mass_kg);
-  const int steps = static_cast<int>(std::clamp(std::ceil(dt_s * swing_per_s / kSwingShare), 1.0, double{kMostSteps}));
+  const double swing_per_s = std::sqrt(1000.0 * (spring + gel()) / mass_kg);
+  const double wanted = std::ceil(dt_s * swing_per_s / kSwingShare);
+  const int steps = static_cast<int>(std::clamp(wanted, 1.0, double{kMostSteps}));
   const double step_s = dt_s / steps;
   const double push = 1000.0 * step_s / mass_kg;
   for (int i = 1; i <= steps; ++i) {
     const Drive now = between(from, to, static_cast<double>(i) / steps);
+    // An object too light for its swings to be followed goes where its forces balance: their change within the step is
+    // taken into account, which damps.
+    const double resists = damping + (wanted > kMostSteps ? step_s * (spring + gel()) : 0.0);
     const auto moved = [&](double at, double speed, double arm, double pull, double shear) {
-      return (speed + push * (spring * (arm - at) + pull - shear)) / (1.0 + push * damping);
+      return (speed + push * (spring * (arm - at) + pull - shear)) / (1.0 + push * resists);
     };
     speed_mm_s = {moved(snapshot.object_mm.x, speed_mm_s.x, now.at_mm.x, now.pull_n.x, touch.shear_n.x),
                   moved(snapshot.object_mm.y, speed_mm_s.y, now.at_mm.y, now.pull_n.y, touch.shear_n.y)};
@@ -311,7 +317,8 @@ const Snapshot& Simulation::next(const Drive& drive) {
   if (!(open_s > 0.0)) out.before_mm = out.motion_mm;
 
   out.contact = s.touch;
-  out.level = slip_level(s.touch.slip_fraction, s.touch.gross);
+  if (out.contact.slip_fraction < kNoSlip) out.contact.slip_fraction = 0.0;
+  out.level = slip_level(out.contact.slip_fraction, out.contact.gross);
   out.slide_mm_s = out.slide_deg_s = 0.0;
   if (dt_s > 0.0 && before.contact_radius_mm > 0.0 && s.touch.contact_radius_mm > 0.0) {
     const double x = s.touch.slid_mm.x - before.slid_mm.x;

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+// Levels B1 and B2 on a gel of finite thickness against level B3, the grid, and against each other.
+#include "drivers/sim/scene/contact_round.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "drivers/sim/scene/contact_grid.hpp"
+// last: it redefines new
+#include <CppUTest/TestHarness.h>
+
+namespace {
+
+using namespace holdfast::scene;
+
+constexpr Gel kGel{.shear_modulus_mpa = 0.035, .poisson = 0.49, .thickness_mm = 4.25};
+
+std::vector<Vec2> markers() {
+  std::vector<Vec2> places;
+  for (int row = 0; row < 7; ++row) {
+    for (int col = 0; col < 9; ++col) places.push_back({2.02 * (col - 4) - 0.4, 2.02 * (row - 3) + 0.3});
+  }
+  return places;
+}
+
+RoundSetup round_of(const Gel& gel, double radius_mm = 15.0, double friction = 0.5) {
+  RoundSetup setup;
+  setup.gel = gel;
+  setup.round = {0.5 / radius_mm, 2};
+  setup.static_friction = setup.kinetic_friction = friction;
+  setup.extent_mm = 7.0;
+  return setup;
+}
+
+GridSetup grid_of(const Gel& gel, double radius_mm = 15.0, double friction = 0.5, double cell_mm = 0.7) {
+  GridSetup setup;
+  setup.gel = gel;
+  setup.shape.radius_mm = radius_mm;
+  setup.static_friction = setup.kinetic_friction = friction;
+  setup.cell_mm = cell_mm;
+  return setup;
+}
+
+std::vector<Vec2> field(Contact& contact) {
+  std::vector<Vec2> u(markers().size());
+  contact.field(u);
+  return u;
+}
+
+double rms(const std::vector<Vec2>& u) {
+  double sum = 0.0;
+  for (const Vec2& v : u) sum += v.x * v.x + v.y * v.y;
+  return std::sqrt(sum / static_cast<double>(u.size()));
+}
+
+std::vector<Vec2> difference(const std::vector<Vec2>& a, const std::vector<Vec2>& b) {
+  std::vector<Vec2> out(a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) out[i] = {a[i].x - b[i].x, a[i].y - b[i].y};
+  return out;
+}
+
+}  // namespace
+
+TEST_GROUP(ContactRound){};
+
+// The share that friction holds back was read off one grid contact (R 15, 3 N, 35 kPa); others have to agree.
+TEST(ContactRound, PressSpreadsTheMarkersAsTheGridDoes) {
+  struct Case {
+    double g_mpa, radius_mm, friction, press_n, error;  // error as a share of the motion
+  };
+  const auto cases = std::to_array<Case>({{0.035, 15, 0.5, 3, 0.03},
+                                          {0.035, 15, 0.0, 3, 0.03},
+                                          {0.035, 8, 0.5, 1.5, 0.03},
+                                          {0.035, 30, 1.0, 3, 0.04},
+                                          {0.1, 8, 0.5, 6, 0.03},
+                                          {0.1, 30, 0.5, 1.5, 0.03},
+                                          {0.035, 15, 0.2, 3, 0.08},
+                                          {0.1, 15, 0.2, 6, 0.08}});
+  for (const Case& c : cases) {
+    Gel gel = kGel;
+    gel.shear_modulus_mpa = c.g_mpa;
+    GridContact grid(grid_of(gel, c.radius_mm, c.friction), markers());
+    for (int k = 1; k <= 20; ++k) (void)grid.press_to(c.press_n * k / 20, {}, 0.0);
+    ClosedContact closed(round_of(gel, c.radius_mm, c.friction), markers());
+    (void)closed.press_to(c.press_n, {}, 0.0);
+    const double error = rms(difference(field(closed), field(grid))) / rms(field(grid));
+    CHECK_TEXT(error < c.error, std::to_string(error).c_str());
+  }
+}
+
+// A drag into gross slip: forces to 4 % of mu P, markers to 5 % of the object's way and the 3 % of the press.
+TEST(ContactRound, DragOnALayerIsNearTheGrids) {
+  GridContact grid(grid_of(kGel), markers());
+  ClosedContact closed(round_of(kGel), markers());
+  SpringsContact springs(round_of(kGel), markers());
+  constexpr double kPress_n = 2.0;
+  for (Contact* c : {static_cast<Contact*>(&grid), static_cast<Contact*>(&closed), static_cast<Contact*>(&springs)}) {
+    for (int k = 1; k <= 10; ++k) (void)c->press_to(kPress_n * k / 10, {}, 0.0);
+  }
+  for (int k = 1; k <= 25; ++k) {
+    const Vec2 at{0.06 * k, 0.02 * k};
+    const ContactState& g = grid.press_to(kPress_n, at, 0.0);
+    const ContactState& c = closed.press_to(kPress_n, at, 0.0);
+    const ContactState& s = springs.press_to(kPress_n, at, 0.0);
+    DOUBLES_EQUAL(g.shear_n.x, c.shear_n.x, 0.04 * 0.5 * kPress_n);
+    DOUBLES_EQUAL(c.shear_n.x, s.shear_n.x, 0.004 * 0.5 * kPress_n);
+    DOUBLES_EQUAL(g.slip_fraction, c.slip_fraction, 0.15);
+    DOUBLES_EQUAL(c.slip_fraction, s.slip_fraction, 0.01);
+    const double way = std::sqrt(at.x * at.x + at.y * at.y);
+    CHECK(rms(difference(field(closed), field(grid))) < 0.05 * way + 0.004);
+    CHECK_TEXT(rms(difference(field(springs), field(closed))) < 0.02 * way,
+               std::to_string(rms(difference(field(springs), field(closed))) / way).c_str());
+  }
+}
+
+// The middle of the contact moves with the object as long as it sticks, whatever the layer.
+TEST(ContactRound, TheMiddleSticksToTheObject) {
+  const std::vector<Vec2> middle{{0.0, 0.0}};
+  for (const double thickness_mm : {1.0, 4.25, 100.0}) {
+    Gel gel = kGel;
+    gel.thickness_mm = thickness_mm;
+    ClosedContact closed(round_of(gel), middle);
+    SpringsContact springs(round_of(gel), middle);
+    (void)closed.press_to(2.0, {}, 0.0);
+    (void)springs.press_to(2.0, {}, 0.0);
+    for (double x = 0.01; x < 3.0; x += 0.01) {
+      const ContactState& c = closed.press_to(2.0, {x, 0.0}, 0.0);
+      const ContactState& s = springs.press_to(2.0, {x, 0.0}, 0.0);
+      std::vector<Vec2> u(1), v(1);
+      closed.field(u);
+      springs.field(v);
+      // mm: the springs' steps and cells.
+      if (!c.gross) DOUBLES_EQUAL(x, u[0].x, 1e-3 * x);
+      if (!s.gross) DOUBLES_EQUAL(x, v[0].x, 1e-2 * x);
+      if (c.gross && s.gross) break;
+    }
+  }
+}
+
+// What a layer adds to a twist, by two radii for all discs, against the layer's own motion of every disc.
+TEST(ContactRound, LayerTurnsByTwoRadii) {
+  const Layer layer(kGel);
+  RoundField round(round_of(kGel), markers());
+  const FrictionContact contact{kGel, layer.press_by_force(15.0, 3.0), 0.5};
+  for (const double angle : {0.02, 0.06, 0.15}) {
+    const Twist twist = twist_by_angle(contact, angle);
+    const TwistDiscs discs = twist_discs(contact, twist);
+    std::vector<Vec2> u(markers().size());
+    round.add_twist(contact, twist, u);
+    const double rim = angle * contact.press.contact_radius_mm;
+    for (std::size_t i = 0; i < u.size(); ++i) {
+      const Vec2 at = markers()[i];
+      const double r = std::sqrt(at.x * at.x + at.y * at.y);
+      // Beyond the rim the discs themselves are exact.
+      if (r < 1.05 * contact.press.contact_radius_mm) continue;
+      double motion = 0.0;
+      for (int k = 0; k < discs.count; ++k) {
+        const TwistDiscs::Disc& disc = discs.discs[static_cast<std::size_t>(k)];
+        motion += disc_moment_nmm(kGel, disc) * layer.torque(disc.radius_mm, r);
+      }
+      DOUBLES_EQUAL(motion, (at.x * u[i].y - at.y * u[i].x) / r, 1e-3 * rim);
+    }
+  }
+}
+
+// Shear and twist together: inside the ellipse of the limits, and never slipping at light loads of either sign.
+TEST(ContactRound, LightLoadsOfBothKindsDoNotSlip) {
+  ClosedContact closed(round_of(kGel), markers());
+  SpringsContact springs(round_of(kGel), markers());
+  for (Contact* c : {static_cast<Contact*>(&closed), static_cast<Contact*>(&springs)}) {
+    (void)c->press_to(3.0, {}, 0.0);
+    double most = 0.0;
+    for (int k = 0; k < 200; ++k) {
+      const double phase = 0.1 * k;
+      const ContactState& s =
+          c->press_to(3.0, {0.35 * std::sin(phase), 0.2 * std::sin(1.3 * phase)}, 0.03 * std::sin(1.7 * phase));
+      CHECK(!s.gross);
+      const double q = std::sqrt(s.shear_n.x * s.shear_n.x + s.shear_n.y * s.shear_n.y) / 1.5;
+      const double m = s.moment_nmm / (3.0 * 3.14159265 / 16.0 * 1.5 * s.contact_radius_mm);
+      most = std::max(most, q * q + m * m);
+    }
+    CHECK(most > 0.1 && most < 0.8);
+  }
+}
