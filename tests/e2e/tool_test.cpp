@@ -602,11 +602,12 @@ TEST(Tool, TakesTheReferenceThatIsGiven) {
 TEST(Tool, SimulatesAGraspAndSaysItTwiceTheSame) {
   std::map<std::string, std::string> first;
   for (int round = 0; round < 2; ++round) {
-    const Finished done = succeed({"sim", kScene, "--inject", "grey", "--truth", in("t.csv"), "--features", in("f.csv"),
-                                   "--markers", in("m.csv"), "--report", in("r.html"), "--overlay", in("o.png")});
+    const Finished done =
+        succeed({"sim", kScene, "--inject", "grey", "--truth", in("t.csv"), "--features", in("f.csv"), "--markers",
+                 in("m.csv"), "--report", in("r.html"), "--overlay", in("o.png"), "--truth-markers", in("tm.csv")});
     STRCMP_EQUAL("", done.err.c_str());
     STRCMP_CONTAINS("GRIP_OK", done.out.c_str());
-    for (const char* name : {"t.csv", "f.csv", "m.csv", "r.html", "o.png"}) {
+    for (const char* name : {"t.csv", "tm.csv", "f.csv", "m.csv", "r.html", "o.png"}) {
       const std::string text = read_file(dir / name);
       CHECK_TEXT(!text.empty(), name);
       if (round == 0) first[name] = text;
@@ -615,6 +616,7 @@ TEST(Tool, SimulatesAGraspAndSaysItTwiceTheSame) {
   }
   const auto frames = static_cast<std::size_t>(scene::frame_count(*scene::read_scene_file(kScene).scene));
   LONGS_EQUAL(frames, read_csv(dir / "t.csv").rows.size());
+  LONGS_EQUAL(frames * 63, read_csv(dir / "tm.csv").rows.size());
   LONGS_EQUAL(frames, read_csv(dir / "f.csv").rows.size());
   STRCMP_EQUAL(kFeaturesHeader, read_csv(dir / "f.csv").header.c_str());
 }
@@ -683,9 +685,9 @@ TEST(Tool, LooksAtScenes) {
 }
 
 TEST(Tool, PricesTheContactLevels) {
-  const Finished done =
-      succeed({"trade", "sim", HOLDFAST_SOURCE_DIR "/tests/scenes/twist_to_gross.json", "--reference-cell", "0.7",
-               "--repeats", "1", "--csv", in("trade.csv"), "--svg", in("trade.svg")});
+  const std::string scene = HOLDFAST_SOURCE_DIR "/tests/scenes/twist_to_gross.json";
+  const Finished done = succeed({"trade", "sim", scene, "--reference-cell", "0.7", "--repeats", "1", "--csv",
+                                 in("trade.csv"), "--svg", in("trade.svg")});
   STRCMP_CONTAINS("springs 64", done.out.c_str());
   STRCMP_CONTAINS("grid leaves out", done.out.c_str());
   LONGS_EQUAL(13, read_csv(dir / "trade.csv").rows.size());

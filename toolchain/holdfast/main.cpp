@@ -75,6 +75,10 @@ int run(int argc, char** argv) {
   sim_command
       ->add_option("--truth", sim_options.common.paths.truth, "write the simulated truth, one row per frame: CSV")
       ->check(not_empty);
+  sim_command
+      ->add_option("--truth-markers", sim_options.common.paths.truth_markers,
+                   "write where the markers really are, one row per marker and frame: CSV")
+      ->check(not_empty);
   add_common_options(*sim_command, sim_options.common);
   sim_command->footer("Example:\n  holdfast sim tests/scenes/sphere_slip.json --report slip.html --truth truth.csv");
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,9 @@ class Player {
   // Of the last step.
   [[nodiscard]] const scene::Snapshot& snapshot() const { return camera_.snapshot(); }
   [[nodiscard]] const scene::PictureConfig& picture() const { return camera_.picture(); }
+  // Rest places of the markers as printed, and all dots, markers first.
+  [[nodiscard]] std::span<const scene::Vec2> markers() const { return camera_.simulation().markers(); }
+  [[nodiscard]] std::span<const scene::Dot> dots() const { return camera_.simulation().dots(); }
   // The frame as the camera gave it; at levels without pictures an empty grey one of the picture's size.
   [[nodiscard]] hal::Frame lent() const;
 

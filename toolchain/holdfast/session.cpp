@@ -96,6 +96,7 @@ Session::Session(SessionInfo info, OutputPaths paths)
   features_ = open(paths_.features);
   markers_ = open(paths_.markers);
   truth_ = open(paths_.truth);
+  truth_markers_ = open(paths_.truth_markers);
   report_file_ = open(paths_.report);
   (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
   if (features_) {
@@ -221,6 +222,12 @@ void Session::record_truth(const std::string& header, const std::string& line) {
   truth_->stream() << line << '\n';
 }
 
+void Session::record_truth_markers(const std::string& header, const std::string& lines) {
+  if (!truth_markers_) return;
+  if (summary_.frames <= 1) truth_markers_->stream() << header << '\n';
+  truth_markers_->stream() << lines;
+}
+
 Summary Session::summary() const {
   Summary out = summary_;
   out.mean_markers = out.accepted > 0 ? static_cast<double>(marker_sum_) / static_cast<double>(out.accepted) : 0.0;
@@ -249,7 +256,7 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report_file_->stream() << report_.html(report);
   }
   // What may still fail comes first: every byte is written, then the overlay, and only then files are renamed.
-  const std::array files{features_.get(), markers_.get(), truth_.get(), report_file_.get()};
+  const std::array files{features_.get(), markers_.get(), truth_.get(), truth_markers_.get(), report_file_.get()};
   for (AtomicFile* file : files) {
     if (file != nullptr && !file->stream().flush()) return file->commit();
   }

@@ -33,13 +33,15 @@ struct OutputPaths {
   std::filesystem::path markers;
   std::filesystem::path overlay;
   std::filesystem::path report;
-  std::filesystem::path truth;  // simulated grasps only
+  std::filesystem::path truth;          // simulated grasps only
+  std::filesystem::path truth_markers;  // likewise
 
   // With the names of their options, without the dashes; a path may be empty.
-  [[nodiscard]] std::array<std::pair<std::string_view, const std::filesystem::path*>, 5> named() const {
+  [[nodiscard]] std::array<std::pair<std::string_view, const std::filesystem::path*>, 6> named() const {
     return {{{"features", &features},
              {"markers", &markers},
              {"truth", &truth},
+             {"truth-markers", &truth_markers},
              {"overlay", &overlay},
              {"report", &report}}};
   }
@@ -88,6 +90,8 @@ class Session {
   void record(long frame, double t_s, double scale, const hal::Frame& given);
   // A line of the truth file; the first call writes the header before it.
   void record_truth(const std::string& header, const std::string& line);
+  // The same for the file of the markers' truth: lines of one frame, each with its newline.
+  void record_truth_markers(const std::string& header, const std::string& lines);
 
   [[nodiscard]] Summary summary() const;
   // Writes everything. Empty, or one line that says what is wrong; then nothing was written.
@@ -105,7 +109,7 @@ class Session {
   SessionInfo info_;
   OutputPaths paths_;
   std::string error_;
-  std::unique_ptr<AtomicFile> features_, markers_, truth_, report_file_;
+  std::unique_ptr<AtomicFile> features_, markers_, truth_, truth_markers_, report_file_;
   sim::Clock clock_;
   sim::Gpio gpio_;
   sim::Serial link_;

@@ -29,6 +29,23 @@ std::string truth_line(const scene::Snapshot& s) {
       s.slide_mm_s, s.slide_deg_s, s.object_mm.x, s.object_mm.y, static_cast<int>(s.level));
 }
 
+constexpr const char* kTruthMarkersHeader = "frame,row,col,printed,x_px,y_px,rest_x_mm,rest_y_mm,dx_mm,dy_mm";
+
+// Where the markers really are: in pixels of the picture, and on the gel.
+std::string truth_marker_lines(const Player& player, int cols) {
+  const scene::Snapshot& s = player.snapshot();
+  const std::span<const scene::Vec2> rest = player.markers();
+  std::string lines;
+  for (std::size_t i = 0; i < rest.size(); ++i) {
+    const scene::Vec2 u = s.motion_mm[i];
+    const scene::PointPx at = scene::to_px(player.picture(), {rest[i].x + u.x, rest[i].y + u.y});
+    lines += fmt::format("{},{},{},{},{:.4f},{:.4f},{:.6f},{:.6f},{:.6f},{:.6f}\n", s.frame,
+                         i / static_cast<std::size_t>(cols), i % static_cast<std::size_t>(cols),
+                         player.dots()[i].printed ? 1 : 0, at.x, at.y, rest[i].x, rest[i].y, u.x, u.y);
+  }
+  return lines;
+}
+
 template <std::size_t N>
 std::optional<std::size_t> index_of(const std::array<std::string_view, N>& names, std::string_view name) {
   const auto* found = std::find(names.begin(), names.end(), name);
@@ -128,6 +145,9 @@ int sim_grasp(const SimOptions& options) {
     const double scale = pictures ? luma_input::reduction(pipeline_config(info.params).luma, given) : 1.0;
     session.record(truth.frame, truth.t_s, scale, given);
     session.record_truth(kTruthHeader, truth_line(truth));
+    if (!common.paths.truth_markers.empty()) {
+      session.record_truth_markers(kTruthMarkersHeader, truth_marker_lines(player, scene.markers.cols));
+    }
     fraction.points.emplace_back(truth.t_s, truth.contact.slip_fraction);
     frames.push_back(played(player, session.app()));
     progress.update(truth.frame + 1);
