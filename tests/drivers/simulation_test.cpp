@@ -31,14 +31,6 @@ constexpr std::array kLevels{ContactLevel::kKinematic, ContactLevel::kClosed, Co
 constexpr std::array<std::uint64_t, 4> kHashes{2183174695328548707u, 1750289492515269753u, 186827821099645788u,
                                                2466645481905566653u};
 
-double length(Vec2 v) {
-  return std::hypot(v.x, v.y);
-}
-
-Vec2 minus(Vec2 a, Vec2 b) {
-  return {a.x - b.x, a.y - b.y};
-}
-
 double largest(const std::vector<Vec2>& vectors) {
   double most = 0.0;
   for (const Vec2& v : vectors) most = std::max(most, length(v));
@@ -228,10 +220,10 @@ TEST(Simulation, LoadsAndMotionHaveNoJumps) {
     for (const Snapshot& now : play(at_rate(scene, kRate))) {
       CHECK(std::abs(now.contact.normal_n - before.contact.normal_n) < 15.0 / kRate);  // 2 x 7.5 N/s
       // A firm shake's 30 N/s; contact ends when the force does, and motion goes as its power of 2/3 there.
-      CHECK(length(minus(now.contact.shear_n, before.contact.shear_n)) < 35.0 / kRate);
+      CHECK(length(now.contact.shear_n - before.contact.shear_n) < 35.0 / kRate);
       double jump = 0.0;
       for (std::size_t i = 0; i < before.motion_mm.size(); ++i) {
-        jump = std::max(jump, length(minus(now.motion_mm[i], before.motion_mm[i])));
+        jump = std::max(jump, length(now.motion_mm[i] - before.motion_mm[i]));
       }
       CHECK(jump < 0.015);
       before = now;
@@ -251,7 +243,7 @@ TEST(Simulation, MatchedPairHasTheSameForcesAndNoSlip) {
     DOUBLES_EQUAL(a.contact_radius_mm, b.contact_radius_mm, 1e-9);
     // 2 % of mu P. The last 0.1 s of the release are one straight line in the file: 3 %.
     const double most_n = (slips[k].t_s < 2.71 ? 0.02 : 0.03) * 1.5;
-    CHECK(length(minus(a.shear_n, b.shear_n)) < most_n);
+    CHECK(length(a.shear_n - b.shear_n) < most_n);
     DOUBLES_EQUAL(0.0, b.slip_fraction, 0.0);
     DOUBLES_EQUAL(0.0, length(b.slid_mm), 1e-12);
     CHECK(holds[k].level == SlipLevel::kNone);
@@ -305,8 +297,8 @@ TEST(Simulation, MarkersInTheStickDiscMoveWithTheObject) {
   DOUBLES_EQUAL(0.5, now.contact.slip_fraction, 0.01);
   int stuck = 0;
   for (std::size_t i = 0; i < rest.size(); ++i) {
-    const Vec2 moved = minus(now.motion_mm[i], rest[i]);
-    if (length(minus(simulation.markers()[i], scene.object.touch_mm)) < now.contact.stick_radius_mm) {
+    const Vec2 moved = now.motion_mm[i] - rest[i];
+    if (length(simulation.markers()[i] - scene.object.touch_mm) < now.contact.stick_radius_mm) {
       ++stuck;
       DOUBLES_EQUAL(now.object_mm.x, moved.x, 1e-9);
       DOUBLES_EQUAL(now.object_mm.y, moved.y, 1e-9);
@@ -683,7 +675,7 @@ TEST(Simulation, SeenMarkersHaveTheNoiseAndTheLossesAskedFor) {
     see_markers(simulation, now, seen);
     LONGS_EQUAL(63, seen.size());
     for (std::size_t i = 0; i < seen.size(); ++i) {
-      const Vec2 off = minus(seen[i].at_mm, simulation.markers()[i]);
+      const Vec2 off = seen[i].at_mm - simulation.markers()[i];
       sum += off.x + off.y;
       square += off.x * off.x + off.y * off.y;
       lagged += off.x * last.x + off.y * last.y + off.x * off.y;
@@ -744,7 +736,7 @@ TEST(Simulation, DotsAreWhereTheyWerePrinted) {
     LONGS_EQUAL(63 + 20, printed.dots().size());
     int missing = 0;
     for (std::size_t i = 0; i < 63; ++i) {
-      const Vec2 off = minus(printed.markers()[i], plain.markers()[i]);
+      const Vec2 off = printed.markers()[i] - plain.markers()[i];
       square += off.x * off.x + off.y * off.y;
       missing += printed.dots()[i].printed ? 0 : 1;
       LONGS_EQUAL(i, printed.dots()[i].marker);
@@ -754,7 +746,7 @@ TEST(Simulation, DotsAreWhereTheyWerePrinted) {
     for (std::size_t i = 63; i < printed.dots().size(); ++i) {
       const Dot& dot = printed.dots()[i];
       CHECK(dot.extra && dot.printed);
-      const double aside = length(minus(dot.rest_mm, printed.markers()[static_cast<std::size_t>(dot.marker)])) / 2.02;
+      const double aside = length(dot.rest_mm - printed.markers()[static_cast<std::size_t>(dot.marker)]) / 2.02;
       CHECK(aside >= 0.35 - 1e-12 && aside <= 0.5);
     }
   }

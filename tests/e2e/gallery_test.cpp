@@ -67,10 +67,6 @@ double cpu_s() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-double length(Vec2 v) {
-  return std::sqrt(v.x * v.x + v.y * v.y);
-}
-
 // What is true of one frame.
 struct Truth {
   double t_s = 0.0;

@@ -23,13 +23,9 @@
 
 #include <limits>
 
-namespace holdfast::scene {
+#include "drivers/sim/scene/vec2.hpp"
 
-struct Vec2 {
-  double x = 0.0;
-  double y = 0.0;
-  friend bool operator==(Vec2, Vec2) = default;
-};
+namespace holdfast::scene {
 
 struct Gel {
   double shear_modulus_mpa = 0.1;

@@ -42,23 +42,8 @@ constexpr double kMostLoad = 1e12;  // force over shear modulus, mm^2
 constexpr int kBlock = 4;           // cells of a row that the products do at once
 constexpr int kBorder = 2;          // cells around the grid, so that stencils need no edges
 
-Vec2 operator+(Vec2 a, Vec2 b) {
-  return {a.x + b.x, a.y + b.y};
-}
-Vec2 operator-(Vec2 a, Vec2 b) {
-  return {a.x - b.x, a.y - b.y};
-}
-Vec2 operator*(double s, Vec2 v) {
-  return {s * v.x, s * v.y};
-}
-double dot(Vec2 a, Vec2 b) {
-  return a.x * b.x + a.y * b.y;
-}
 double cross(Vec2 a, Vec2 b) {
   return a.x * b.y - a.y * b.x;
-}
-double length(Vec2 v) {
-  return std::sqrt(dot(v, v));
 }
 
 struct Turn {

@@ -22,16 +22,6 @@ double positive(double value) {
   return value > 0.0 ? std::clamp(value, 1.0 / kMost, kMost) : 0.0;
 }
 
-Vec2 operator+(Vec2 a, Vec2 b) {
-  return {a.x + b.x, a.y + b.y};
-}
-Vec2 operator-(Vec2 a, Vec2 b) {
-  return {a.x - b.x, a.y - b.y};
-}
-Vec2 operator*(double s, Vec2 v) {
-  return {s * v.x, s * v.y};
-}
-
 double square(Vec2 v) {
   return v.x * v.x + v.y * v.y;
 }

@@ -26,10 +26,6 @@ double held_share(double friction) {
   return -portable::expm1(-friction / kHoldingFriction);
 }
 
-double length(Vec2 v) {
-  return portable::hypot(v.x, v.y);
-}
-
 // Of Hertz's dome that carries the same force on the same radius.
 double dome_slope(const Press& press) {
   const double a = press.contact_radius_mm;

@@ -28,29 +28,6 @@ double bounded(double value) {
   return std::clamp(value, -kMost, kMost);
 }
 
-Vec2 operator+(Vec2 a, Vec2 b) {
-  return {a.x + b.x, a.y + b.y};
-}
-Vec2 operator-(Vec2 a, Vec2 b) {
-  return {a.x - b.x, a.y - b.y};
-}
-Vec2 operator*(double s, Vec2 v) {
-  return {s * v.x, s * v.y};
-}
-double dot(Vec2 a, Vec2 b) {
-  return a.x * b.x + a.y * b.y;
-}
-
-// std::hypot differs in its last bit between machines.
-double length(Vec2 v) {
-  const double square = dot(v, v);
-  if (square > 1e-280 && square < 1e280) return std::sqrt(square);
-  const double most = std::max(std::abs(v.x), std::abs(v.y));
-  if (most == 0.0) return 0.0;
-  const Vec2 unit{v.x / most, v.y / most};
-  return most * std::sqrt(dot(unit, unit));
-}
-
 double power(double base, int exponent) {
   double result = 1.0;
   for (int i = 0; i < exponent; ++i) result *= base;

@@ -9,40 +9,12 @@
 #include <numbers>
 
 #include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/random.hpp"
 
 namespace holdfast::scene {
 namespace {
 
 // --- Noise ---
-
-// xoshiro256** by Blackman and Vigna, state filled by splitmix64 (both public domain).
-class Random {
- public:
-  explicit Random(std::uint64_t seed) {
-    for (std::uint64_t& word : state_) {
-      seed += 0x9e3779b97f4a7c15u;
-      std::uint64_t z = seed;
-      z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-      z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-      word = z ^ (z >> 31);
-    }
-  }
-
-  std::uint64_t next() {
-    const std::uint64_t result = std::rotl(state_[1] * 5, 7) * 9;
-    const std::uint64_t t = state_[1] << 17;
-    state_[2] ^= state_[0];
-    state_[3] ^= state_[1];
-    state_[1] ^= state_[2];
-    state_[0] ^= state_[3];
-    state_[2] ^= t;
-    state_[3] = std::rotl(state_[3], 45);
-    return result;
-  }
-
- private:
-  std::array<std::uint64_t, 4> state_{};
-};
 
 constexpr std::size_t kTileSize = std::size_t{1} << 18;
 
