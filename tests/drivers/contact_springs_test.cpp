@@ -598,5 +598,5 @@ TEST(ContactSprings, TheSameBitsOnEveryMachine) {
       hash = (hash ^ std::bit_cast<std::uint64_t>(v)) * 1099511628211ULL;
     }
   }
-  UNSIGNED_LONGLONGS_EQUAL(0x66d14b768fc67aa3ULL, hash);  // x86-64 and aarch64, gcc 12
+  UNSIGNED_LONGLONGS_EQUAL(0xaa8a08654d5078a1ULL, hash);  // x86-64 and aarch64, gcc 12
 }

@@ -424,6 +424,8 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"scene", "make", "ball", "rotate_z", "drop"}, "'drop'", "static or slip");
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
+  refuse({"trade", "sim", kScene, "--csv", in("x"), "--svg", in("x")}, "x", "--csv and --svg");
+  refuse({"trade", "sim", kScene, "--csv", kScene}, "sphere_slip.json", "would change a scene");
   refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
   refuse({"sim", kScene, "--fps", "3"}, "'--fps'", "holdfast sim --help");
 }

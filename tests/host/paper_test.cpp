@@ -235,9 +235,9 @@ TEST(Paper, every_trial_is_a_scene_that_its_level_can_play) {
       CHECK_TRUE_TEXT((capability->contacts >> static_cast<int>(scene.level.contact)) & 1, need.c_str());
     }
   });
-  // Two spheres, eight motions without a twist.
-  LONGS_EQUAL(2 * 8 * 2, levels[ContactLevel::kSprings]);
-  LONGS_EQUAL(312 - 32, levels[ContactLevel::kGrid]);
+  // Two spheres, twelve motions.
+  LONGS_EQUAL(2 * 12 * 2, levels[ContactLevel::kSprings]);
+  LONGS_EQUAL(312 - 48, levels[ContactLevel::kGrid]);
 }
 
 TEST(Paper, the_loader_takes_the_trials_without_a_word) {

@@ -11,6 +11,13 @@ namespace holdfast::tool {
 
 namespace fs = std::filesystem;
 
+bool same_place(const std::filesystem::path& a, const std::filesystem::path& b) {
+  std::error_code ignored;
+  if (std::filesystem::equivalent(a, b, ignored)) return true;
+  const std::filesystem::path place = std::filesystem::weakly_canonical(std::filesystem::absolute(a, ignored), ignored);
+  return !place.empty() && place == std::filesystem::weakly_canonical(std::filesystem::absolute(b, ignored), ignored);
+}
+
 AtomicFile::AtomicFile(fs::path path, const fs::path& input) : path_(std::move(path)) {
   std::error_code ignored;
   const fs::file_status status = fs::status(path_, ignored);

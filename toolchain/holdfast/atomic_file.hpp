@@ -12,6 +12,9 @@
 
 namespace holdfast::tool {
 
+// Whether both names are one file or folder; also for those that do not exist yet, and through links.
+[[nodiscard]] bool same_place(const std::filesystem::path& a, const std::filesystem::path& b);
+
 class AtomicFile {
  public:
   explicit AtomicFile(std::filesystem::path path, const std::filesystem::path& input = {});

@@ -29,14 +29,6 @@ double mm_per_s(MicrometresPerSec value) {
   return value.raw() / 1000.0;
 }
 
-// Also for files that do not exist yet, and through links.
-bool same_place(const fs::path& a, const fs::path& b) {
-  std::error_code ignored;
-  if (fs::equivalent(a, b, ignored)) return true;
-  const fs::path place = fs::weakly_canonical(fs::absolute(a, ignored), ignored);
-  return !place.empty() && place == fs::weakly_canonical(fs::absolute(b, ignored), ignored);
-}
-
 // Which output would destroy another one or something that the run reads. Empty: none. A folder of images is read as
 // a whole: a file more in it may be a frame more at the next run.
 std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inputs) {

@@ -29,16 +29,29 @@ void print_table(const std::vector<LevelPrice>& prices) {
   }
 }
 
-// Written whole or not at all.
-std::string write(AtomicFile* file, const std::string& text) {
-  if (file == nullptr) return {};
-  file->stream() << text;
-  return file->commit();
+// Which output would destroy the other or a scene. Empty: none.
+std::string collision(const TradeSimOptions& options) {
+  for (const std::string* output : {&options.csv, &options.svg}) {
+    if (output->empty()) continue;
+    for (const std::string& scene : options.scenes) {
+      if (!same_place(*output, scene)) continue;
+      return fmt::format(
+          "{}: an output would change a scene of this run. Likely cause: the same name given twice. "
+          "Next: give another place for the output",
+          *output);
+    }
+  }
+  if (options.csv.empty() || options.svg.empty() || !same_place(options.csv, options.svg)) return {};
+  return fmt::format(
+      "{}: given for both --csv and --svg. Likely cause: a typing error. Next: give each output a file "
+      "of its own",
+      options.csv);
 }
 
 }  // namespace
 
 int trade_sim(const TradeSimOptions& options) {
+  if (const std::string error = collision(options); !error.empty()) return fail(error);
   std::vector<scene::Scene> scenes;
   for (const std::string& path : options.scenes) {
     std::optional<scene::Scene> scene = load_scene(path);
@@ -73,8 +86,16 @@ int trade_sim(const TradeSimOptions& options) {
     fmt::print("{} leaves out\n", scene::kContactLevelNames[static_cast<std::size_t>(level)]);
     for (const std::string_view what : scene::omissions(level)) fmt::print("  {}\n", what);
   }
-  if (std::string error = write(csv ? &*csv : nullptr, trade_sim_csv(prices)); !error.empty()) return fail(error);
-  if (std::string error = write(svg ? &*svg : nullptr, trade_sim_svg(prices)); !error.empty()) return fail(error);
+  // Every byte is written before the first file appears.
+  if (csv) csv->stream() << trade_sim_csv(prices);
+  if (svg) svg->stream() << trade_sim_svg(prices);
+  for (auto* file : {&csv, &svg}) {
+    if (*file && !(*file)->stream().flush()) return fail((*file)->commit());
+  }
+  for (auto* file : {&csv, &svg}) {
+    if (!*file) continue;
+    if (const std::string error = (*file)->commit(); !error.empty()) return fail(error);
+  }
   return 0;
 }
 

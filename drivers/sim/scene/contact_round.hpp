@@ -14,8 +14,7 @@
 // Not modelled
 //   * what the layer does to the shape of the stick area and of the pressure: both stay those of the half-space
 //   * B1: reversal, cycles, normal force that changes under shear, kinetic friction: each state is the one that
-//   monotone
-//     loading reaches
+//     monotone loading reaches
 //   * objects that are not round: level `grid`
 //
 // Units: contact.hpp. Range: as the files it joins; a contact smaller than 1e-60 mm is none. No NaN.

@@ -341,7 +341,9 @@ const SpringState& SpringContact::summarize(Vec2 displacement_mm) {
   s.force_n = s.gel_mm = {};
   s.normal_force_n = s.stored_mj = 0.0;
   const double unit_n = 2.0 * normal_modulus_ * extent_depth_mm_ * extent_mm_;
+  // Neighbours that stick are one ring, so that a contact that sticks all over does so exactly.
   double stuck = 0.0;
+  double inner = 0.0;
   int sticking = 0;
   for (int i = 0; i < touching_; ++i) {
     const auto k = static_cast<std::size_t>(i);
@@ -352,9 +354,9 @@ const SpringState& SpringContact::summarize(Vec2 displacement_mm) {
     s.stored_mj += 0.5 * force * (force / stiffness);
     if (slips_[k]) continue;
     ++sticking;
-    const bool last = i + 1 == touching_ || slips_[k + 1];
-    const double inner = edge_[k] / rim_;
-    const double outer = (last ? stick_edge(i) : edge_[k + 1]) / rim_;
+    if (i == 0 || slips_[k - 1]) inner = edge_[k] / rim_;
+    if (i + 1 < touching_ && !slips_[k + 1]) continue;
+    const double outer = stick_edge(i) / rim_;
     stuck += (outer - inner) * (outer + inner);
   }
   s.sliding = touching_ > 0 && sticking == 0;

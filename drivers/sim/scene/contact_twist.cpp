@@ -505,16 +505,18 @@ void TwistSprings::summarize() {
   TwistSpringState& s = state_;
   s.contact_radius_mm = rim_ * extent_mm_;
   s.moment_nmm = s.stored_mj = s.gel_rad = 0.0;
+  // Neighbours that stick are one ring, so that a contact that sticks all over does so exactly.
   double stuck = 0.0;
+  double inner = 0.0;
   bool sticking = false;
   for (std::size_t k = 0; k < touching_; ++k) {
     s.moment_nmm += moment_nmm_[k];
     s.stored_mj += 0.5 * moment_nmm_[k] * (moment_nmm_[k] / stiffness(k));
     if (slips_[k]) continue;
     sticking = true;
-    const bool last = k + 1 == touching_ || slips_[k + 1];
-    const double inner = edge_[k] / rim_;
-    const double outer = (last ? stick_edge(k) : outer_[k]) / rim_;
+    if (k == 0 || slips_[k - 1]) inner = edge_[k] / rim_;
+    if (k + 1 < touching_ && !slips_[k + 1]) continue;
+    const double outer = stick_edge(k) / rim_;
     stuck += (outer - inner) * (outer + inner);
   }
   s.turning = touching_ > 0 && !sticking;

@@ -5,7 +5,7 @@
 //
 // Modelled
 //   * rigid sphere on an elastic half-space under Hertz's pressure; Coulomb friction: a stick disc inside a slip
-//   annulus
+//     annulus
 //   * turning of the whole contact; a bonded contact (mu infinite) that never slips
 //   * TwistSprings: reversal, cycles, a normal force that changes under twist, static and kinetic friction
 //   * motion of every surface point, around the centre of the contact

@@ -453,7 +453,7 @@ Scene paper_trial(const PaperObject& object, const Primitive& primitive, bool sl
   scene.seed = Random(seed, fnv(object.name, fnv(primitive.name, 0xcbf29ce484222325u)), slip ? 1 : 0).next();
   scene.name = std::string(object.name) + "_" + std::string(primitive.name) + (slip ? "_slip" : "_static");
   scene.help = std::string(slip ? "slips: " : "holds: ") + std::string(primitive.felt);
-  scene.level.contact = as_round(object.shape) && !twists(primitive) ? ContactLevel::kSprings : ContactLevel::kGrid;
+  scene.level.contact = as_round(object.shape) ? ContactLevel::kSprings : ContactLevel::kGrid;
   if (level) scene.level = *level;
   Trial(object, primitive, slip, scene.seed).write(scene);
   for (const std::string_view name : used_capabilities(scene)) scene.needs.emplace_back(name);

@@ -266,9 +266,8 @@ struct FrictionLimit {
 };
 [[nodiscard]] FrictionLimit friction_limit(const Shape& shape, const Gel& gel, double friction, double press_n);
 
-// One trial. `level`: round objects without texture play on springs and the others on the grid, unless given; so do
-// motions with a twist, because springs share friction between shear and twist by a rule that calls contacts gross
-// whose moment passes through zero. The motion does not depend on the level.
+// One trial. `level`: round objects without texture play on springs and the others on the grid, unless given. The
+// motion does not depend on the level.
 [[nodiscard]] Scene paper_trial(const PaperObject& object, const Primitive& primitive, bool slip, std::uint64_t seed,
                                 const std::optional<Level>& level = {});
 

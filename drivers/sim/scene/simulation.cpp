@@ -27,9 +27,6 @@ constexpr std::uint64_t kMarkerLoss = 5;
 constexpr double kSwingShare = 0.2;
 constexpr int kMostSteps = 4000;
 
-// Contacts add up the share that sticks, spring by spring: less slip than this is the sum's rounding.
-constexpr double kNoSlip = 1e-12;
-
 // A double lies beside its dot, clear of it and of its neighbours.
 constexpr double kLeastAside = 0.35;  // of the pitch
 constexpr double kMostAside = 0.5;
@@ -317,7 +314,6 @@ const Snapshot& Simulation::next(const Drive& drive) {
   if (!(open_s > 0.0)) out.before_mm = out.motion_mm;
 
   out.contact = s.touch;
-  if (out.contact.slip_fraction < kNoSlip) out.contact.slip_fraction = 0.0;
   out.level = slip_level(out.contact.slip_fraction, out.contact.gross);
   out.slide_mm_s = out.slide_deg_s = 0.0;
   if (dt_s > 0.0 && before.contact_radius_mm > 0.0 && s.touch.contact_radius_mm > 0.0) {
