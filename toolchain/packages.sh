@@ -19,6 +19,7 @@ build libopencv-core-dev 4.6.0+dfsg-12
 build libopencv-imgproc-dev 4.6.0+dfsg-12
 build libopencv-imgcodecs-dev 4.6.0+dfsg-12
 build libopencv-videoio-dev 4.6.0+dfsg-12
+build libopencv-ml-dev 4.6.0+dfsg-12
 build libjpeg62-turbo-dev 1:2.1.5-2
 build libcli11-dev 2.1.2+ds-1
 build libfmt-dev 9.1.0+ds1-2

@@ -19,24 +19,25 @@
 
 namespace holdfast::classifier {
 
-static_assert(slip_tree::kFeatureSet == "paper", "inputs() below builds the features of the set `paper`");
+inline constexpr const FeatureSet& kCompiledSet = *find_feature_set(slip_tree::kFeatureSet);
+inline constexpr auto kMembers = kCompiledSet.members;
+using Inputs = std::array<std::int32_t, static_cast<std::size_t>(kCompiledSet.size())>;
 
-using Inputs = std::array<std::int32_t, kPaperFeatures.size()>;
+[[nodiscard]] constexpr std::int32_t input(const FeatureInfo& feature, const Features& features) {
+  return features.rates_valid || !feature.needs_earlier_frame ? feature.read(features) : 0;
+}
 
 // Spelled as a pack, not as a loop: only then does gcc 12 see through the table's readers and leave the
 // compares alone (at most 12 aarch64 instructions for a tree of depth 3; the loop costs four indirect calls).
 [[nodiscard]] constexpr Inputs inputs(const Features& features) {
-  const auto input = [&](const FeatureInfo& feature) {
-    return features.rates_valid || !feature.needs_earlier_frame ? feature.read(features) : 0;
-  };
   return [&]<std::size_t... Index>(std::index_sequence<Index...>) {
-    return Inputs{input(kPaperFeatures[Index])...};
+    return Inputs{input(kFeatures[kMembers[Index]], features)...};
   }
-  (std::make_index_sequence<kPaperFeatures.size()>{});
+  (std::make_index_sequence<kMembers.size()>{});
 }
 
 struct Config {
-  const model::Tree* loaded = nullptr;  // of the feature set `paper`; outlives the pipeline. nullptr: the compiled tree
+  const model::Tree* loaded = nullptr;  // of the compiled tree's feature set; outlives the pipeline. nullptr: that tree
 };
 
 [[nodiscard]] constexpr Verdict classify(const Config& config, const Features& features) {

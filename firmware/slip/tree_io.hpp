@@ -12,6 +12,7 @@
 #include <string_view>
 #include <type_traits>
 
+#include "base/math.hpp"
 #include "tactile/types.hpp"
 
 namespace holdfast {
@@ -28,11 +29,6 @@ struct FeatureInfo {
   std::int32_t (*read)(const Features&);
 };
 
-struct FeatureSet {
-  std::string_view name;
-  std::span<const FeatureInfo> features;
-};
-
 namespace tree_io_detail {
 
 template <auto Member>
@@ -45,14 +41,45 @@ constexpr FeatureInfo feature(std::string_view name, std::string_view unit, int 
 
 }  // namespace tree_io_detail
 
-// The paper, section III.
-inline constexpr std::array<FeatureInfo, 4> kPaperFeatures{
+// Every feature that a model may read, in the order of a dataset's columns.
+inline constexpr auto kFeatures = std::to_array<FeatureInfo>({
+    // The paper, section III.
     tree_io_detail::feature<&Features::vx>("vx_um_s", "um/s", 0, true),
     tree_io_detail::feature<&Features::vy>("vy_um_s", "um/s", 0, true),
     tree_io_detail::feature<&Features::entropy>("entropy_nat_q16", "nat", 16, false),
     tree_io_detail::feature<&Features::entropy_rate>("entropy_rate_nat_s_q8", "nat/s", 8, true),
+});
+inline constexpr int kFeatureCount = static_cast<int>(kFeatures.size());
+
+struct FeatureSet {
+  std::string_view name;
+  std::span<const std::uint8_t>
+      members;  // indices into kFeatures, in the order in which a model of this set reads them
+
+  [[nodiscard]] constexpr int size() const { return static_cast<int>(members.size()); }
+  [[nodiscard]] constexpr const FeatureInfo& operator[](int i) const { return kFeatures[members[idx(i)]]; }
 };
 
-inline constexpr std::array<FeatureSet, 1> kFeatureSets{{{"paper", kPaperFeatures}}};
+namespace tree_io_detail {
+
+inline constexpr std::array<std::uint8_t, 2> kVelocity{0, 1};
+inline constexpr std::array<std::uint8_t, 2> kEntropy{2, 3};
+inline constexpr std::array<std::uint8_t, 4> kPaper{0, 1, 2, 3};
+
+}  // namespace tree_io_detail
+
+inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
+    {"velocity", tree_io_detail::kVelocity},  // the paper's three: Vx and Vy; E and dE/dt; all four
+    {"entropy", tree_io_detail::kEntropy},
+    {"paper", tree_io_detail::kPaper},
+});
+
+// nullptr: no such set.
+[[nodiscard]] constexpr const FeatureSet* find_feature_set(std::string_view name) {
+  for (const FeatureSet& set : kFeatureSets) {
+    if (set.name == name) return &set;
+  }
+  return nullptr;
+}
 
 }  // namespace holdfast

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -79,6 +80,17 @@ struct TradeSimOptions {
   int repeats = 3;
 };
 [[nodiscard]] int trade_sim(const TradeSimOptions& options);
+
+// Commands that bring their own options: each adds itself to `app` and what it does to `commands`.
+struct Command {
+  CLI::App* app = nullptr;
+  std::function<int()> run;
+};
+void add_dataset(CLI::App& app, std::vector<Command>& commands);
+void add_train(CLI::App& app, std::vector<Command>& commands);
+void add_evaluate(CLI::App& app, std::vector<Command>& commands);
+void add_compile(CLI::App& app, std::vector<Command>& commands);
+void add_calibrate(CLI::App& app, std::vector<Command>& commands);
 
 // Lines for people and for programs.
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options);

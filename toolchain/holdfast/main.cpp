@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 
@@ -23,9 +24,8 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
   if (chosen.empty()) {
     const auto rest = app.remaining();
     return fmt::format(
-        "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene or trade; holdfast "
-        "--help "
-        "shows how",
+        "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
+        "evaluate, compile, calibrate or trade; holdfast --help shows how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
   std::string command = "holdfast";
@@ -129,6 +129,13 @@ int run(int argc, char** argv) {
   trade_sim_command->footer(
       "Example:\n  holdfast trade sim tests/scenes/sphere_slip.json --csv trade.csv --svg trade.svg");
 
+  std::vector<Command> commands;
+  add_dataset(app, commands);
+  add_train(app, commands);
+  add_evaluate(app, commands);
+  add_compile(app, commands);
+  add_calibrate(app, commands);
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -136,7 +143,10 @@ int run(int argc, char** argv) {
   }
   heed_interrupts();
   int status = 0;
-  if (*replay_command) {
+  const auto chosen = std::find_if(commands.begin(), commands.end(), [](const Command& c) { return bool{*c.app}; });
+  if (chosen != commands.end()) {
+    status = chosen->run();
+  } else if (*replay_command) {
     status = replay(replay_options);
   } else if (*sim_command) {
     status = sim_grasp(sim_options);

@@ -192,20 +192,19 @@ class Parser {
 };
 
 std::optional<Problem> check_features(const Model& model) {
-  const auto* const set = std::find_if(kFeatureSets.begin(), kFeatureSets.end(),
-                                       [&](const FeatureSet& s) { return s.name == model.feature_set; });
-  if (set == kFeatureSets.end()) {
+  const FeatureSet* const set = find_feature_set(model.feature_set);
+  if (set == nullptr) {
     std::string known;
     for (const FeatureSet& s : kFeatureSets) known += (known.empty() ? "" : ", ") + std::string(s.name);
     return Problem{model.feature_set_line, "feature set " + quoted(model.feature_set) + " is not known",
                    "this firmware has: " + known};
   }
-  for (std::size_t i = 0; i < std::max(model.features.size(), set->features.size()); ++i) {
-    if (i == set->features.size()) {
+  for (std::size_t i = 0; i < std::max(model.features.size(), set->members.size()); ++i) {
+    if (i == set->members.size()) {
       return Problem{model.features[i].line, "the set " + model.feature_set + " ends before this feature",
                      "remove the line"};
     }
-    const FeatureInfo& want = set->features[i];
+    const FeatureInfo& want = (*set)[static_cast<int>(i)];
     const std::string form =
         "`feature " + std::string(want.name) + " " + std::string(want.unit) + " Q" + std::to_string(want.q) + "`";
     if (i == model.features.size()) {
@@ -249,9 +248,8 @@ class Walk {
 
   std::optional<Problem> run() {
     std::vector<Interval> intervals;
-    const auto* const set = std::find_if(kFeatureSets.begin(), kFeatureSets.end(),
-                                         [&](const FeatureSet& s) { return s.name == model_.feature_set; });
-    for (const FeatureInfo& feature : set->features) intervals.push_back({feature.min, feature.max});
+    const FeatureSet& set = *find_feature_set(model_.feature_set);
+    for (int i = 0; i < set.size(); ++i) intervals.push_back({set[i].min, set[i].max});
     if (auto found = visit(0, kRoot, 0, intervals)) return found;
     for (const Node& node : model_.nodes) {
       if (reached_from_[static_cast<std::size_t>(node.id)] == kNobody) {

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// The classifiers: four of OpenCV's ml module, which the paper compares, and our own tree, which the device runs.
+//
+//   tree_cv  OpenCV DTrees. Splits by Gini impurity; the paper writes information gain.
+//   forest   OpenCV RTrees
+//   svm      OpenCV SVM, RBF; features scaled to zero mean and unit variance of the training rows
+//   knn      OpenCV KNearest, scaled likewise
+//   tree     our CART (cart.hpp): integer thresholds, information gain or Gini, weights by row. Only this one and
+//            tree_cv can be deployed: tree() of the others is empty.
+// Ties and random choices are settled by `seed`: the same rows give the same classifier.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "slip/tree_io.hpp"
+#include "toolchain/learn/samples.hpp"
+#include "toolchain/treec/tree_model.hpp"
+
+namespace holdfast::learn {
+
+// Rows to learn from or to judge, by features of one set: x[row * width + column], columns as the set's members.
+struct Matrix {
+  const FeatureSet* set = nullptr;
+  std::vector<std::int32_t> x;
+  std::vector<std::uint8_t> slip;  // 1 = slip
+  std::vector<float> weight;       // of each row in training; empty: all 1
+  std::vector<int> row;            // index of Samples::rows
+
+  [[nodiscard]] int width() const { return set->size(); }
+  [[nodiscard]] int height() const { return static_cast<int>(slip.size()); }
+  [[nodiscard]] std::span<const std::int32_t> at(int i) const {
+    return std::span(x).subspan(static_cast<std::size_t>(i) * static_cast<std::size_t>(width()),
+                                static_cast<std::size_t>(width()));
+  }
+};
+
+// The judged rows of these trials (indices of Samples::trials).
+[[nodiscard]] Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials);
+
+enum class Kind : std::uint8_t { kTreeCv, kForest, kSvm, kKnn, kTree };
+[[nodiscard]] std::string_view name_of(Kind kind);
+[[nodiscard]] std::optional<Kind> find_kind(std::string_view name);
+
+enum class Criterion : std::uint8_t { kInformationGain, kGini };
+
+struct Settings {
+  Kind kind = Kind::kTree;
+  std::uint64_t seed = 1;
+  bool balanced = true;      // both classes weigh the same, whatever their numbers (trees, forest, svm)
+  double slip_weight = 1.0;  // of a slip row on top of that; below 1: fewer false alarms, later detection
+  int max_depth = 8;         // trees
+  int min_leaf = 40;         // rows; trees and forest
+  double prune = 0.0;        // tree: cost-complexity alpha, share of the total weight that a leaf must pay
+  Criterion criterion = Criterion::kInformationGain;  // tree
+  int trees = 50;                                     // forest
+  double svm_c = 1.0;
+  double svm_gamma = 0.0;  // 0: one over the number of features
+  int neighbours = 1;      // knn
+};
+
+class Learner {
+ public:
+  Learner() = default;
+  Learner(const Learner&) = delete;
+  Learner& operator=(const Learner&) = delete;
+  virtual ~Learner() = default;
+
+  // Nothing, or why it cannot learn: no rows, one class only, not finite.
+  [[nodiscard]] virtual std::optional<std::string> fit(const Matrix& rows) = 0;
+  // After fit(). One verdict a row, 1 = slip.
+  [[nodiscard]] virtual std::vector<std::uint8_t> predict(const Matrix& rows) const = 0;
+  // The tree as a model's nodes (treec); empty when the classifier is none.
+  [[nodiscard]] virtual std::optional<treec::Model> tree() const { return std::nullopt; }
+};
+
+[[nodiscard]] std::unique_ptr<Learner> make_learner(const Settings& settings);
+
+}  // namespace holdfast::learn

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a classifier is worth: frame by frame as the paper counts, and event by event as a gripper feels it.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "slip/decision.hpp"
+#include "toolchain/learn/samples.hpp"
+
+namespace holdfast::learn {
+
+// Frames. Slip is the positive class. A share whose denominator is 0 is 0.
+struct Confusion {
+  long true_slip = 0;
+  long false_slip = 0;
+  long true_hold = 0;
+  long false_hold = 0;
+
+  void add(bool is_slip, bool said_slip);
+  Confusion& operator+=(const Confusion& other);
+  [[nodiscard]] long count() const { return true_slip + false_slip + true_hold + false_hold; }
+  [[nodiscard]] double accuracy() const;
+  [[nodiscard]] double balanced_accuracy() const;
+  [[nodiscard]] double precision() const;
+  [[nodiscard]] double recall() const;
+  [[nodiscard]] double f1() const;
+};
+
+// Mean with a 95 % interval over repetitions (Student's t); one value has no interval (half = 0).
+struct Interval {
+  double mean = 0.0;
+  double half = 0.0;
+  int count = 0;
+};
+[[nodiscard]] Interval interval_of(std::span<const double> values);
+
+// One trial through the decision stage of the firmware (slip/decision.hpp), from one verdict a row.
+struct Event {
+  int trial = 0;
+  bool slips = false;                // the trial has an onset: its first slip row after which nothing was slip before
+  double onset_s = 0.0;              //
+  std::optional<double> raised_s;    // first time that the request is raised at or after the onset
+  std::optional<int> raised_frames;  // likewise, rows after the onset's
+  bool raised_before = false;        // already raised when the onset came: counts as a false alarm and as a detection
+  int false_alarms = 0;              // times it rose on a hold row or before the onset; rises on open rows are counted
+  int open_alarms = 0;               //   here instead
+  double held_s = 0.0;               // time of the hold rows
+};
+// `verdicts`: of every row of the trial, in order; rows that were not accepted keep the request as it is.
+[[nodiscard]] Event event_of(const Samples& samples, int trial, std::span<const std::uint8_t> verdicts,
+                             const decision::Config& config);
+
+}  // namespace holdfast::learn
