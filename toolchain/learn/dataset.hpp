@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Makes samples: simulated grasps, or recordings with labels, through the firmware's own features.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "app/params.hpp"
+#include "drivers/sim/scene/scene.hpp"
+#include "toolchain/learn/samples.hpp"
+
+namespace holdfast::learn {
+
+// What is changed in every scene, for studies: the gel, the camera's rate, the tracking.
+struct Variation {
+  std::optional<double> fps;
+  std::optional<double> marker_noise_um;
+  std::optional<double> marker_loss;  // probability a marker and frame
+  std::optional<double> shear_modulus_mpa;
+  std::optional<scene::Inject> inject;  // markers unless given
+};
+
+// One grasp to play. `trial` has no rows yet.
+struct Planned {
+  Trial trial;
+  scene::Scene scene;
+};
+
+// Plays one scene and appends its trial. Labels: open without contact (under 0.02 N) and from the release on, which is
+// after the last frame that presses with half of the largest force; else slip when more than half of the contact's
+// area slips (contact.hpp, SlipLevel::kHalf), else hold.
+void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {});
+
+// Recordings: every clip of a label file in the format of the 27 real clips (its README). Returns nothing, or an error
+// line. `progress`: clips done of all; false stops.
+[[nodiscard]] std::optional<std::string> read_recordings(const std::filesystem::path& labels, const Params& params,
+                                                         Samples& samples,
+                                                         const std::function<bool(int, int)>& progress = {});
+
+}  // namespace holdfast::learn
