@@ -23,6 +23,7 @@ constexpr double kHalfPad_mm = 12.6;  // along x: where a cylinder's contact end
 constexpr double kGravity_n_per_g = 9.81e-3;
 constexpr double kArc_rad = pi / 3.0;
 constexpr double kPressSwing = 0.25;  // of the grip's force, at the full load
+constexpr Span kLoosened{0.20, 0.40};
 // Of a minimum-jerk move: largest speed over mean speed.
 constexpr double kPeak = 1.875;
 constexpr double kLeastSlide_s = 0.32;
@@ -189,11 +190,16 @@ enum class Hand { kSteps, kShakes, kJerks };
 
 class Trial {
  public:
-  Trial(const PaperObject& object, const Primitive& primitive, bool slip, std::uint64_t seed)
-      : object_(object), primitive_(primitive), slip_(slip), dice_(seed) {
+  Trial(const PaperObject& object, const Primitive& primitive, GraspKind kind, std::uint64_t seed)
+      : object_(object),
+        primitive_(primitive),
+        kind_(kind),
+        dragged_(info(kind).slips || kind == GraspKind::kMatched),
+        dice_(seed),
+        more_dice_(~seed) {
     prepare();
     grasp();
-    slip_ ? load_until_slip() : load_and_unload();
+    dragged_ ? load_and_drag() : load_and_unload();
     release();
   }
 
@@ -203,16 +209,18 @@ class Trial {
   void prepare();
   void grasp();
   void load_and_unload();
-  void load_until_slip();
-  void slide();
+  void load_and_drag();
+  void drag();
   void release();
   [[nodiscard]] double angle_at(double t_s) const;
   [[nodiscard]] Waypoint at(double t_s) const;
 
   const PaperObject& object_;
   const Primitive& primitive_;
-  bool slip_;
+  GraspKind kind_;
+  bool dragged_;  // until it slides, or would
   Dice dice_;
+  Dice more_dice_;  // for what the paper's two kinds do not have: their numbers stay as they are
 
   Shape shape_;
   Gel gel_ = kGel;
@@ -234,6 +242,7 @@ class Trial {
   double side_ = 1.0;
   double start_rad_ = 0.0;
   double turn_hz_ = 0.0;
+  double held_way_ = 1.0;  // of a matched trial
   double load_from_s_ = 0.0;
   double slide_from_s_ = 0.0;
   Vec2 slide_along_;  // 1 mm
@@ -258,7 +267,8 @@ void Trial::prepare() {
   fabrication_um_ = dice_.in({20.0, 60.0});
   fabrication_turn_deg_ = dice_.in({-1.5, 1.5});
 
-  const double load = slip_ ? dice_.in({0.60, 0.90}) : dice_.in({0.25, 0.65});
+  const Span held_loads = kind_ == GraspKind::kShaken ? Span{0.30, 0.55} : Span{0.25, 0.65};
+  const double load = dragged_ ? dice_.in({0.60, 0.90}) : dice_.in(held_loads);
   const double hanging = 0.5 * object_.mass_g * kGravity_n_per_g / (friction_ * press_n_);
   weight_share_ = motion_share(shape_, std::min({hanging, 0.2, 0.5 * load}));
   tremor_share_ = dice_.in({0.005, 0.02});
@@ -266,9 +276,16 @@ void Trial::prepare() {
   tremor_rad_ = dice_.in({0.0, 2.0 * pi});
   // Where the grip's force swings, its least must hold, too.
   const double held =
-      motion_share(shape_, load) * (presses(primitive_) && !slip_ ? two_thirds(1.0 - kPressSwing) : 1.0);
+      motion_share(shape_, load) * (presses(primitive_) && !dragged_ ? two_thirds(1.0 - kPressSwing) : 1.0);
   load_share_ = std::max(held - weight_share_ - tremor_share_, 0.0);
   jitter_rad_ = dice_.in({-0.26, 0.26});
+  // The limit stays the slip trial's. Where the grip's force swings and loosens, its least must hold, too.
+  if (kind_ == GraspKind::kMatched) {
+    const double least_press = presses(primitive_) ? (1.0 - kPressSwing) * (1.0 - kLoosened.most) : 1.0;
+    held_way_ = more_dice_.in({1.0, 1.5});
+    friction_ *=
+        (held_way_ + weight_share_ + tremor_share_) / (least_press * motion_share(shape_, more_dice_.in({0.35, 0.60})));
+  }
   start_rad_ = primitive_.sweep == Sweep::kCircle ? dice_.in({0.0, 2.0 * pi}) : 0.0;
   side_ = dice_.sign();
 }
@@ -284,7 +301,8 @@ void Trial::grasp() {
 }
 
 void Trial::load_and_unload() {
-  const Hand hand = std::array{Hand::kSteps, Hand::kShakes, Hand::kJerks}[static_cast<std::size_t>(dice_.among(3))];
+  Hand hand = std::array{Hand::kSteps, Hand::kShakes, Hand::kJerks}[static_cast<std::size_t>(dice_.among(3))];
+  if (kind_ == GraspKind::kShaken) hand = Hand::kShakes;
   const bool line = primitive_.sweep == Sweep::kLine;
   if (hand == Hand::kJerks) {
     turn_hz_ = line ? 0.0 : dice_.in({0.5, 1.5});
@@ -300,6 +318,7 @@ void Trial::load_and_unload() {
   const bool shakes = hand == Hand::kShakes;
   if (shakes) {
     turn_hz_ = line ? dice_.in({0.8, 4.0}) : dice_.in({0.8, 2.0});
+    if (kind_ == GraspKind::kShaken) turn_hz_ = more_dice_.in(line ? Span{1.0, 6.0} : Span{1.0, 3.0});
   } else {
     turn_hz_ = line ? 0.0 : dice_.in({0.25, 0.60});
   }
@@ -309,10 +328,11 @@ void Trial::load_and_unload() {
     load_.rest(dice_.in({0.10, 0.40}));
   }
   load_.rest(shakes ? dice_.in({0.8, 1.6}) : dice_.in({0.2, 0.6}));
+  if (kind_ == GraspKind::kShaken) load_.rest(more_dice_.in({1.2, 2.4}));
   load_.move(dice_.in({0.30, 0.50}), 0.0);
 }
 
-void Trial::load_until_slip() {
+void Trial::load_and_drag() {
   turn_hz_ = primitive_.sweep == Sweep::kLine ? 0.0 : dice_.in({0.25, 0.60});
   const int steps = 1 + dice_.among(3);
   for (int step = 1; step <= steps; ++step) {
@@ -322,13 +342,13 @@ void Trial::load_until_slip() {
   slide_from_s_ = load_.end_s();
   loose_.rest_until(slide_from_s_ - 0.1);
   if (presses(primitive_)) {
-    const double by = dice_.in({0.20, 0.40});
+    const double by = dice_.in(kLoosened);
     loose_.move(dice_.in({0.20, 0.50}), by);
   }
-  slide();
+  drag();
 }
 
-void Trial::slide() {
+void Trial::drag() {
   const Swing load = load_at(primitive_, angle_at(slide_from_s_));
   Vec2 along{load.x, load.y};
   const double across = portable::hypot(along.x, along.y);
@@ -346,12 +366,15 @@ void Trial::slide() {
     curvature_per_mm_ = bend / dice_.in({3.0, 6.0});
   }
 
-  const double speed = dice_.log_in({0.5, 30.0});
-  const double own_mm = std::clamp(speed * dice_.in({0.6, 1.6}), 0.6, 5.0);
+  const bool slow = kind_ == GraspKind::kSlow;
+  const double speed = slow ? dice_.log_in({0.5, 2.0}) : dice_.log_in({0.5, 30.0});
+  double own_mm = std::clamp(speed * dice_.in({0.6, 1.6}), 0.6, 5.0);
+  if (slow) own_mm = speed * more_dice_.in({1.0, 2.0});
   // What is left to the limit first; beside a pivot the near end of the contact goes less than half as far.
   const double left_mm = std::max(1.0 - load_share_, 0.0) * limit_.slide_mm;
-  const double way_mm = (pivots_ ? 2.4 : 1.2) * left_mm + own_mm;
-  const bool steady = dice_.among(3) == 0;
+  double way_mm = (pivots_ ? 2.4 : 1.2) * left_mm + own_mm;
+  if (kind_ == GraspKind::kMatched) way_mm = std::max(held_way_ - load_share_, 0.0) * limit_.slide_mm;
+  const bool steady = slow || dice_.among(3) == 0;
   const int nudges = steady || speed < 4.0 ? 1 : 1 + dice_.among(3);
   const double slide_s = std::clamp((steady ? 1.0 : kPeak) * way_mm / speed, kLeastSlide_s, kMostSlide_s);
   slide_mm_.rest_until(slide_from_s_);
@@ -359,14 +382,18 @@ void Trial::slide() {
     slide_mm_.move(slide_s / nudges, way_mm * nudge / nudges, steady);
     slide_mm_.rest(dice_.in({0.10, 0.35}));
   }
+  if (kind_ == GraspKind::kMatched) slide_mm_.rest(more_dice_.in({1.0, 3.0}));
 }
 
 void Trial::release() {
   const double done_s = std::max({load_.end_s(), slide_mm_.end_s(), loose_.end_s()});
   grip_.rest_until(done_s);
-  if (!slip_) {
-    weight_.rest_until(done_s);
-    weight_.move(0.3, 0.0);
+  // What still holds is put down before the gripper opens.
+  if (!info(kind_).slips) {
+    for (Track* track : {&weight_, &load_, &slide_mm_}) {
+      track->rest_until(done_s);
+      track->move(0.3, 0.0);
+    }
     grip_.rest_until(weight_.end_s());
   }
   grip_.rest(dice_.in({0.10, 0.30}));
@@ -374,7 +401,7 @@ void Trial::release() {
 }
 
 double Trial::angle_at(double t_s) const {
-  if (slip_) t_s = std::min(t_s, slide_from_s_);
+  if (dragged_) t_s = std::min(t_s, slide_from_s_);
   const double angle = 2.0 * pi * turn_hz_ * std::max(t_s - load_from_s_, 0.0);
   return primitive_.sweep == Sweep::kArc ? kArc_rad * portable::sin(angle) : start_rad_ + angle;
 }
@@ -447,15 +474,19 @@ FrictionLimit friction_limit(const Shape& shape, const Gel& gel, double friction
   return limit;
 }
 
-Scene paper_trial(const PaperObject& object, const Primitive& primitive, bool slip, std::uint64_t seed,
+Scene grasp_trial(const PaperObject& object, const Primitive& primitive, GraspKind kind, std::uint64_t seed,
                   const std::optional<Level>& level) {
   Scene scene;
-  scene.seed = Random(seed, fnv(object.name, fnv(primitive.name, 0xcbf29ce484222325u)), slip ? 1 : 0).next();
-  scene.name = std::string(object.name) + "_" + std::string(primitive.name) + (slip ? "_slip" : "_static");
-  scene.help = std::string(slip ? "slips: " : "holds: ") + std::string(primitive.felt);
+  // A matched trial is the twin of a slip trial.
+  const GraspKind drawn_as = kind == GraspKind::kMatched ? GraspKind::kSlip : kind;
+  scene.seed =
+      Random(seed, fnv(object.name, fnv(primitive.name, 0xcbf29ce484222325u)), static_cast<std::uint64_t>(drawn_as))
+          .next();
+  scene.name = std::string(object.name) + "_" + std::string(primitive.name) + "_" + std::string(info(kind).name);
+  scene.help = std::string(info(kind).slips ? "slips: " : "holds: ") + std::string(primitive.felt);
   scene.level.contact = as_round(object.shape) ? ContactLevel::kSprings : ContactLevel::kGrid;
   if (level) scene.level = *level;
-  Trial(object, primitive, slip, scene.seed).write(scene);
+  Trial(object, primitive, kind, scene.seed).write(scene);
   for (const std::string_view name : used_capabilities(scene)) scene.needs.emplace_back(name);
   return scene;
 }
