@@ -242,7 +242,7 @@ class Trial {
   double side_ = 1.0;
   double start_rad_ = 0.0;
   double turn_hz_ = 0.0;
-  double held_way_ = 1.0;  // of a matched trial
+  double held_way_ = 1.0;  // of a matched or shaken trial
   double load_from_s_ = 0.0;
   double slide_from_s_ = 0.0;
   Vec2 slide_along_;  // 1 mm
@@ -267,8 +267,7 @@ void Trial::prepare() {
   fabrication_um_ = dice_.in({20.0, 60.0});
   fabrication_turn_deg_ = dice_.in({-1.5, 1.5});
 
-  const Span held_loads = kind_ == GraspKind::kShaken ? Span{0.30, 0.55} : Span{0.25, 0.65};
-  const double load = dragged_ ? dice_.in({0.60, 0.90}) : dice_.in(held_loads);
+  const double load = dragged_ ? dice_.in({0.60, 0.90}) : dice_.in({0.25, 0.65});
   const double hanging = 0.5 * object_.mass_g * kGravity_n_per_g / (friction_ * press_n_);
   weight_share_ = motion_share(shape_, std::min({hanging, 0.2, 0.5 * load}));
   tremor_share_ = dice_.in({0.005, 0.02});
@@ -279,10 +278,14 @@ void Trial::prepare() {
       motion_share(shape_, load) * (presses(primitive_) && !dragged_ ? two_thirds(1.0 - kPressSwing) : 1.0);
   load_share_ = std::max(held - weight_share_ - tremor_share_, 0.0);
   jitter_rad_ = dice_.in({-0.26, 0.26});
-  // The limit stays the slip trial's. Where the grip's force swings and loosens, its least must hold, too.
-  if (kind_ == GraspKind::kMatched) {
-    const double least_press = presses(primitive_) ? (1.0 - kPressSwing) * (1.0 - kLoosened.most) : 1.0;
-    held_way_ = more_dice_.in({1.0, 1.5});
+  // The motion stays that of the limit above; the surface gets the friction to hold it. Where the grip's force swings
+  // and loosens, its least must hold, too.
+  if (kind_ == GraspKind::kMatched || kind_ == GraspKind::kShaken) {
+    const bool matched = kind_ == GraspKind::kMatched;
+    held_way_ = more_dice_.in(matched ? Span{1.0, 1.5} : Span{0.5, 1.5});
+    if (!matched) load_share_ = held_way_;
+    double least_press = presses(primitive_) ? 1.0 - kPressSwing : 1.0;
+    if (matched && presses(primitive_)) least_press *= 1.0 - kLoosened.most;
     friction_ *=
         (held_way_ + weight_share_ + tremor_share_) / (least_press * motion_share(shape_, more_dice_.in({0.35, 0.60})));
   }

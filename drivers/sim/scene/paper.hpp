@@ -14,7 +14,7 @@
 //   static loads       25 .. 65 % of the friction limit. Beyond 65 % more than half of a round contact's area slips,
 //                      which is the onset that slip trials are labelled by
 //   slip               0.5 .. 30 mm/s, 0.6 .. 5 mm, steady or in one to three nudges; the load comes to 60 .. 90 %
-//   shaken             1 .. 6 Hz: a wrist's and an arm's quick motions; 30 .. 55 % of the friction limit
+//   shaken             1 .. 6 Hz: a wrist's and an arm's quick motions
 //   slow slides        0.5 .. 2 mm/s: a crawl, slower than what the paper's people push
 //   matched friction   0.5 .. 5: soft rubber on dry silicone; simulators of this sensor use up to 5
 //   first tremor             8 .. 12 Hz, as a hand's, 0.5 .. 2 % of the way to slip marker noise       1 .. 2 um;
@@ -287,7 +287,9 @@ inline constexpr std::array<GraspKindInfo, 5> kGraspKinds{{
     {"matched", false,
      "the slip trial's motion, up to 1 .. 1.5 times the shear at which that one slides and held there for 1 .. 3 s, "
      "on a surface with so much more friction that it is 35 .. 60 % of the limit: same forces, no slip"},
-    {"shaken", false, "30 .. 55 % of the limit, shaken for 2 .. 4 s: straight at 1 .. 6 Hz, round at 1 .. 3 Hz"},
+    {"shaken", false,
+     "shaken for 2 .. 4 s, straight at 1 .. 6 Hz, round at 1 .. 3 Hz, with 0.5 .. 1.5 times the shear at which the "
+     "surface of the other trials would slide, on one on which it is 35 .. 60 % of the limit"},
     {"slow", true, "60 .. 90 % of the limit, then dragged steadily at 0.5 .. 2 mm/s for 1 .. 4 s"},
 }};
 [[nodiscard]] constexpr const GraspKindInfo& info(GraspKind kind) {
