@@ -15,6 +15,9 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size) {
   config.displacement.pitch_um = params.pitch_um;
   config.features.histogram_range_um = params.histogram_range_um;
   config.features.max_gap = Micros{std::int64_t{params.max_gap_ms} * 1000};
+  config.field.pitch_um = params.pitch_um;
+  config.field.max_gap = config.features.max_gap;
+  config.with_field = config.with_field || params.all_features != 0;
   config.decision.raise_frames = params.raise_frames;
   config.decision.hold = Micros{std::int64_t{params.hold_ms} * 1000};
   config.fault_markers_pct = params.fault_markers_pct;
@@ -39,6 +42,7 @@ Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   config_ = pipeline_config(params, auto_size);
   config_.classifier.loaded = tree_;
+  if (tree_ != nullptr) config_.with_field = params.all_features != 0 || reads_field(*tree_->set);
   supervisor_config_ = supervisor_config(params);
   if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {

@@ -36,6 +36,7 @@ struct Params {
   std::int32_t jpeg_threads = 1;
   std::int32_t jpeg_lanes = 3;
   std::int32_t jpeg_rows_pct = 100;
+  std::int32_t all_features = 0;
   friend constexpr bool operator==(const Params&, const Params&) = default;
 };
 
@@ -50,7 +51,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 14> kParams{{
+inline constexpr std::array<ParamInfo, 15> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000,
      "displacement at which the last of the 15 histogram bins begins to overflow",
      "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
@@ -84,6 +85,8 @@ inline constexpr std::array<ParamInfo, 14> kParams{{
     {&Params::jpeg_rows_pct, "jpeg_rows_pct", "%", 50, 100,
      "rows of the picture that are decoded, from the top (mode fast)",
      "below 100: saves its share of the time, but pictures that lost data above are no longer refused (85: 9 of 10)"},
+    {&Params::all_features, "all_features", "", 0, 1,
+     "1: compute every feature, also those that the model does not read", "instructions only; for recording data"},
 }};
 
 static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");

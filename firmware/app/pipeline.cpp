@@ -59,6 +59,7 @@ Result feel(State& state, const Config& config, Result out) {
   if (reference::update(state.reference, config.reference, field)) {
     tracker::set_home(state.tracker, state.reference.rest);
     features::forget(state.features);
+    field_features::forget(state.field);
   }
   if (!state.reference.known) return out;
 
@@ -66,6 +67,10 @@ Result feel(State& state, const Config& config, Result out) {
                        state.displacement);
   out.features =
       features::update(state.features, config.features, state.displacement, out.timestamp, state.saturations);
+  if (config.with_field) {
+    out.features.field =
+        field_features::update(state.field, config.field, state.displacement, out.timestamp, state.saturations);
+  }
   return judge(state, config, out);
 }
 
@@ -114,6 +119,7 @@ Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::F
 void tare(State& state) {
   reference::forget(state.reference);
   features::forget(state.features);
+  field_features::forget(state.field);
   state.decision = {};
 }
 

@@ -10,6 +10,7 @@
 #include "slip/decision.hpp"
 #include "tactile/displacement.hpp"
 #include "tactile/features.hpp"
+#include "tactile/field_features.hpp"
 #include "tactile/reference.hpp"
 #include "tactile/types.hpp"
 #include "vision/jpeg.hpp"
@@ -24,6 +25,8 @@ struct Config {
   reference::Config reference;
   displacement::Config displacement;
   features::Config features;
+  field_features::Config field;
+  bool with_field = reads_field(classifier::kCompiledSet);  // compute Features::field; price: see frame_cost
   classifier::Config classifier;
   decision::Config decision;
   // Fewer valid markers than this share of the grid: the frame tells nothing about the grip.
@@ -37,6 +40,7 @@ struct State {
   reference::State reference;
   DisplacementField displacement;
   features::State features;
+  field_features::State field;
   decision::State decision;
   Saturations saturations;
   Micros last_timestamp{};

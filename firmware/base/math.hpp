@@ -2,6 +2,7 @@
 // The few integer functions that more than one stage needs.
 #pragma once
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -22,6 +23,20 @@ namespace holdfast {
     if (trial * trial <= value) root = trial;
   }
   return static_cast<std::uint32_t>(root);
+}
+
+// log2 of value in Q8, rounded down. Range: any value >= 1; result 0..16383. One squaring a bit, always eight.
+[[nodiscard]] constexpr std::int32_t log2_q8(std::uint64_t value) {
+  const int power = 63 - std::countl_zero(value);
+  std::uint64_t mantissa = power > 31 ? value >> (power - 31) : value << (31 - power);  // [1, 2) in Q31
+  std::int32_t log = power;
+  for (int bit = 0; bit < 8; ++bit) {
+    mantissa = (mantissa * mantissa) >> 31;
+    const std::uint64_t two = mantissa >> 32;
+    mantissa >>= two;
+    log = log * 2 + static_cast<std::int32_t>(two);
+  }
+  return log;
 }
 
 [[nodiscard]] constexpr std::int64_t square(std::int64_t value) {

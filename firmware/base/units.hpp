@@ -73,6 +73,22 @@ struct Micrometres {
 struct MicrometresPerSec {
   static constexpr std::int32_t kMin = -10'000'000, kMax = 10'000'000;
 };
+// A length that is a mean over markers: finer than one of them. 1/16 um; the range of Micrometres and sqrt 2 of it.
+struct MicrometresQ4 {
+  static constexpr std::int32_t kMin = 0, kMax = 131'070 * 16;
+};
+// Strain of the gel's surface per second, 1e-6/s. The gel is 18.6 mm wide: +-1e7 is all of it ten times in a second.
+struct StrainPpmPerSec {
+  static constexpr std::int32_t kMin = -10'000'000, kMax = 10'000'000;
+};
+// A share of one, or a cosine: 1/1024.
+struct ShareQ10 {
+  static constexpr std::int32_t kMin = -1024, kMax = 1024;
+};
+// Binary logarithm of a ratio, 1/256. +-32: what the ratio of two lengths in 32 bits can be.
+struct Log2Q8 {
+  static constexpr std::int32_t kMin = -(32 << 8), kMax = 32 << 8;
+};
 // Entropy in nat, 1/65536. 15 bins allow at most ln 15 = 2.708 nat; 0..4 leaves room for the sum's rounding.
 struct NatsQ16 {
   static constexpr std::int32_t kMin = 0, kMax = 4 << 16;
@@ -87,6 +103,10 @@ struct NatsPerSecQ8 {
 using PixelsQ8 = Quantity<unit::PixelsQ8>;
 using Micrometres = Quantity<unit::Micrometres>;
 using MicrometresPerSec = Quantity<unit::MicrometresPerSec>;
+using MicrometresQ4 = Quantity<unit::MicrometresQ4>;
+using StrainPpmPerSec = Quantity<unit::StrainPpmPerSec>;
+using ShareQ10 = Quantity<unit::ShareQ10>;
+using Log2Q8 = Quantity<unit::Log2Q8>;
 using NatsQ16 = Quantity<unit::NatsQ16>;
 using NatsPerSecQ8 = Quantity<unit::NatsPerSecQ8>;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One frame's features to one verdict, by the compiled tree.
+// One frame's features to one verdict, by the compiled tree or by a loaded one of any feature set.
 //
 // There is no "unknown": on the first frame and after a gap (rates_valid = false) the tree sees rates of 0
 // and judges by the level of the entropy alone, which stands on this frame only. A gripper that slides
@@ -36,13 +36,20 @@ using Inputs = std::array<std::int32_t, static_cast<std::size_t>(kCompiledSet.si
   (std::make_index_sequence<kMembers.size()>{});
 }
 
+// A loaded tree's set is known only now, so here it is the loop: one indirect call per feature. Not inlined, so that
+// the compiled tree's few compares need no stack for it.
+[[nodiscard, gnu::noinline]] constexpr Verdict classify_loaded(const model::Tree& tree, const Features& features) {
+  std::array<std::int32_t, kFeatureCount> x{};
+  for (int i = 0; i < tree.set->size(); ++i) x[idx(i)] = input((*tree.set)[i], features);
+  return model::evaluate(tree, x);
+}
+
 struct Config {
-  const model::Tree* loaded = nullptr;  // of the compiled tree's feature set; outlives the pipeline. nullptr: that tree
+  const model::Tree* loaded = nullptr;  // decides in place of the compiled tree; outlives the pipeline. nullptr: none
 };
 
 [[nodiscard]] constexpr Verdict classify(const Config& config, const Features& features) {
-  const Inputs x = inputs(features);
-  return config.loaded != nullptr ? model::evaluate(*config.loaded, x) : slip_tree::evaluate(x);
+  return config.loaded != nullptr ? classify_loaded(*config.loaded, features) : slip_tree::evaluate(inputs(features));
 }
 
 }  // namespace holdfast::classifier

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Generated from toolchain/model/slip_v1.tree; do not edit. treec writes it.
+// Generated from toolchain/model/slip_v1.tree; do not edit. holdfast compile writes it.
 #pragma once
 
 #include <array>

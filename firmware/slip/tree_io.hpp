@@ -5,6 +5,7 @@
 // A new set is a new row here; sets are never changed once a model was trained on them.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -39,6 +40,14 @@ constexpr FeatureInfo feature(std::string_view name, std::string_view unit, int 
           }};
 }
 
+template <auto Member>
+constexpr FeatureInfo field_feature(std::string_view name, std::string_view unit, int q, bool needs_earlier_frame) {
+  using Type = std::remove_cvref_t<decltype(FieldFeatures{}.*Member)>;
+  return {name, unit, q, Type::kMin, Type::kMax, needs_earlier_frame, [](const Features& features) {
+            return (features.field.*Member).raw();
+          }};
+}
+
 }  // namespace tree_io_detail
 
 // Every feature that a model may read, in the order of a dataset's columns.
@@ -48,7 +57,23 @@ inline constexpr auto kFeatures = std::to_array<FeatureInfo>({
     tree_io_detail::feature<&Features::vy>("vy_um_s", "um/s", 0, true),
     tree_io_detail::feature<&Features::entropy>("entropy_nat_q16", "nat", 16, false),
     tree_io_detail::feature<&Features::entropy_rate>("entropy_rate_nat_s_q8", "nat/s", 8, true),
+    // The displacement field's shape and flow.
+    tree_io_detail::field_feature<&FieldFeatures::shift>("shift_um", "um", 0, false),
+    tree_io_detail::field_feature<&FieldFeatures::reach>("reach_um", "um", 0, false),
+    tree_io_detail::field_feature<&FieldFeatures::residual>("residual_um_q4", "um", 4, false),
+    tree_io_detail::field_feature<&FieldFeatures::unevenness>("unevenness_log2_q8", "log2", 8, false),
+    tree_io_detail::field_feature<&FieldFeatures::evenness>("evenness_q10", "1", 10, false),
+    tree_io_detail::field_feature<&FieldFeatures::octave_entropy>("octave_entropy_nat_q16", "nat", 16, false),
+    tree_io_detail::field_feature<&FieldFeatures::residual_rate>("residual_rate_um_s", "um/s", 0, true),
+    tree_io_detail::field_feature<&FieldFeatures::flow_spread>("flow_spread_um_s", "um/s", 0, true),
+    tree_io_detail::field_feature<&FieldFeatures::flow_residual>("flow_residual_um_s", "um/s", 0, true),
+    tree_io_detail::field_feature<&FieldFeatures::flow_evenness>("flow_evenness_q10", "1", 10, true),
+    tree_io_detail::field_feature<&FieldFeatures::flow_along>("flow_along_q10", "1", 10, true),
+    tree_io_detail::field_feature<&FieldFeatures::flow_steady>("flow_steady_q10", "1", 10, true),
+    tree_io_detail::field_feature<&FieldFeatures::dilation_rate>("dilation_rate_ppm_s", "1e-6/s", 0, true),
+    tree_io_detail::field_feature<&FieldFeatures::easing>("easing_ppm_s", "1e-6/s", 0, true),
 });
+inline constexpr int kPaperFeatures = 4;  // the first of kFeatures
 inline constexpr int kFeatureCount = static_cast<int>(kFeatures.size());
 
 struct FeatureSet {
@@ -65,6 +90,9 @@ namespace tree_io_detail {
 inline constexpr std::array<std::uint8_t, 2> kVelocity{0, 1};
 inline constexpr std::array<std::uint8_t, 2> kEntropy{2, 3};
 inline constexpr std::array<std::uint8_t, 4> kPaper{0, 1, 2, 3};
+inline constexpr std::array<std::uint8_t, 6> kPaperAndRigid{0, 1, 2, 3, 6, 10};
+inline constexpr std::array<std::uint8_t, 13> kField{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
+inline constexpr std::array<std::uint8_t, 17> kAll{0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
 
 }  // namespace tree_io_detail
 
@@ -72,7 +100,15 @@ inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
     {"velocity", tree_io_detail::kVelocity},  // the paper's three: Vx and Vy; E and dE/dt; all four
     {"entropy", tree_io_detail::kEntropy},
     {"paper", tree_io_detail::kPaper},
+    {"paper_rigid", tree_io_detail::kPaperAndRigid},  // and the residual from a rigid motion, with its rate
+    {"field", tree_io_detail::kField},                // shape and flow of the field, without the paper's four
+    {"all", tree_io_detail::kAll},                    // everything but the plain amount of shear (shift)
 });
+
+// The set reads something that pipeline.cpp computes only when it is told to.
+[[nodiscard]] constexpr bool reads_field(const FeatureSet& set) {
+  return std::ranges::any_of(set.members, [](std::uint8_t member) { return member >= kPaperFeatures; });
+}
 
 // nullptr: no such set.
 [[nodiscard]] constexpr const FeatureSet* find_feature_set(std::string_view name) {

@@ -24,6 +24,25 @@ struct DisplacementField {
   std::array<MarkerDisplacement, kMaxMarkers> markers{};
 };
 
+// How the displacement field is shaped and how it changes (field_features.hpp). The second half needs an earlier field,
+// about 0.1 s old; without one it is 0.
+struct FieldFeatures {
+  Micrometres shift;       // length of the mean displacement
+  Micrometres reach;       // third largest displacement: two strays do not move it
+  MicrometresQ4 residual;  // RMS distance from the best rigid motion
+  Log2Q8 unevenness;       // residual over shift
+  ShareQ10 evenness;       // (sum |D|)^2 / (n sum |D|^2): 1 = all move alike, small = few move
+  NatsQ16 octave_entropy;  // entropy over bins of half an octave: sees shape, not size
+  MicrometresPerSec residual_rate;
+  MicrometresPerSec flow_spread;    // RMS of the markers' velocities about their mean
+  MicrometresPerSec flow_residual;  // RMS distance of the velocities from the best rigid motion
+  ShareQ10 flow_evenness;           // evenness of the velocities
+  ShareQ10 flow_along;              // cosine between velocities and displacements: 1 loads, -1 unloads
+  ShareQ10 flow_steady;             // cosine between velocities and those before: 1 goes on as it went
+  StrainPpmPerSec dilation_rate;    // the field opens (+) or closes (-)
+  StrainPpmPerSec easing;           // largest closing of late, fading: a grip that loosens
+};
+
 // The paper's features. Shape of the histogram: count of markers per bin of abs(D) over [0, R).
 struct Features {
   MicrometresPerSec vx;
@@ -34,6 +53,7 @@ struct Features {
   bool rates_valid = false;  // false on the first frame and after a gap: vx, vy and entropy_rate are 0
   bool gap = false;          // too long since the frame before
   std::array<std::uint8_t, kHistogramBins> histogram{};
+  FieldFeatures field;  // all 0 unless the pipeline was told to compute them
 };
 
 }  // namespace holdfast

@@ -20,7 +20,7 @@
 #include "drivers/sim/scene/layer.hpp"
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
-#include "toolchain/holdfast/play.hpp"
+#include "toolchain/play/play.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
 

@@ -19,6 +19,8 @@
 #include "drivers/sim/scene/render.hpp"
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
+#include "slip/slip_tree.gen.hpp"
+#include "slip/tree_io.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
@@ -38,6 +40,7 @@ using Words = std::vector<std::string>;
 
 constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 constexpr const char* kScene = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
+const std::string kFirstSet(kFeatureSets.front().name);
 constexpr const char* kFeaturesHeader =
     "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok";
 constexpr const char* kMarkersHeader = "frame,row,col,valid,x_px,y_px,dx_px,dy_px";
@@ -332,11 +335,15 @@ TEST(Tool, PlaysAStreamThatBreaksOffInAPicture) {
 TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
   write_frames(dir / "gel", 2);
   refused({"replay", in("gel"), "--mode", "warp"}, "--mode 'warp'", "fast, balanced, precise");
-  refused({"replay", in("gel"), "--feature-set", "none"}, "--feature-set 'none'", "give one of paper");
+  refused({"replay", in("gel"), "--feature-set", "none"}, "--feature-set 'none'", "give one of " + kFirstSet);
+  const std::string other(slip_tree::kFeatureSet == kFirstSet ? kFeatureSets[1].name : kFirstSet);
+  refused({"replay", in("gel"), "--feature-set", other}, "--feature-set '" + other + "'",
+          "give a model of the set " + other + " with --model");
   for (const char* fps : {"0", "-1", "abc", "nan", "inf", "1e9", ""}) {
     refused({"replay", in("gel"), "--fps", fps}, "--fps: '" + std::string(fps) + "'", "0.1 to 1000");
   }
-  const std::string model = read_file(HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v1.tree");
+  const std::string model =
+      read_file(HOLDFAST_SOURCE_DIR "/toolchain/model/" + std::string(slip_tree::kName) + ".tree");
   const auto changed = [&](const std::string& from, const std::string& to) {
     const std::size_t at = model.find(from);
     CHECK_TEXT(at != std::string::npos, from.c_str());
@@ -355,13 +362,103 @@ TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
   refuse(in("m.tree"), "m.tree:");
   changed("? 1 : 2", "? 1 : 1");  // every line can be read, but it is no tree
   refuse(in("m.tree"), "child");
+  fs::resize_file(dir / "m.tree", 3'000'000);
+  refuse(in("m.tree"), "larger than any model");
+}
+
+TEST(Tool, DecidesWithAModelOfAnySetInEitherForm) {
+  write_gel_video(dir / "gel.avi", "MJPG", 4);
+  // One predicate of the last feature, which says slip to all but its very largest value.
+  for (const FeatureSet& set : kFeatureSets) {
+    const std::string name = "always_" + std::string(set.name);
+    std::string text = "format 1\nname " + name + "\nfeature_set " + std::string(set.name) + "\n";
+    for (int i = 0; i < set.size(); ++i) {
+      text += "feature " + std::string(set[i].name) + " " + std::string(set[i].unit) + " Q" + std::to_string(set[i].q) +
+              "\n";
+    }
+    text += "node 0: " + std::string(set[set.size() - 1].name) + " <= " + std::to_string(set[set.size() - 1].max - 1) +
+            " ? 1 : 2\nleaf 1: slip\nleaf 2: hold\n";
+    write_file(dir / (name + ".tree"), text);
+    (void)succeed({"compile", in(name + ".tree"), "--binary", in(name + ".model")});
+    for (const char* form : {".tree", ".model"}) {
+      const Words words{"replay", in("gel.avi"), "--model", in(name + form), "--features", in("f.csv")};
+      STRCMP_CONTAINS("slip      raised", succeed(words).out.c_str());
+      Words named = words;
+      named.insert(named.end(), {"--feature-set", std::string(set.name)});
+      (void)succeed(named);
+    }
+  }
+  const std::string model = in("always_" + kFirstSet + ".model");
+  refused({"replay", in("gel.avi"), "--model", model, "--feature-set", std::string(kFeatureSets[1].name)}, model,
+          "reads the set " + kFirstSet);
+  const std::string bytes = read_file(model);
+  const auto refuse = [&](std::string changed, const char* said) {
+    write_file(dir / "bad.model", changed);
+    refused({"replay", in("gel.avi"), "--model", in("bad.model")}, in("bad.model"), said);
+  };
+  refuse(bytes.substr(0, bytes.size() - 1), "too short or too long");
+  refuse(bytes.substr(0, 6), "is no compiled model");
+  std::string flipped = bytes;
+  flipped[700] = static_cast<char>(flipped[700] ^ 4);
+  refuse(flipped, "check sum is wrong");
+}
+
+TEST(Tool, CompilesAModel) {
+  const std::string model = HOLDFAST_SOURCE_DIR "/toolchain/model/" + std::string(slip_tree::kName) + ".tree";
+  const std::string header = read_file(HOLDFAST_SOURCE_DIR "/firmware/slip/slip_tree.gen.hpp");
+  const Finished done = succeed({"compile", model, "--header", in("t.hpp"), "--binary", in("t.model"), "--json"});
+  CHECK(read_file(dir / "t.hpp") == header);
+  LONGS_EQUAL(5296, fs::file_size(dir / "t.model"));
+  const auto summary = nlohmann::json::parse(done.out);
+  CHECK(summary["name"] == slip_tree::kName);
+  CHECK(summary["feature_set"] == slip_tree::kFeatureSet);
+  CHECK(summary["nodes"] == slip_tree::kNodes);
+  CHECK(summary["depth"] == slip_tree::kDepth);
+  CHECK(summary["leaves"] == (slip_tree::kNodes + 1) / 2);
+  CHECK(summary["header"] == in("t.hpp"));
+  STRCMP_CONTAINS(std::string(slip_tree::kName).c_str(), succeed({"compile", model}).out.c_str());
+  STRCMP_CONTAINS(
+      "checked",
+      succeed({"compile", model, "--header", in("t.hpp"), "--binary", in("t.model"), "--check"}).out.c_str());
+  LONGS_EQUAL(2, std::distance(fs::directory_iterator(dir.path()), {}));
+}
+
+TEST(Tool, RefusesToCompileWhatItMayNot) {
+  const std::string name(slip_tree::kName);
+  const std::string model = in(name + ".tree");
+  fs::copy_file(HOLDFAST_SOURCE_DIR "/toolchain/model/" + name + ".tree", model);
+  (void)succeed({"compile", model, "--header", in("t.hpp"), "--binary", in("t.model")});
+  const std::string text = read_file(model);
+  const std::string header = read_file(dir / "t.hpp");
+  const auto refuse = [&](Words arguments, const std::string& named, const char* said) {
+    arguments.insert(arguments.begin(), "compile");
+    check_line(ask(arguments), joined(arguments), named, said);
+  };
+  refuse({model, "--header", model}, model, "would change the model");
+  refuse({model, "--header", in("f"), "--binary", in("./f")}, in("./f"), "given for both");
+  refuse({model, "--check"}, "--check", "nothing to compare with");
+  refuse({model, "--header", in("absent/t.hpp")}, in("absent/t.hpp"), "No such file");
+  refuse({model, "--header", in("other.hpp"), "--binary", in("absent/t.model")}, in("absent/t.model"), "No such file");
+  refuse({model, "--header", in("other.hpp"), "--check"}, in("other.hpp"), "is not what");
+  refuse({in("absent.tree")}, in("absent.tree"), "no such file");
+  refuse({in("t.model")}, in("t.model"), "is a compiled model");
+  write_file(dir / "t.hpp", header + "\n");
+  refuse({model, "--header", in("t.hpp"), "--check"}, in("t.hpp"), "is not what");
+  write_file(dir / "t.hpp", header.substr(0, header.size() - 1));
+  refuse({model, "--header", in("t.hpp"), "--check"}, in("t.hpp"), "is not what");
+  fs::copy_file(model, dir / "renamed.tree");
+  refuse({in("renamed.tree"), "--header", in("r.hpp")}, in("renamed.tree"), "the model inside is named");
+  write_file(model, text.substr(0, text.size() - 20));
+  refuse({model, "--header", in("t.hpp")}, model, "Likely cause");
+  CHECK(read_file(dir / "t.hpp") == header.substr(0, header.size() - 1));
+  for (const char* absent : {"r.hpp", "other.hpp", "f"}) CHECK_FALSE(fs::exists(dir / absent));
 }
 
 TEST(Tool, RefusesOutputsThatCannotBe) {
   write_gel_video(dir / "gel.avi", "MJPG", 2);
   write_frames(dir / "gel", 2);
   cv::imwrite(in("rest.png"), Film{}.grey(0));
-  fs::copy_file(HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v1.tree", dir / "m.tree");
+  fs::copy_file(HOLDFAST_SOURCE_DIR "/toolchain/model/" + std::string(slip_tree::kName) + ".tree", dir / "m.tree");
   const std::string recording = read_file(dir / "gel.avi");
   const auto files = [&] {
     std::set<std::string> names;
@@ -402,7 +499,7 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
     check_line(ask(arguments), joined(arguments), named, said);
   };
   refuse({}, "no command given", "holdfast --help");
-  refuse({"frobnicate"}, "'frobnicate'", "give replay, sim, scene or trade");
+  refuse({"frobnicate"}, "'frobnicate'", "give replay, sim, scene, ");
   refuse({"--frob"}, "'--frob'", "holdfast --help");
   refuse({"replay"}, "INPUT", "holdfast replay --help");
   refuse({"replay", ""}, "INPUT", "empty");
@@ -421,7 +518,7 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"scene", "describe", in("gel/0.png")}, "0.png", "Next:");
   refuse({"scene", "make", "bal", "translate_x", "slip"}, "'bal'", "ball");
   refuse({"scene", "make", "ball", "wave", "slip"}, "'wave'", "rotate_z");
-  refuse({"scene", "make", "ball", "rotate_z", "drop"}, "'drop'", "static or slip");
+  refuse({"scene", "make", "ball", "rotate_z", "drop"}, "'drop'", "static, slip, matched");
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
   refuse({"trade", "sim", kScene, "--csv", in("x"), "--svg", in("x")}, "x", "--csv and --svg");

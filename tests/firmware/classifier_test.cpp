@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "slip/classifier.hpp"
 
+#include <vector>
+// last: it redefines new
 #include <CppUTest/TestHarness.h>
 
-using holdfast::Features;
-using holdfast::MicrometresPerSec;
-using holdfast::NatsPerSecQ8;
-using holdfast::NatsQ16;
-using holdfast::Verdict;
-namespace classifier = holdfast::classifier;
+namespace {
+
+using namespace holdfast;
+
+std::int32_t raw_of(const FeatureSet& set, int i, const Features& features) {
+  return set[i].read(features);
+}
+
+}  // namespace
 
 TEST_GROUP(Classifier) {
   Features features;
@@ -19,15 +24,35 @@ TEST_GROUP(Classifier) {
     features.entropy_rate = NatsPerSecQ8::from_raw(-44);
     features.rates_valid = true;
   }
+  // A tree of one predicate: feature `i` of the set <= threshold is slip.
+  static model::Tree slip_up_to(const FeatureSet& set, int i, std::int32_t threshold) {
+    model::Tree tree;
+    tree.set = &set;
+    tree.count = 3;
+    tree.nodes[0] = {threshold, 2, static_cast<std::uint8_t>(i), model::Kind::kSplit};
+    tree.nodes[1] = {.kind = model::Kind::kSlip};
+    tree.nodes[2] = {.kind = model::Kind::kHold};
+    return tree;
+  }
+  Verdict with(const model::Tree& tree) {
+    return classifier::classify({&tree}, features);
+  }
 };
 
 TEST(Classifier, ReadsTheFeaturesInTheOrderOfTheSet) {
-  CHECK_TRUE((classifier::Inputs{11, -22, 33, -44}) == classifier::inputs(features));
+  const classifier::Inputs x = classifier::inputs(features);
+  for (int i = 0; i < classifier::kCompiledSet.size(); ++i) {
+    LONGS_EQUAL(raw_of(classifier::kCompiledSet, i, features), x[idx(i)]);
+  }
 }
 
 TEST(Classifier, ZeroesRatesThatAreNotValid) {
   features.rates_valid = false;
-  CHECK_TRUE((classifier::Inputs{0, 0, 33, 0}) == classifier::inputs(features));
+  const classifier::Inputs x = classifier::inputs(features);
+  for (int i = 0; i < classifier::kCompiledSet.size(); ++i) {
+    const FeatureInfo& feature = classifier::kCompiledSet[i];
+    LONGS_EQUAL(feature.needs_earlier_frame ? 0 : feature.read(features), x[idx(i)]);
+  }
 }
 
 // True of every tree worth having, whatever its thresholds: a gel at rest does not slip.
@@ -35,24 +60,45 @@ TEST(Classifier, HoldsOnAGelAtRest) {
   CHECK_TRUE(Verdict::kHold == classifier::classify({}, Features{}));
 }
 
-TEST(Classifier, AnswersAsTheTreeOnTheExtremesOfEveryFeature) {
+TEST(Classifier, AnswersAsTheTreeOnTheExtremesOfThePapersFeatures) {
   for (int corner = 0; corner < 16; ++corner) {
     features.vx = MicrometresPerSec::from_raw((corner & 1) != 0 ? MicrometresPerSec::kMax : MicrometresPerSec::kMin);
     features.vy = MicrometresPerSec::from_raw((corner & 2) != 0 ? MicrometresPerSec::kMax : MicrometresPerSec::kMin);
     features.entropy = NatsQ16::from_raw((corner & 4) != 0 ? NatsQ16::kMax : NatsQ16::kMin);
     features.entropy_rate = NatsPerSecQ8::from_raw((corner & 8) != 0 ? NatsPerSecQ8::kMax : NatsPerSecQ8::kMin);
-    const Verdict want = holdfast::slip_tree::evaluate(
-        {features.vx.raw(), features.vy.raw(), features.entropy.raw(), features.entropy_rate.raw()});
-    CHECK_TRUE(want == classifier::classify({}, features));
+    classifier::Inputs x{};
+    for (int i = 0; i < classifier::kCompiledSet.size(); ++i) x[idx(i)] = raw_of(classifier::kCompiledSet, i, features);
+    CHECK_TRUE(slip_tree::evaluate(x) == classifier::classify({}, features));
   }
 }
 
-TEST(Classifier, ALoadedTreeTakesThePlaceOfTheCompiledOne) {
-  holdfast::model::Tree loaded;
-  loaded.nodes[0] = {.threshold = -1, .feature = 1, .child_true = 1, .child_false = 2, .is_leaf = false};
-  loaded.nodes[1] = {.is_leaf = true, .verdict = Verdict::kSlip};
-  loaded.nodes[2] = {.is_leaf = true, .verdict = Verdict::kHold};
-  CHECK_TRUE(Verdict::kSlip == classifier::classify({&loaded}, features));
+TEST(Classifier, ALoadedTreeOfThePapersSetReadsItsFourFeatures) {
+  const FeatureSet& paper = *find_feature_set("paper");
+  const std::vector<std::int32_t> values{11, -22, 33, -44};
+  for (int i = 0; i < 4; ++i) {
+    CHECK_TRUE(Verdict::kHold == with(slip_up_to(paper, i, values[idx(i)] - 1)));
+    CHECK_TRUE(Verdict::kSlip == with(slip_up_to(paper, i, values[idx(i)])));
+    CHECK_TRUE(Verdict::kSlip == with(slip_up_to(paper, i, values[idx(i)] + 1)));
+  }
+}
+
+TEST(Classifier, ALoadedTreeMayBeOfAnySet) {
+  for (const FeatureSet& set : kFeatureSets) {
+    for (int i = 0; i < set.size(); ++i) {
+      const std::int32_t value = raw_of(set, i, features);
+      CHECK_TRUE(Verdict::kHold == with(slip_up_to(set, i, value - 1)));
+      CHECK_TRUE(Verdict::kSlip == with(slip_up_to(set, i, value)));
+    }
+  }
+}
+
+TEST(Classifier, ALoadedTreeSeesRatesOfZeroWhenTheyAreNotValid) {
   features.rates_valid = false;
-  CHECK_TRUE(Verdict::kHold == classifier::classify({&loaded}, features));
+  for (const FeatureSet& set : kFeatureSets) {
+    for (int i = 0; i < set.size(); ++i) {
+      const std::int32_t value = set[i].needs_earlier_frame ? 0 : raw_of(set, i, features);
+      CHECK_TRUE(Verdict::kHold == with(slip_up_to(set, i, value - 1)));
+      CHECK_TRUE(Verdict::kSlip == with(slip_up_to(set, i, value)));
+    }
+  }
 }

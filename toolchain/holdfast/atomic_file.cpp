@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <memory>
 #include <system_error>
 #include <utility>
 
@@ -71,6 +72,38 @@ std::string AtomicFile::commit() {
 
 void AtomicFile::fail(const std::string& what, const std::string& cause, const std::string& next) {
   error_ = path_.string() + ": " + what + ": " + cause + "; " + next;
+}
+
+std::string refuse_folder(const std::string& folder) {
+  std::error_code ignored;
+  const fs::path path = fs::absolute(folder);
+  const bool there = fs::exists(path, ignored);
+  if (there ? fs::is_directory(path, ignored) : fs::is_directory(path.parent_path(), ignored)) return {};
+  return folder + ": cannot be a folder for the outputs. Likely cause: " +
+         (there ? "a file has that name" : "the folder above it is not there") + ". Next: give another place";
+}
+
+std::string write_all(const std::string& folder, const std::vector<std::pair<fs::path, std::string>>& outputs) {
+  std::error_code error;
+  const bool made = !folder.empty() && fs::create_directory(folder, error);
+  if (error) return folder + ": cannot be made: " + error.message() + ". Next: check the folder above it";
+  std::string problem;
+  {
+    std::vector<std::unique_ptr<AtomicFile>> files;
+    for (const auto& [path, bytes] : outputs) {
+      files.push_back(std::make_unique<AtomicFile>(path));
+      if (problem = files.back()->error(); !problem.empty()) break;
+      files.back()->stream() << bytes;
+      if (files.back()->stream().flush()) continue;
+      problem = files.back()->commit();
+      break;
+    }
+    for (const auto& file : files) {
+      if (problem.empty()) problem = file->commit();
+    }
+  }
+  if (!problem.empty() && made) fs::remove(folder, error);  // stays unless empty
+  return problem;
 }
 
 }  // namespace holdfast::tool

@@ -9,6 +9,8 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <utility>
+#include <vector>
 
 namespace holdfast::tool {
 
@@ -36,5 +38,13 @@ class AtomicFile {
   std::ofstream stream_;
   std::string error_;
 };
+
+// Why no folder of outputs can be there, as far as known before a long run; empty: good. It need not exist, the one
+// above it must.
+[[nodiscard]] std::string refuse_folder(const std::string& folder);
+
+// All files with their bytes, or none. Makes `folder` unless it is empty. Empty, or the error line.
+[[nodiscard]] std::string write_all(const std::string& folder,
+                                    const std::vector<std::pair<std::filesystem::path, std::string>>& outputs);
 
 }  // namespace holdfast::tool

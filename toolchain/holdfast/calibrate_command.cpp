@@ -1,10 +1,316 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
+// holdfast calibrate: what a gel does when nothing touches it, and whether a model's thresholds stand clear of that.
+#include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <variant>
+
+#include "drivers/sim/recording.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/progress.hpp"
+#include "toolchain/learn/calibrate.hpp"
+#include "toolchain/learn/firmware_row.hpp"
+#include "toolchain/play/play.hpp"
+#include "toolchain/play/reference_picture.hpp"
+#include "toolchain/play/rig.hpp"
 
 namespace holdfast::tool {
+namespace {
 
-void add_calibrate(CLI::App&, std::vector<Command>&) {}
+// 1 s at 25 fps: a spread of so many is known to 14 %. Ten seconds show how slow drifts go, too.
+constexpr std::size_t kLeastFrames = 25;
+// Less is a touch at most (toolchain/learn/dataset.hpp).
+constexpr double kTouch_n = 0.02;
+
+struct CalibrateOptions {
+  CommonOptions common;
+  std::string input;
+  std::string reference;
+  long from = 0;
+  long to = std::numeric_limits<long>::max();
+  double fps = 0;
+};
+
+// The frames asked for, of which the first still ones teach the rest position unless there is a picture of it.
+// Empty, or an error line.
+std::string watch_recording(const CalibrateOptions& options, const Params& params, bool auto_grid,
+                            learn::RestStudy& study) {
+  auto opened = sim::Recording::open(options.input, {options.fps});
+  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
+  auto& recording = std::get<sim::Recording>(opened);
+  const pipeline::Config config = pipeline_config(params, auto_grid);
+  OneThreadDecoder jpeg(params);
+  const auto state = std::make_unique<pipeline::State>();
+  if (!options.reference.empty()) {
+    const auto picture = reference_picture(recording, options.reference, config.luma);
+    if (const auto* error = std::get_if<sim::Error>(&picture)) return error->line;
+    const hal::Frame rest = sim::as_frame(std::get<sim::RecordedFrame>(picture));
+    if (const Status s = pipeline::learn(*state, config, jpeg.get(), rest); !s.ok()) {
+      const ReasonInfo& why = holdfast::info(s.reason);
+      return fmt::format("{} as picture of the empty gel: {}. Likely cause: {}. Next: {}", options.reference, why.what,
+                         why.cause, why.next);
+    }
+  }
+  sim::RecordedFrame recorded;
+  Progress progress("calibrate", recording.info().frames);
+  sim::Read read = sim::Read::kFrame;
+  Reason reason = Reason::kNone;
+  while (!interrupted() && (read = recording.next(recorded)) == sim::Read::kFrame && recorded.index <= options.to) {
+    progress.update(recorded.index + 1);
+    if (recorded.index < options.from) continue;
+    const pipeline::Result result = pipeline::update(*state, config, jpeg.get(), sim::as_frame(recorded));
+    if (!result.quality.ok()) reason = result.quality.reason;
+    study.add(recorded.index, result, *state, config);
+  }
+  if (interrupted()) return interrupted_line();
+  if (read == sim::Read::kError) return recording.error();
+  if (study.rest().empty() && reason != Reason::kNone) {
+    const ReasonInfo& why = holdfast::info(reason);
+    return fmt::format("{}: no frame could be used: {}. Likely cause: {}. Next: {}", options.input, why.what, why.cause,
+                       why.next);
+  }
+  return {};
+}
+
+std::string watch_scene(const CalibrateOptions& options, Params params, scene::Scene scene, learn::RestStudy& study) {
+  // Features of a true rest position are not what the device has.
+  if (scene.level.inject == scene::Inject::kFeatures) scene.level.inject = scene::Inject::kMarkers;
+  params.grid_rows = scene.markers.rows;
+  params.grid_cols = scene.markers.cols;
+  Rig rig(params);
+  Player player(scene, rig.clock());
+  App& app = rig.connect(player.camera());
+  if (const Status s = app.start(params); !s.ok()) {
+    const ReasonInfo& why = holdfast::info(s.reason);
+    return fmt::format("{}: {}. Likely cause: {}. Next: {}", options.input, why.what, why.cause, why.next);
+  }
+  Progress progress("calibrate", scene::frame_count(scene));
+  while (!interrupted() && player.step(app, params, false)) {
+    const scene::Snapshot& truth = player.snapshot();
+    progress.update(truth.frame + 1);
+    if (truth.frame > options.to) break;
+    if (truth.frame < options.from) continue;
+    if (truth.contact.normal_n >= kTouch_n) {
+      return fmt::format(
+          "{}: not empty: an object presses with {:.2f} N in frame {}. Likely cause: a scene of a grasp. Next: give "
+          "tests/scenes/empty_gel.json, or the empty frames with --from and --to",
+          options.input, truth.contact.normal_n, truth.frame);
+    }
+    study.add(truth.frame, app.result(), app.state(), pipeline_config(params));
+  }
+  return interrupted() ? interrupted_line() : "";
+}
+
+// Whether what was seen is a gel at rest. Empty, or an error line.
+std::string check_study(const CalibrateOptions& options, const learn::RestStudy& study) {
+  const auto used = study.rest().size();
+  if (!study.moved().empty()) {
+    const bool whole = study.moved().size() * 2 > used;
+    return fmt::format(
+        "{}: the gel is not at rest: its markers are off their places in {} of {} frames, from {} to {}. Likely cause: "
+        "{}. Next: {}",
+        options.input, study.moved().size(), used, study.moved().front(), study.moved().back(),
+        whole ? "something touches the gel all the time, or the reference is no picture of it empty"
+              : "it was touched, or the sensor was moved",
+        whole ? "record the empty gel, or name an empty frame with --reference"
+              : "record ten seconds without a touch, or name the still frames with --from and --to");
+  }
+  if (used >= kLeastFrames) return {};
+  return fmt::format(
+      "{}: {} of {} frames can be used, {} are needed. Likely cause: {}. Next: record the empty gel for ten seconds",
+      options.input, used, study.frames(), kLeastFrames,
+      study.frames() < 2 * static_cast<long>(kLeastFrames)
+          ? "the recording, or what --from and --to leave of it, is too short"
+          : "the rest position was not found for long, or frames were rejected");
+}
+
+double in_units(double raw, const FeatureInfo& feature) {
+  return raw / std::exp2(feature.q);
+}
+
+void print_tables(const learn::RestStudy& study, const learn::ModelCheck& check, const std::string& model_text) {
+  const learn::RestStudy::Jitter jitter = study.jitter();
+  fmt::print(
+      "rest      {} of {} frames; markers tremble by {:.2f} um in x and {:.2f} um in y, the worst by {:.2f} um\n",
+      study.rest().size(), study.frames(), jitter.x_um, jitter.y_um, jitter.worst_um);
+  fmt::print("\n{:26} {:>10} {:>10} {:>10} {:>10} {:>10}  unit\n", "feature at rest", "mean", "deviation", "robust",
+             "least", "most");
+  for (int i = 0; i < kFeatureCount; ++i) {
+    const FeatureInfo& feature = kFeatures[static_cast<std::size_t>(i)];
+    const learn::RestFigures f = learn::figures_of(study.rest(), i);
+    fmt::print("{:26} {:10.4g} {:10.4g} {:10.4g} {:10.4g} {:10.4g}  {}\n", feature.name, in_units(f.mean, feature),
+               in_units(f.deviation, feature), in_units(f.robust, feature), in_units(f.least, feature),
+               in_units(f.most, feature), feature.unit);
+  }
+  fmt::print("\n{}\n{:>4} {:38} {:>9} {:>9} {:>24} {:>8}\n", model_text, "node", "threshold", "below", "above",
+             "margin of the nearest", "sigmas");
+  for (const learn::ThresholdCheck& t : check.thresholds) {
+    const FeatureInfo& feature = kFeatures[static_cast<std::size_t>(t.feature)];
+    const bool one_way = (t.below == 0) != (t.above == 0);
+    fmt::print("{:4} {:38} {:9} {:9} {:>24} {:>8}  {}\n", t.node, fmt::format("{} <= {}", feature.name, t.threshold),
+               t.below, t.above,
+               one_way ? fmt::format("{} = {:.4g} {}", t.margin, in_units(static_cast<double>(t.margin), feature),
+                                     feature.unit)
+                       : "",
+               t.sigmas                ? fmt::format("{:.1f}", *t.sigmas)
+               : t.below + t.above > 0 ? "no noise"
+                                       : "",
+               name_of(t.clearance));
+  }
+  for (const learn::LeafCheck& leaf : check.leaves) {
+    if (leaf.frames == 0) continue;
+    fmt::print("{:4} {:38} {:9} frames end here\n", leaf.node, leaf.verdict == Verdict::kSlip ? "slip" : "hold",
+               leaf.frames);
+  }
+}
+
+void print_json(const learn::RestStudy& study, const learn::ModelCheck& check, const std::string& model_text) {
+  const learn::RestStudy::Jitter jitter = study.jitter();
+  nlohmann::json out;
+  out["frames"] = study.frames();
+  out["rest_frames"] = study.rest().size();
+  out["jitter_um"] = {{"x", jitter.x_um}, {"y", jitter.y_um}, {"worst", jitter.worst_um}};
+  for (int i = 0; i < kFeatureCount; ++i) {
+    const learn::RestFigures f = learn::figures_of(study.rest(), i);
+    out["features"][std::string(kFeatures[static_cast<std::size_t>(i)].name)] = {
+        {"mean", f.mean},     {"deviation", f.deviation}, {"median", f.median},
+        {"robust", f.robust}, {"least", f.least},         {"most", f.most}};
+  }
+  out["model"] = model_text;
+  out["thresholds"] = nlohmann::json::array();
+  for (const learn::ThresholdCheck& t : check.thresholds) {
+    nlohmann::json row = {{"node", t.node},
+                          {"feature", kFeatures[static_cast<std::size_t>(t.feature)].name},
+                          {"threshold", t.threshold},
+                          {"below", t.below},
+                          {"above", t.above},
+                          {"margin", t.margin},
+                          {"verdict", name_of(t.clearance)}};
+    if (t.sigmas) row["sigmas"] = *t.sigmas;
+    out["thresholds"].push_back(row);
+  }
+  out["slip_frames"] = check.slip_frames();
+  out["verdict"] = name_of(check.worst());
+  fmt::print("{}\n", out.dump());
+}
+
+// What is wrong with the model on this gel. Empty: nothing.
+std::string complaint(const learn::ModelCheck& check, const std::string& model_text, std::size_t frames) {
+  constexpr std::string_view kNext =
+      "look whether light, focus or gel are worse than usual and record again; else train with --marker-noise-um of "
+      "this gel in `holdfast dataset`, or give another model";
+  if (const long slips = check.slip_frames(); slips > 0) {
+    return fmt::format(
+        "{}: says slip in {} of {} frames of the gel at rest. Likely cause: its thresholds were learned "
+        "on less noise than this gel has. Next: {}",
+        model_text, slips, frames, kNext);
+  }
+  for (const learn::ThresholdCheck& t : check.thresholds) {
+    if (t.clearance == learn::Clearance::kNoMatter || t.clearance != check.worst()) continue;
+    if (t.clearance == learn::Clearance::kClear) return {};
+    return fmt::format(
+        "{}: node {} ({} <= {}) is {}{}. Likely cause: its thresholds were learned on less noise than this gel has. "
+        "Next: {}",
+        model_text, t.node, kFeatures[static_cast<std::size_t>(t.feature)].name, t.threshold,
+        t.clearance == learn::Clearance::kClose ? "close to the noise of the gel" : "inside the noise of the gel",
+        t.sigmas ? fmt::format(", {:.1f} sigmas from rest", *t.sigmas) : "", kNext);
+  }
+  return {};
+}
+
+int calibrate(const CalibrateOptions& options) {
+  Params params;
+  bool auto_grid = false;
+  std::unique_ptr<model::Tree> unused_tree;
+  std::string model_text;
+  CommonOptions common = options.common;
+  common.model.clear();
+  if (const std::string error = settle(common, params, auto_grid, unused_tree, model_text); !error.empty()) {
+    return fail(error);
+  }
+  params = learn::with_all_features(params);
+  treec::Model model;
+  if (options.common.model.empty()) {
+    (void)treec::parse(learn::compiled_model_text(), model);
+  } else {
+    if (const std::string error = read_model(options.common.model, model); !error.empty()) return fail(error);
+    model_text = fmt::format("{} ({})", model.name, options.common.model);
+  }
+  learn::RestStudy study;
+  std::string error;
+  if (std::filesystem::path(options.input).extension() == ".json") {
+    const std::optional<scene::Scene> scene = load_scene(options.input);
+    if (!scene) return 1;
+    error = watch_scene(options, params, *scene, study);
+  } else {
+    error = watch_recording(options, params, auto_grid, study);
+  }
+  if (error.empty()) error = check_study(options, study);
+  if (!error.empty()) return fail(error);
+  const learn::ModelCheck check = learn::check_rest(model, study.rest());
+  if (common.json) {
+    print_json(study, check, model_text);
+  } else {
+    print_tables(study, check, model_text);
+  }
+  const std::string complained = complaint(check, model_text, study.rest().size());
+  if (!complained.empty()) return fail(complained);
+  if (!common.json) fmt::print("\nverdict   the model's thresholds stand clear of this gel's noise\n");
+  return 0;
+}
+
+std::string frame_number(const std::string& text) {
+  long value = 0;
+  return CLI::detail::lexical_cast(text, value) && value >= 0 ? "" : fmt::format("'{}' is no number of a frame", text);
+}
+
+// CLI11's own range check lets "nan" pass.
+std::string frame_rate(const std::string& text) {
+  double fps = 0;
+  if (CLI::detail::lexical_cast(text, fps) && fps >= 0.1 && fps <= 1000) return {};
+  return fmt::format("'{}' is no rate of frames from 0.1 to 1000", text);
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
+  auto options = std::make_shared<CalibrateOptions>();
+  CLI::App* command =
+      app.add_subcommand("calibrate", "learn a gel's noise at rest and hold a model's thresholds against it");
+  command
+      ->add_option("INPUT", options->input,
+                   "recording of the empty gel as for replay, ten seconds or more; or a scene (.json)")
+      ->required()
+      ->check(not_empty);
+  command->add_option("--from", options->from, "first frame of those in which the gel is empty, from 0")
+      ->check(frame_number);
+  command->add_option("--to", options->to, "last of them")->check(frame_number);
+  command
+      ->add_option("--reference", options->reference,
+                   "which frame shows the empty gel, or an image of it; unless given the first still frames, as on "
+                   "the device")
+      ->check(not_empty);
+  command->add_option("--model", options->common.model, "model text to judge instead of the compiled tree")
+      ->check(not_empty);
+  command->add_option("--grid", options->common.grid, "printed grid as COLSxROWS, or auto: take the lattice found")
+      ->capture_default_str();
+  command->add_option("--mode", options->common.mode, "speed setting for JPEG pictures")->capture_default_str();
+  command->add_option("--fps", options->fps, "frames per second of inputs that carry no time (else 25)")
+      ->check(frame_rate);
+  command->add_flag("--json", options->common.json, "print the figures as JSON, features in raw units");
+  command->footer(
+      "Exit status 0: every threshold that matters stands six sigmas clear; 1: not, or the gel was not at rest.\n"
+      "It can see that the gel is still, and that it is empty only by a reference picture.\n"
+      "Example:\n  holdfast calibrate empty.avi --model slip_v2.tree\n"
+      "  holdfast calibrate grasp.avi --from 304 --to 449");
+  commands.push_back({command, [options] { return calibrate(*options); }});
+}
 
 }  // namespace holdfast::tool

@@ -10,6 +10,7 @@
 
 #include "drivers/sim/scene/scene.hpp"
 #include "toolchain/holdfast/session.hpp"
+#include "toolchain/treec/tree_model.hpp"
 
 namespace CLI {
 class App;
@@ -22,12 +23,15 @@ struct CommonOptions {
   std::string grid = "9x7";
   std::string mode = "fast";
   std::string model;
-  std::string feature_set = "paper";
+  std::string feature_set;  // empty = whatever the tree reads
   bool json = false;
 };
 
 // A check for names of files: a shell variable that is not set must not quietly mean "none". Empty, or what is wrong.
 [[nodiscard]] std::string not_empty(const std::string& text);
+
+// A check for numbers, "nan" among those refused: CLI11's own range check lets it pass.
+[[nodiscard]] std::function<std::string(const std::string&)> number_from_to(double least, double most);
 
 // Adds the options that replay and sim share.
 void add_common_options(CLI::App& command, CommonOptions& options);
@@ -36,6 +40,9 @@ void add_common_options(CLI::App& command, CommonOptions& options);
 // error line.
 [[nodiscard]] std::string settle(const CommonOptions& options, Params& params, bool& auto_grid,
                                  std::unique_ptr<model::Tree>& tree, std::string& model_text);
+
+// A model's text, read and checked. Returns empty or an error line.
+[[nodiscard]] std::string read_model(const std::string& path, treec::Model& model);
 
 struct ReplayOptions {
   CommonOptions common;
@@ -91,6 +98,7 @@ void add_train(CLI::App& app, std::vector<Command>& commands);
 void add_evaluate(CLI::App& app, std::vector<Command>& commands);
 void add_compile(CLI::App& app, std::vector<Command>& commands);
 void add_calibrate(CLI::App& app, std::vector<Command>& commands);
+void add_study(CLI::App& app, std::vector<Command>& commands);
 
 // Lines for people and for programs.
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options);

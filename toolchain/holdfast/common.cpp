@@ -6,12 +6,13 @@
 #include <charconv>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "app/modes.hpp"
 #include "base/math.hpp"
+#include "slip/model_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
@@ -47,32 +48,78 @@ std::string parse_grid(const std::string& text, Params& params, bool& auto_grid)
       text, kMaxMarkers);
 }
 
-std::string load_model(const std::string& path, std::unique_ptr<model::Tree>& tree, std::string& model_text) {
+// Models are small: what is larger than any of them, or has no end, is not read.
+constexpr std::streamsize kMostModelBytes = 1 << 20;
+
+std::string read_model_file(const std::string& path, std::string& bytes) {
   std::ifstream in(path, std::ios::binary);
   std::error_code ignored;
-  if (!in || std::filesystem::is_directory(path, ignored)) {
-    return fmt::format(
-        "{}: cannot be read as a model. Likely cause: no such file, or no right to read it. Next: give a model text "
-        "such as toolchain/model/slip_v1.tree",
-        path);
+  if (in && !std::filesystem::is_directory(path, ignored)) {
+    bytes.resize(kMostModelBytes);
+    in.read(bytes.data(), kMostModelBytes);
+    bytes.resize(static_cast<std::size_t>(in.gcount()));
+    if (!in.bad() && in.eof()) return {};
+    if (!in.bad()) {
+      return fmt::format(
+          "{}: is larger than any model. Likely cause: another file. Next: give a model text or what "
+          "holdfast compile --binary wrote",
+          path);
+    }
   }
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  treec::Model parsed;
-  auto problem = treec::parse(text, parsed);
-  if (!problem) problem = treec::check(parsed);
-  if (problem) {
-    return fmt::format("{}:{}: {}. Likely cause: not a model text, or changed by hand. Next: {}", path, problem->line,
-                       problem->what, problem->next);
+  return fmt::format(
+      "{}: cannot be read as a model. Likely cause: no such file, or no right to read it. Next: give a model text "
+      "such as toolchain/model/slip_v1.tree",
+      path);
+}
+
+std::string parse_model(const std::string& path, std::string_view text, treec::Model& model) {
+  auto problem = treec::parse(text, model);
+  if (!problem) problem = treec::check(model);
+  return problem ? treec::describe(*problem, path) : "";
+}
+
+// The first bytes of that form, which stay even when a copy changed the line ends behind them.
+bool is_compiled(std::string_view bytes) {
+  return bytes.starts_with("\x89HFT");
+}
+
+std::string load_model(const std::string& path, model::Tree& tree) {
+  std::string bytes;
+  if (std::string error = read_model_file(path, bytes); !error.empty()) return error;
+  if (!is_compiled(bytes)) {
+    treec::Model parsed;
+    if (std::string error = parse_model(path, bytes, parsed); !error.empty()) return error;
+    tree = treec::to_table(parsed);
+    return {};
   }
-  tree = std::make_unique<model::Tree>(treec::to_table(parsed));
-  model_text = fmt::format("{} ({})", parsed.name, path);
-  return {};
+  const auto refusal = model_file::read({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, tree);
+  if (refusal == model_file::Refusal::kNone) return {};
+  const model_file::RefusalInfo& why = info(refusal);
+  return fmt::format("{}: {}. Likely cause: {}. Next: {}", path, why.what, why.cause, why.next);
 }
 
 }  // namespace
 
+std::function<std::string(const std::string&)> number_from_to(double least, double most) {
+  return [least, most](const std::string& text) {
+    double value = 0.0;
+    if (CLI::detail::lexical_cast(text, value) && value >= least && value <= most) return std::string{};
+    return fmt::format("'{}' is no number from {:g} to {:g}", text, least, most);
+  };
+}
+
 std::string not_empty(const std::string& text) {
   return text.empty() ? "the name is empty" : "";
+}
+
+std::string read_model(const std::string& path, treec::Model& model) {
+  std::string text;
+  if (std::string error = read_model_file(path, text); !error.empty()) return error;
+  if (!is_compiled(text)) return parse_model(path, text, model);
+  return fmt::format(
+      "{}: is a compiled model. Likely cause: what holdfast compile wrote was given in place of what it read. Next: "
+      "give the model text",
+      path);
 }
 
 void add_common_options(CLI::App& command, CommonOptions& options) {
@@ -80,11 +127,14 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
       ->capture_default_str();
   command.add_option("--mode", options.mode, fmt::format("speed setting for JPEG pictures: {}", known_modes()))
       ->capture_default_str();
-  command.add_option("--model", options.model, "model text to decide with instead of the compiled tree")
+  command
+      .add_option("--model", options.model,
+                  "model, text or compiled, to decide with instead of the tree that is compiled in")
       ->check(not_empty);
   command
-      .add_option("--feature-set", options.feature_set, fmt::format("features to decide on: {}", known_feature_sets()))
-      ->capture_default_str();
+      .add_option("--feature-set", options.feature_set,
+                  fmt::format("make sure that the model reads this set: {}", known_feature_sets()))
+      ->check(not_empty);
   command.add_option("--features", options.paths.features, "write one row per frame: CSV")->check(not_empty);
   command.add_option("--markers", options.paths.markers, "write one row per marker and frame: CSV")->check(not_empty);
   command
@@ -103,14 +153,25 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
     return fmt::format("--mode '{}': no such mode. Likely cause: a typing error. Next: give one of {}", options.mode,
                        known_modes());
   }
-  bool known_set = false;
-  for (const FeatureSet& set : kFeatureSets) known_set = known_set || set.name == options.feature_set;
-  if (!known_set) {
+  if (!options.feature_set.empty() && find_feature_set(options.feature_set) == nullptr) {
     return fmt::format("--feature-set '{}': no such set. Likely cause: a typing error. Next: give one of {}",
                        options.feature_set, known_feature_sets());
   }
+  std::string_view reads = slip_tree::kFeatureSet;
   model_text = fmt::format("{} (compiled in)", slip_tree::kName);
-  return options.model.empty() ? std::string{} : load_model(options.model, tree, model_text);
+  if (!options.model.empty()) {
+    tree = std::make_unique<model::Tree>();
+    if (std::string error = load_model(options.model, *tree); !error.empty()) return error;
+    reads = tree->set->name;
+    model_text = fmt::format("{} ({})", model::name_of(*tree), options.model);
+  }
+  if (options.feature_set.empty() || options.feature_set == reads) return {};
+  return fmt::format(
+      "--feature-set '{}': the model {} reads the set {}. Likely cause: {}. Next: give a model of the set {} with "
+      "--model, or leave --feature-set out",
+      options.feature_set, model_text, reads,
+      options.model.empty() ? "the tree that is compiled in has one set only" : "the model of another experiment",
+      options.feature_set);
 }
 
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options) {

@@ -1,10 +1,199 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
+// holdfast dataset: samples to learn from, of simulated grasps or of recordings with labels.
+#include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <ctime>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string_view>
+
+#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/progress.hpp"
+#include "toolchain/learn/plan.hpp"
 
 namespace holdfast::tool {
+namespace {
 
-void add_dataset(CLI::App&, std::vector<Command>&) {}
+struct DatasetOptions {
+  std::string out;
+  std::string recordings;
+  learn::PlanOptions plan;
+  learn::Variation variation;
+  std::string inject = "markers";
+  std::string shard = "1/1";
+  Params params;
+  bool json = false;
+};
+
+// "I/N". Empty, or what is wrong.
+std::string parse_shard(const std::string& text, learn::PlanOptions& plan) {
+  const char* const end = text.data() + text.size();
+  const auto [slash, first] = std::from_chars(text.data(), end, plan.shard);
+  if (first == std::errc{} && slash != end && *slash == '/') {
+    const auto [rest, second] = std::from_chars(slash + 1, end, plan.shards);
+    if (second == std::errc{} && rest == end && plan.shard >= 1 && plan.shard <= plan.shards) return {};
+  }
+  return fmt::format(
+      "--shard '{}': not a piece of a whole. Likely cause: not written as I/N, or counted from 0. Next: give 1/4, 2/4, "
+      "3/4 and 4/4 to four runs",
+      text);
+}
+
+double cpu_s() {
+  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
+}
+
+std::optional<std::string> simulate(const DatasetOptions& options, learn::Samples& samples) {
+  learn::Plan plan;
+  if (auto error = learn::make_plan(options.plan, plan)) return error;
+  // The trials of the shards before this one keep their numbers: they are there, without rows.
+  samples.trials.resize(static_cast<std::size_t>(plan.before));
+  Progress progress("dataset", static_cast<long>(plan.grasps.size()));
+  long done = 0;
+  for (const learn::PlannedGrasp& grasp : plan.grasps) {
+    learn::play_into(samples, grasp.make(), options.params, options.variation);
+    progress.update(++done);
+    if (interrupted()) return interrupted_line();
+  }
+  return {};
+}
+
+std::optional<std::string> read_clips(const DatasetOptions& options, learn::Samples& samples) {
+  Progress progress("dataset", 1000);
+  const auto error = learn::read_recordings(options.recordings, options.params, samples, [&](int done, int all) {
+    progress.update(1000L * done / std::max(all, 1));
+    return !interrupted();
+  });
+  return interrupted() ? interrupted_line() : error;
+}
+
+void print_made(const DatasetOptions& options, const learn::Samples& samples, double spent_s) {
+  struct {
+    long hold = 0, slip = 0, open = 0, rejected = 0;
+  } count;
+  for (const learn::Row& row : samples.rows) {
+    if (row.label == learn::Label::kOpen) {
+      ++count.open;
+    } else if (!row.accepted) {
+      ++count.rejected;
+    } else {
+      ++(row.label == learn::Label::kSlip ? count.slip : count.hold);
+    }
+  }
+  const auto trials = std::ranges::count_if(samples.trials, [](const learn::Trial& trial) { return trial.count > 0; });
+  if (options.json) {
+    nlohmann::json out;
+    out["trials"] = trials;
+    out["rows"] = samples.rows.size();
+    out["hold"] = count.hold;
+    out["slip"] = count.slip;
+    out["open"] = count.open;
+    out["rejected"] = count.rejected;
+    out["cpu_s"] = spent_s;
+    fmt::print("{}\n", out.dump());
+    return;
+  }
+  fmt::print("written   {}: {} trials, {} frames\n", options.out, trials, samples.rows.size());
+  fmt::print("labels    {} hold, {} slip, {} open (not judged), {} rejected by the firmware\n", count.hold, count.slip,
+             count.open, count.rejected);
+  const std::string each = options.recordings.empty() && options.plan.repeats > 1
+                               ? fmt::format(", {:.1f} s a seed", spent_s * options.plan.shards / options.plan.repeats)
+                               : "";
+  fmt::print("time      {:.1f} s of one core{}\n", spent_s, each);
+}
+
+int dataset(DatasetOptions options) {
+  if (const std::string error = parse_shard(options.shard, options.plan); !error.empty()) return fail(error);
+  const auto* inject = std::ranges::find(scene::kInjectNames, options.inject);
+  options.variation.inject = static_cast<scene::Inject>(inject - scene::kInjectNames.begin());
+  AtomicFile out(options.out, options.recordings);
+  if (!out.error().empty()) return fail(out.error());
+  const double start_s = cpu_s();
+  learn::Samples samples;
+  if (const auto error = options.recordings.empty() ? simulate(options, samples) : read_clips(options, samples)) {
+    return fail(*error);
+  }
+  learn::write_csv(out.stream(), samples);
+  if (const std::string error = out.commit(); !error.empty()) return fail(error);
+  print_made(options, samples, cpu_s() - start_s);
+  return 0;
+}
+
+template <typename Table>
+std::string names_of(const Table& table) {
+  std::string names;
+  for (const auto& row : table) names += fmt::format("{}{}", names.empty() ? "" : ", ", row.name);
+  return names;
+}
+
+}  // namespace
+
+void add_dataset(CLI::App& app, std::vector<Command>& commands) {
+  auto options = std::make_shared<DatasetOptions>();
+  CLI::App* command = app.add_subcommand("dataset", "make samples to learn from: simulated grasps, or your recordings");
+  command->add_option("--out", options->out, "the samples: CSV")->required()->check(not_empty);
+  CLI::Option* recordings =
+      command
+          ->add_option("--recordings", options->recordings,
+                       "label file beside its clips, instead of simulated grasps: CSV with the columns clip, "
+                       "slip_start, slip_end, onset_recorded, silent_intervals, empty_intervals")
+          ->check(not_empty);
+  const auto only_simulated = [&](CLI::Option* option) {
+    recordings->excludes(option);
+    return option;
+  };
+  learn::PlanOptions& plan = options->plan;
+  only_simulated(command->add_option("--seed", plan.seed, "of the first grasps"))->capture_default_str();
+  only_simulated(command->add_option("--repeats", plan.repeats, "sets of grasps, each with the next seed"))
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  only_simulated(command->add_flag("--unseen", plan.unseen, "the three objects that training never sees"));
+  only_simulated(command->add_option(
+                     "--kinds", plan.kinds,
+                     fmt::format("of {}; all unless given; the paper has static,slip", names_of(scene::kGraspKinds))))
+      ->delimiter(',');
+  only_simulated(command->add_option("--objects", plan.objects, "some of them, as ball,box")->delimiter(','));
+  only_simulated(command->add_option("--inject", options->inject, "where the grasp enters the firmware"))
+      ->check(CLI::IsMember({"markers", "grey", "jpeg"}))
+      ->capture_default_str();
+  // A trial leaves the gel empty for 0.52 s, and the firmware takes ten frames to learn its rest.
+  only_simulated(command->add_option("--fps", options->variation.fps, "frames per second, 18 to 120 (25)"))
+      ->check(number_from_to(18, 120));
+  learn::Variation& variation = options->variation;
+  // Beyond 6 um the ten still frames that teach the rest position are not found still (0.75 px, 46 um).
+  only_simulated(command->add_option("--marker-noise-um", variation.marker_noise_um,
+                                     "sigma of each marker's coordinate, up to 6 (1 to 2, by trial)"))
+      ->check(number_from_to(0, 6));
+  only_simulated(command->add_option("--marker-loss", variation.marker_loss,
+                                     "chance of each marker to be missing, every frame (0)"))
+      ->check(number_from_to(0, 1));
+  only_simulated(command->add_option("--shear-modulus-mpa", variation.shear_modulus_mpa,
+                                     "of the gel, under the motions of the unchanged one (0.045 to 0.11, by trial)"))
+      ->check(number_from_to(0.01, 10));
+  only_simulated(command->add_option("--shard", options->shard, "piece I of N of the set, for N runs side by side"))
+      ->capture_default_str();
+  const ParamInfo& range = *find_param("histogram_range_um");
+  command->add_option("--histogram-range-um", options->params.histogram_range_um, std::string(range.help))
+      ->check(CLI::Range(range.min, range.max))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "print the summary as JSON");
+  command->footer(
+      "The same options give the same bytes, on one core or in shards.\n"
+      "Example:\n"
+      "  holdfast dataset --seed 1 --repeats 5 --out train.csv\n"
+      "  holdfast dataset --recordings clips/labels.csv --out clips.csv\n"
+      "Side by side with GNU parallel, then merged into the bytes of the whole:\n"
+      "  parallel holdfast dataset --repeats 5 --shard {}/8 --out part_{}.csv ::: {1..8}\n"
+      "  awk 'FNR > 1 || NR == 1' part_{1..8}.csv > train.csv\n"
+      "The same as a Slurm array:\n"
+      "  sbatch --array=1-8 --wrap='holdfast dataset --repeats 5 --shard $SLURM_ARRAY_TASK_ID/8 "
+      "--out part_$SLURM_ARRAY_TASK_ID.csv'");
+  commands.push_back({command, [options] { return dataset(*options); }});
+}
 
 }  // namespace holdfast::tool

@@ -25,7 +25,7 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, calibrate or trade; holdfast --help shows how",
+        "evaluate, compile, calibrate, study or trade; holdfast --help shows how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
   std::string command = "holdfast";
@@ -105,7 +105,9 @@ int run(int argc, char** argv) {
   make_command->add_option("PRIMITIVE", make_options.primitive, "one of the twelve motions")
       ->required()
       ->check(not_empty);
-  make_command->add_option("OUTCOME", make_options.outcome, "static or slip")->required()->check(not_empty);
+  make_command->add_option("OUTCOME", make_options.outcome, "static, slip, matched, shaken or slow")
+      ->required()
+      ->check(not_empty);
   make_command->add_option("--seed", make_options.seed, "which trial")->capture_default_str();
   make_command->footer("Example:\n  holdfast scene make ball translate_x slip --seed 7 > ball.json");
 
@@ -135,6 +137,7 @@ int run(int argc, char** argv) {
   add_evaluate(app, commands);
   add_compile(app, commands);
   add_calibrate(app, commands);
+  add_study(app, commands);
 
   try {
     app.parse(argc, argv);

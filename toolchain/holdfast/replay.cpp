@@ -9,42 +9,11 @@
 #include "drivers/sim/recording.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/progress.hpp"
+#include "toolchain/play/reference_picture.hpp"
 #include "vision/luma_input.hpp"
 
 namespace holdfast::tool {
 namespace {
-
-bool names_a_frame(const std::string& reference) {
-  return reference == "first" || reference == "last" ||
-         (!reference.empty() && reference.find_first_not_of("-+0123456789") == std::string::npos);
-}
-
-// The picture of the empty gel: a frame of the recording, or another image that arrives at the same working size.
-sim::Result<sim::RecordedFrame> reference_frame(const sim::Recording& recording, const std::string& reference,
-                                                const luma_input::Config& luma) {
-  if (names_a_frame(reference)) return recording.at(reference);
-  std::error_code ignored;
-  if (!std::filesystem::exists(reference, ignored)) {
-    return sim::Error{
-        fmt::format("{}: no such file, and no name of a frame. Likely cause: a typing error in --reference. Next: give "
-                    "first, last, a number from 0, or an image of the empty gel",
-                    reference)};
-  }
-  const sim::RecordingInfo& about = recording.info();
-  hal::Frame like{};
-  like.format = about.mjpeg ? hal::PixelFormat::kMjpeg : hal::PixelFormat::kLuma8;
-  like.width = about.width;
-  const auto reduce = about.mjpeg ? luma_input::reduction(luma, like) : static_cast<int>(about.scale);
-  auto picture = sim::read_picture(reference, reduce, like.format);
-  const auto* frame = std::get_if<sim::RecordedFrame>(&picture);
-  if (frame != nullptr && (frame->input_width != about.width || frame->input_height != about.height)) {
-    return sim::Error{fmt::format(
-        "{}: is {}x{} pixels, but the frames of {} are {}x{}. Likely cause: another sensor, or a picture cropped or "
-        "scaled. Next: give a picture of that size, or a frame of the recording",
-        reference, frame->input_width, frame->input_height, recording.path().string(), about.width, about.height)};
-  }
-  return picture;
-}
 
 // The firmware's words speak of a camera; a picture of the empty gel can be chosen anew.
 std::string explain_reference(Reason reason, const App& app) {
@@ -76,7 +45,7 @@ int replay(const ReplayOptions& options) {
   Session session(info, options.common.paths);
   if (const std::string error = session.output_error(); !error.empty()) return fail(error);
 
-  auto reference = reference_frame(recording, options.reference, pipeline_config(info.params).luma);
+  auto reference = reference_picture(recording, options.reference, pipeline_config(info.params).luma);
   if (const auto* error = std::get_if<sim::Error>(&reference)) return fail(error->line);
   const hal::Frame rest = sim::as_frame(std::get<sim::RecordedFrame>(reference));
 

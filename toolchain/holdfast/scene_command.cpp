@@ -9,7 +9,7 @@
 #include "drivers/sim/scene/paper.hpp"
 #include "drivers/sim/scene/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/play.hpp"
+#include "toolchain/play/play.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -102,12 +102,13 @@ int scene_make(const SceneMakeOptions& options) {
     return fail(fmt::format("'{}': not known. Likely cause: a typing error. Next: give one of {}",
                             object == nullptr ? options.object : options.primitive, names));
   }
-  if (options.outcome != "static" && options.outcome != "slip") {
-    return fail(
-        fmt::format("'{}': no such outcome. Likely cause: a typing error. Next: give static or slip", options.outcome));
+  const auto* kind = find(scene::kGraspKinds, options.outcome);
+  if (kind == nullptr) {
+    return fail(fmt::format("'{}': no such outcome. Likely cause: a typing error. Next: give one of {}",
+                            options.outcome, names_of(scene::kGraspKinds)));
   }
-  fmt::print("{}",
-             scene::write_scene(scene::paper_trial(*object, *primitive, options.outcome == "slip", options.seed)));
+  const auto index = static_cast<scene::GraspKind>(kind - scene::kGraspKinds.begin());
+  fmt::print("{}", scene::write_scene(scene::grasp_trial(*object, *primitive, index, options.seed)));
   return 0;
 }
 

@@ -8,8 +8,8 @@
 
 #include "drivers/sim/scene/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/play.hpp"
 #include "toolchain/holdfast/progress.hpp"
+#include "toolchain/play/play.hpp"
 #include "vision/luma_input.hpp"
 
 namespace holdfast::tool {

@@ -12,7 +12,7 @@
 
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
-#include "toolchain/holdfast/play.hpp"
+#include "toolchain/play/play.hpp"
 
 namespace holdfast::tool {
 namespace {

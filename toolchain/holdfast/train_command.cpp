@@ -1,10 +1,700 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
+// holdfast train: samples to a classifier, judged by trials that it has not seen; trees become model texts.
+//
+// Everything that is reported comes from folds of whole trials. A model is fitted to all rows afterwards, so what it
+// does on them says nothing; its text carries the folds' figures.
+#include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <optional>
+#include <span>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/crc32.hpp"
+#include "base/math.hpp"
+#include "slip/decision.hpp"
+#include "slip/model.hpp"
+#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/progress.hpp"
+#include "toolchain/learn/learners.hpp"
+#include "toolchain/learn/metrics.hpp"
+#include "toolchain/learn/samples.hpp"
+#include "toolchain/learn/splits.hpp"
+#include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {
+namespace {
 
-void add_train(CLI::App&, std::vector<Command>&) {}
+using learn::Interval;
+using learn::Kind;
+using learn::Settings;
+
+struct TrainOptions {
+  std::vector<std::string> files;
+  std::string set;
+  std::string kind = "tree";
+  std::string criterion = "information";
+  std::string model;
+  std::string name;
+  Settings settings;
+  int folds = 5;
+  bool grid_search = false;
+  bool json = false;
+};
+
+// Empty, or one line.
+using Error = std::string;
+
+// --- what is learned from ---
+
+struct DataFile {
+  std::string name;  // without its folders
+  int trials = 0;
+  long rows = 0;
+  long judged = 0;
+  long slip = 0;
+  std::uint32_t crc = 0;
+};
+
+struct Data {
+  std::vector<DataFile> files;
+  learn::Samples samples;
+  std::vector<int> trials;  // those with judged rows
+
+  [[nodiscard]] std::string names() const {
+    return files.size() == 1 ? files[0].name : fmt::format("{} and {} more", files[0].name, files.size() - 1);
+  }
+};
+
+void append(learn::Samples& all, const learn::Samples& more) {
+  const auto trials = static_cast<int>(all.trials.size());
+  const auto rows = static_cast<int>(all.rows.size());
+  for (learn::Trial trial : more.trials) {
+    trial.first += rows;
+    all.trials.push_back(std::move(trial));
+  }
+  for (learn::Row row : more.rows) {
+    row.trial += trials;
+    all.rows.push_back(row);
+  }
+}
+
+Error read(const std::vector<std::string>& paths, Data& data) {
+  for (const std::string& path : paths) {
+    std::ifstream in(path, std::ios::binary);
+    std::error_code ignored;
+    if (std::filesystem::is_directory(path, ignored)) in.setstate(std::ios::badbit);
+    std::string bytes;
+    if (in) bytes.assign(std::istreambuf_iterator<char>(in), {});
+    std::istringstream text(bytes);
+    if (!in) text.setstate(std::ios::badbit);
+    learn::Samples samples;
+    if (auto error = learn::read_csv(text, path, samples)) return *error;
+
+    DataFile file;
+    file.name = std::filesystem::path(path).filename().string();
+    file.trials = static_cast<int>(samples.trials.size());
+    file.rows = static_cast<long>(samples.rows.size());
+    for (const learn::Row& row : samples.rows) {
+      if (!learn::judged(row)) continue;
+      ++file.judged;
+      file.slip += row.label == learn::Label::kSlip ? 1 : 0;
+    }
+    file.crc = crc32({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
+    for (const DataFile& other : data.files) {
+      if (other.crc != file.crc || other.rows != file.rows) continue;
+      return fmt::format(
+          "{}: holds the same bytes as {}. Likely cause: one file given twice; its trials would be learned and tested "
+          "at once. Next: leave one out",
+          path, other.name);
+    }
+    data.files.push_back(std::move(file));
+    append(data.samples, samples);
+  }
+  for (int trial = 0; trial < static_cast<int>(data.samples.trials.size()); ++trial) {
+    const std::span<const learn::Row> rows = data.samples.of(data.samples.trials[idx(trial)]);
+    if (std::any_of(rows.begin(), rows.end(), learn::judged)) data.trials.push_back(trial);
+  }
+  return {};
+}
+
+// --- folds ---
+
+// Every row of one trial that the firmware accepted: what a decision stage would see.
+struct TestTrial {
+  int trial = 0;
+  learn::Matrix rows;
+};
+
+struct Fold {
+  learn::Matrix train;
+  learn::Matrix test;
+  std::vector<TestTrial> trials;
+};
+
+TestTrial test_trial(const learn::Samples& samples, const FeatureSet& set, int trial) {
+  TestTrial out{trial, {}};
+  out.rows.set = &set;
+  const learn::Trial& t = samples.trials[idx(trial)];
+  for (int i = t.first; i < t.first + t.count; ++i) {
+    const learn::Row& row = samples.rows[idx(i)];
+    if (!row.accepted) continue;
+    for (const std::uint8_t member : set.members) out.rows.x.push_back(row.x[member]);
+    out.rows.slip.push_back(row.label == learn::Label::kSlip ? 1 : 0);
+    out.rows.row.push_back(i);
+  }
+  return out;
+}
+
+// What is missing in these rows to learn or to judge. Empty: nothing.
+std::string_view missing(const learn::Matrix& rows) {
+  const auto slips = std::count(rows.slip.begin(), rows.slip.end(), 1);
+  if (rows.height() == 0) return "no rows";
+  if (slips == 0) return "no slip rows";
+  return slips == rows.height() ? "no hold rows" : "";
+}
+
+Error make_folds(const Data& data, const FeatureSet& set, int folds, const Settings& settings, std::vector<Fold>& out) {
+  const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials);
+  if (const std::string_view lack = missing(all); !lack.empty()) {
+    return fmt::format(
+        "{}: {} to learn from. Likely cause: one class only, or every frame open or rejected. Next: add trials of the "
+        "other class",
+        data.names(), lack);
+  }
+  for (const learn::Split& split : learn::by_trial(data.samples, data.trials, folds, settings.seed)) {
+    Fold fold;
+    fold.train = learn::matrix_of(data.samples, set, split.train, settings.recorded_weight);
+    fold.test = learn::matrix_of(data.samples, set, split.test);
+    for (const auto& [rows, use] :
+         {std::pair{&fold.test, "to be judged by"}, std::pair{&fold.train, "to learn from"}}) {
+      const std::string_view lack = missing(*rows);
+      if (lack.empty()) continue;
+      return fmt::format(
+          "{}: {} of {} has {} {}. Likely cause: {} trials are too few for that many folds, or too few of them slip. "
+          "Next: give fewer --folds, or more trials",
+          data.names(), split.name, folds, lack, use, data.trials.size());
+    }
+    for (const int trial : split.test) fold.trials.push_back(test_trial(data.samples, set, trial));
+    out.push_back(std::move(fold));
+  }
+  return {};
+}
+
+// --- figures ---
+
+struct Figures {
+  std::vector<learn::Confusion> folds;
+  std::vector<learn::GraspEvent> events;  // of every trial
+
+  [[nodiscard]] Interval interval(double (learn::Confusion::*figure)() const) const {
+    std::vector<double> values;
+    values.reserve(folds.size());
+    for (const learn::Confusion& fold : folds) values.push_back((fold.*figure)());
+    return learn::interval_of(values);
+  }
+};
+
+struct NamedFigure {
+  std::string_view key;
+  std::string_view name;
+  double (learn::Confusion::*figure)() const;
+};
+constexpr std::array<NamedFigure, 5> kFrameFigures{{
+    {"accuracy", "accuracy", &learn::Confusion::accuracy},
+    {"balanced_accuracy", "balanced accuracy", &learn::Confusion::balanced_accuracy},
+    {"precision", "precision", &learn::Confusion::precision},
+    {"recall", "recall", &learn::Confusion::recall},
+    {"f1", "F1", &learn::Confusion::f1},
+}};
+
+std::string percent(const Interval& interval) {
+  return fmt::format("{:.2f} +- {:.2f} %", interval.mean * 100.0, interval.half * 100.0);
+}
+
+Error judge(const learn::Samples& samples, const Fold& fold, const Settings& settings, bool with_events,
+            Figures& figures) {
+  const std::unique_ptr<learn::Learner> learner = learn::make_learner(settings);
+  if (const auto error = learner->fit(fold.train)) {
+    return fmt::format("{} cannot learn: {}. Likely cause: too few rows. Next: add trials", name_of(settings.kind),
+                       *error);
+  }
+  learn::Confusion confusion;
+  const std::vector<std::uint8_t> said = learner->predict(fold.test);
+  for (std::size_t i = 0; i < said.size(); ++i) confusion.add(fold.test.slip[i] != 0, said[i] != 0);
+  figures.folds.push_back(confusion);
+  if (!with_events) return {};
+  for (const TestTrial& test : fold.trials) {
+    const learn::Trial& trial = samples.trials[idx(test.trial)];
+    const std::vector<std::uint8_t> accepted = learner->predict(test.rows);
+    std::vector<std::uint8_t> verdicts(idx(trial.count));
+    for (std::size_t i = 0; i < accepted.size(); ++i) verdicts[idx(test.rows.row[i] - trial.first)] = accepted[i];
+    figures.events.push_back(learn::event_of(samples, test.trial, verdicts, decision::Config{}));
+  }
+  return {};
+}
+
+// Events of all trials together. An alarm that was up already when the onset came is neither detected nor missed here:
+// its rise was a false alarm, and a delay of 0 would flatter.
+struct EventFigures {
+  static constexpr std::array<int, 3> kWithin{2, 5, 10};  // frames
+  int onsets = 0;
+  int before = 0;
+  int missed = 0;
+  std::array<int, kWithin.size()> within{};
+  std::optional<double> median_s;
+  int false_alarms = 0;
+  double held_s = 0.0;
+
+  explicit EventFigures(const std::vector<learn::GraspEvent>& events) {
+    std::vector<double> delays_s;
+    for (const learn::GraspEvent& event : events) {
+      false_alarms += event.false_alarms;
+      held_s += event.held_s;
+      if (!event.slips) continue;
+      ++onsets;
+      if (event.raised_before) {
+        ++before;
+      } else if (!event.raised_s) {
+        ++missed;
+      } else {
+        delays_s.push_back(*event.raised_s - event.onset_s);
+        for (std::size_t i = 0; i < kWithin.size(); ++i) within[i] += *event.raised_frames <= kWithin[i] ? 1 : 0;
+      }
+    }
+    if (delays_s.empty()) return;
+    // The lower middle of an even number.
+    const auto middle = delays_s.begin() + static_cast<std::ptrdiff_t>((delays_s.size() - 1) / 2);
+    std::nth_element(delays_s.begin(), middle, delays_s.end());
+    median_s = *middle;
+  }
+
+  [[nodiscard]] std::optional<double> alarms_per_hour() const {
+    return held_s > 0.0 ? std::optional(false_alarms * 3600.0 / held_s) : std::nullopt;
+  }
+};
+
+std::vector<std::string> event_lines(const EventFigures& figures) {
+  const auto or_dash = [](const std::optional<double>& value, std::string_view form) {
+    return value ? fmt::format(fmt::runtime(form), *value) : "-";
+  };
+  return {
+      fmt::format("{} onsets: {} detected within 2 frames, {} within 5, {} within 10; median delay {} s",
+                  figures.onsets, figures.within[0], figures.within[1], figures.within[2],
+                  or_dash(figures.median_s, "{:.3f}")),
+      fmt::format("{} missed; in {} the alarm was up already, which counts as neither", figures.missed, figures.before),
+      fmt::format("{} false alarms in {:.1f} s of held contact: {} per hour", figures.false_alarms, figures.held_s,
+                  or_dash(figures.alarms_per_hour(), "{:.1f}"))};
+}
+
+// --- settings ---
+
+std::string_view name_of(learn::Criterion criterion) {
+  return criterion == learn::Criterion::kGini ? "gini" : "information";
+}
+
+std::string text_of(const Settings& s) {
+  const std::string tree = fmt::format("depth {}, min_leaf {}", s.max_depth, s.min_leaf);
+  std::string weights = fmt::format("classes balanced, slip_weight {:g}", s.slip_weight);
+  if (s.recorded_weight != 1.0) weights += fmt::format(", recorded_weight {:g}", s.recorded_weight);
+  switch (s.kind) {
+    case Kind::kTreeCv:
+      return fmt::format("tree_cv: {}, {}", tree, weights);
+    case Kind::kForest:
+      return fmt::format("forest: trees {}, {}, {}", s.trees, tree, weights);
+    case Kind::kSvm:
+      return fmt::format("svm: C {:g}, gamma {}, {}", s.svm_c,
+                         s.svm_gamma > 0.0 ? fmt::format("{:g}", s.svm_gamma) : "1 / features", weights);
+    case Kind::kKnn:
+      return fmt::format("knn: k {}", s.neighbours);
+    case Kind::kTree:
+      break;
+  }
+  return fmt::format("tree: {}, prune {:g}, criterion {}, {}", tree, s.prune, name_of(s.criterion), weights);
+}
+
+bool is_tree(Kind kind) {
+  return kind == Kind::kTree || kind == Kind::kTreeCv;
+}
+
+// The points of a grid search, simple ones first: of equal figures the first is taken.
+std::vector<Settings> grid_of(const Settings& base, int features) {
+  std::vector<Settings> points{base};
+  const auto vary = [&](auto Settings::*knob, const auto& values) {
+    std::vector<Settings> more;
+    for (const Settings& point : points) {
+      for (const auto value : values) {
+        more.push_back(point);
+        more.back().*knob = value;
+      }
+    }
+    points = std::move(more);
+  };
+  if (is_tree(base.kind)) {
+    vary(&Settings::max_depth, std::array{3, 4, 6, 8, 10});
+    vary(&Settings::min_leaf, std::array{160, 40, 10});
+    if (base.kind == Kind::kTree) vary(&Settings::prune, std::array{0.002, 0.0005, 0.0});
+  } else if (base.kind == Kind::kForest) {
+    vary(&Settings::max_depth, std::array{5, 8, 12});
+    vary(&Settings::trees, std::array{20, 50, 100});
+  } else if (base.kind == Kind::kSvm) {
+    vary(&Settings::svm_c, std::array{0.1, 1.0, 10.0});
+    vary(&Settings::svm_gamma, std::array{0.3 / features, 1.0 / features, 3.0 / features});
+  } else {
+    vary(&Settings::neighbours, std::array{1, 3, 5, 9, 15, 31});
+  }
+  return points;
+}
+
+// --- the run ---
+
+struct GridPoint {
+  Settings settings;
+  Interval balanced;
+};
+
+struct Result {
+  std::vector<GridPoint> grid;
+  Settings settings;
+  Figures figures;
+};
+
+Error search(const Data& data, const FeatureSet& set, const std::vector<Fold>& folds, const TrainOptions& options,
+             Result& result) {
+  std::vector<Settings> points;
+  if (options.grid_search) points = grid_of(options.settings, set.size());
+  result.settings = options.settings;
+  Progress progress("train", static_cast<long>((points.size() + 1) * folds.size()));
+  long done = 0;
+  const auto run = [&](const Settings& settings, bool with_events, Figures& figures) -> Error {
+    for (const Fold& fold : folds) {
+      if (Error error = judge(data.samples, fold, settings, with_events, figures); !error.empty()) return error;
+      progress.update(++done);
+      if (interrupted()) return interrupted_line();
+    }
+    return {};
+  };
+  double best = -1.0;
+  for (const Settings& settings : points) {
+    Figures figures;
+    if (Error error = run(settings, false, figures); !error.empty()) return error;
+    const Interval balanced = figures.interval(&learn::Confusion::balanced_accuracy);
+    result.grid.push_back({settings, balanced});
+    if (balanced.mean <= best) continue;
+    best = balanced.mean;
+    result.settings = settings;
+  }
+  return run(result.settings, true, result.figures);
+}
+
+std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result) {
+  std::string out = "Slip decision tree, written by `holdfast train`.\n\nLearned from:\n";
+  for (const DataFile& file : data.files) {
+    out += fmt::format("  {}: {} rows of {} trials, {} of them judged, {} slip; CRC-32 {:08X}\n", file.name, file.rows,
+                       file.trials, file.judged, file.slip, file.crc);
+  }
+  out += fmt::format("Feature set {}; {}; seed {}.\n", set.name, text_of(result.settings), result.settings.seed);
+  if (!result.grid.empty()) {
+    out += fmt::format("Chosen as the best of {} points on the folds below, which flatters them a little.\n",
+                       result.grid.size());
+  }
+  out += fmt::format(
+      "\nBy trees of these settings on trials that they have not seen ({} folds by trial; 95 % over the folds):\n",
+      options.folds);
+  for (const NamedFigure& figure : kFrameFigures) {
+    out += fmt::format("  {:18} {}\n", figure.name, percent(result.figures.interval(figure.figure)));
+  }
+  const decision::Config decision;
+  out += fmt::format("Raised after {} slips in a row, held for {} ms:\n", decision.raise_frames,
+                     decision.hold.count() / 1000);
+  for (const std::string& line : event_lines(EventFigures(result.figures.events))) out += "  " + line + "\n";
+  return out;
+}
+
+// Fits to all rows and checks that the model text decides as the classifier does.
+Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result,
+                 treec::Model& model, std::string& text) {
+  const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, result.settings.recorded_weight);
+  const std::unique_ptr<learn::Learner> learner = learn::make_learner(result.settings);
+  const std::optional<std::string> error = learner->fit(all);
+  std::optional<treec::Model> tree = error ? std::nullopt : learner->tree();
+  if (!tree) {
+    return fmt::format(
+        "{}: no model was written: {}. Likely cause: the features tell too little about slip, or the settings allow "
+        "too "
+        "few leaves. Next: give a smaller --min-leaf or --prune, another --set or more trials",
+        options.model, error.value_or("the tree says the same of every row"));
+  }
+  tree->name = options.name;
+  text = treec::to_text(*tree, comment_of(data, set, options, result));
+  auto problem = treec::parse(text, model);
+  if (!problem) problem = treec::check(model);
+  if (problem) {
+    return fmt::format(
+        "{}: no model was written: {}. Likely cause: more leaves than the firmware has room for. Next: give a smaller "
+        "--depth, or a larger --min-leaf or --prune",
+        options.model, problem->what);
+  }
+  const model::Tree table = treec::to_table(model);
+  const std::vector<std::uint8_t> said = learner->predict(all);
+  long differ = 0;
+  for (int i = 0; i < all.height(); ++i) {
+    const bool slip = model::evaluate(table, all.at(i)) == Verdict::kSlip;
+    differ += slip != (said[idx(i)] != 0) ? 1 : 0;
+  }
+  if (differ == 0) return {};
+  return fmt::format(
+      "{}: no model was written: it decides {} of {} rows unlike the classifier. Likely cause: a fault of the tool. "
+      "Next: report it with the data",
+      options.model, differ, all.height());
+}
+
+void print(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result) {
+  for (const DataFile& file : data.files) {
+    fmt::print("data      {}: {} rows of {} trials, {} judged, {} slip; CRC-32 {:08X}\n", file.name, file.rows,
+               file.trials, file.judged, file.slip, file.crc);
+  }
+  fmt::print("set       {}: {} features\n", set.name, set.size());
+  if (!result.grid.empty()) fmt::print("grid      balanced accuracy, 95 % over {} folds\n", options.folds);
+  for (const GridPoint& point : result.grid) {
+    fmt::print("          {:>18}  {}\n", percent(point.balanced), text_of(point.settings));
+  }
+  fmt::print("settings  {}; seed {}\n", text_of(result.settings), result.settings.seed);
+  fmt::print("frames    {} folds by trial, 95 % over the folds\n", options.folds);
+  for (const NamedFigure& figure : kFrameFigures) {
+    fmt::print("          {:18} {}\n", figure.name, percent(result.figures.interval(figure.figure)));
+  }
+  std::string_view head = "events";
+  for (const std::string& line : event_lines(EventFigures(result.figures.events))) {
+    fmt::print("{:10}{}\n", head, line);
+    head = "";
+  }
+}
+
+nlohmann::json json_of(const Settings& s) {
+  nlohmann::json out;
+  out["kind"] = name_of(s.kind);
+  out["seed"] = s.seed;
+  if (s.kind != Kind::kKnn) out["slip_weight"] = s.slip_weight;
+  if (is_tree(s.kind) || s.kind == Kind::kForest) out["recorded_weight"] = s.recorded_weight;
+  if (is_tree(s.kind) || s.kind == Kind::kForest) {
+    out["depth"] = s.max_depth;
+    out["min_leaf"] = s.min_leaf;
+  }
+  if (s.kind == Kind::kTree) {
+    out["prune"] = s.prune;
+    out["criterion"] = name_of(s.criterion);
+  }
+  if (s.kind == Kind::kForest) out["trees"] = s.trees;
+  if (s.kind == Kind::kSvm) {
+    out["C"] = s.svm_c;
+    out["gamma"] = s.svm_gamma;
+  }
+  if (s.kind == Kind::kKnn) out["k"] = s.neighbours;
+  return out;
+}
+
+nlohmann::json json_of(const Interval& interval) {
+  return {{"mean", interval.mean}, {"half", interval.half}};
+}
+
+nlohmann::json json_of(const std::optional<double>& value) {
+  return value ? nlohmann::json(*value) : nlohmann::json();
+}
+
+void print_json(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result,
+                const treec::Model& model) {
+  nlohmann::json out;
+  for (const DataFile& file : data.files) {
+    out["data"].push_back({{"file", file.name},
+                           {"rows", file.rows},
+                           {"trials", file.trials},
+                           {"judged", file.judged},
+                           {"slip", file.slip},
+                           {"crc32", fmt::format("{:08X}", file.crc)}});
+  }
+  out["set"] = set.name;
+  for (const GridPoint& point : result.grid) {
+    out["grid"].push_back({{"settings", json_of(point.settings)}, {"balanced_accuracy", json_of(point.balanced)}});
+  }
+  out["settings"] = json_of(result.settings);
+  out["folds"] = options.folds;
+  for (const NamedFigure& figure : kFrameFigures) {
+    out[std::string(figure.key)] = json_of(result.figures.interval(figure.figure));
+  }
+  const EventFigures events(result.figures.events);
+  out["onsets"] = events.onsets;
+  out["raised_before_onset"] = events.before;
+  out["missed"] = events.missed;
+  for (std::size_t i = 0; i < events.within.size(); ++i) {
+    out[fmt::format("within_{}", EventFigures::kWithin[i])] = events.within[i];
+  }
+  out["median_delay_s"] = json_of(events.median_s);
+  out["false_alarms"] = events.false_alarms;
+  out["held_s"] = events.held_s;
+  out["false_alarms_per_hour"] = json_of(events.alarms_per_hour());
+  if (!options.model.empty()) {
+    out["model"] = {{"path", options.model},
+                    {"name", model.name},
+                    {"nodes", model.nodes.size()},
+                    {"depth", treec::depth(model)},
+                    {"crc32", fmt::format("{:08X}", model.text_crc32)}};
+  }
+  fmt::print("{}\n", out.dump());
+}
+
+template <typename Names>
+std::string list_of(const Names& names) {
+  return fmt::format("{}", fmt::join(names, ", "));
+}
+
+std::vector<std::string_view> set_names() {
+  std::vector<std::string_view> names;
+  names.reserve(kFeatureSets.size());
+  for (const FeatureSet& set : kFeatureSets) names.push_back(set.name);
+  return names;
+}
+
+const std::array<std::string, 5> kKindNames{"tree", "tree_cv", "forest", "svm", "knn"};
+
+// Checks the model's place and name before any work. Empty, or an error line.
+Error settle_model(TrainOptions& options) {
+  if (options.model.empty()) return {};
+  if (!is_tree(options.settings.kind)) {
+    return fmt::format(
+        "--model: {} cannot be deployed, only trees can. Likely cause: --kind and --model do not go together. Next: "
+        "leave --model out, or give --kind tree",
+        options.kind);
+  }
+  for (const std::string& file : options.files) {
+    if (!same_place(options.model, file)) continue;
+    return fmt::format(
+        "{}: the model would overwrite its data. Likely cause: the same name given twice. Next: give another name for "
+        "the model",
+        options.model);
+  }
+  if (options.name.empty()) options.name = std::filesystem::path(options.model).stem().string();
+  treec::Model named;  // as far as the parser comes: the name
+  (void)treec::parse(fmt::format("format 1\nname {}\n", options.name), named);
+  if (named.name == options.name) return {};
+  return fmt::format(
+      "'{}': not a model name. Likely cause: it is taken from --model unless --name is given. Next: give --name with "
+      "at most 32 of a-z, 0-9 and _, a letter first",
+      options.name);
+}
+
+int train(TrainOptions options) {
+  options.settings.kind = *learn::find_kind(options.kind);
+  options.settings.criterion =
+      options.criterion == "gini" ? learn::Criterion::kGini : learn::Criterion::kInformationGain;
+  const FeatureSet* const set = find_feature_set(options.set);
+  if (set == nullptr) {
+    return fail(fmt::format("--set '{}': no such set. Likely cause: a typing error. Next: give one of {}", options.set,
+                            list_of(set_names())));
+  }
+  if (const Error error = settle_model(options); !error.empty()) return fail(error);
+  std::optional<AtomicFile> out;
+  if (!options.model.empty()) out.emplace(options.model);
+  if (out && !out->error().empty()) return fail(out->error());
+
+  Data data;
+  if (const Error error = read(options.files, data); !error.empty()) return fail(error);
+  std::vector<Fold> folds;
+  if (const Error error = make_folds(data, *set, options.folds, options.settings, folds); !error.empty()) {
+    return fail(error);
+  }
+  Result result;
+  if (const Error error = search(data, *set, folds, options, result); !error.empty()) return fail(error);
+  treec::Model model;
+  if (out) {
+    std::string text;
+    if (const Error error = make_model(data, *set, options, result, model, text); !error.empty()) return fail(error);
+    out->stream() << text;
+    if (const Error error = out->commit(); !error.empty()) return fail(error);
+  }
+  if (options.json) {
+    print_json(data, *set, options, result, model);
+    return 0;
+  }
+  print(data, *set, options, result);
+  if (out) {
+    fmt::print("written   {}: {}, {} nodes, depth {}, CRC-32 {:08X}\n", options.model, model.name, model.nodes.size(),
+               treec::depth(model), model.text_crc32);
+  } else if (!is_tree(options.settings.kind)) {
+    fmt::print("note      {} cannot be deployed: the device runs trees\n", options.kind);
+  }
+  return 0;
+}
+
+}  // namespace
+
+void add_train(CLI::App& app, std::vector<Command>& commands) {
+  auto options = std::make_shared<TrainOptions>();
+  Settings& settings = options->settings;
+  CLI::App* command = app.add_subcommand("train", "learn to tell slip from hold; trees become models");
+  command->add_option("DATA", options->files, "samples that holdfast dataset wrote: CSV")->required()->check(not_empty);
+  command->add_option("--set", options->set, fmt::format("features to learn from: {}", list_of(set_names())))
+      ->required();
+  command
+      ->add_option("--kind", options->kind,
+                   fmt::format("classifier: {}. tree is our own, tree_cv OpenCV's; the others cannot be deployed",
+                               list_of(kKindNames)))
+      ->check(CLI::IsMember(kKindNames))
+      ->capture_default_str();
+  CLI::Option* model = command->add_option("--model", options->model, "write the tree: model text")->check(not_empty);
+  command->add_option("--name", options->name, "of the model (the file's, without its ending)")
+      ->check(not_empty)
+      ->needs(model);
+  CLI::Option* grid = command->add_flag(
+      "--grid-search", options->grid_search,
+      "try depth, min-leaf and prune (forest: depth and trees; svm: C and gamma; knn: k) and take the best");
+  command->add_option("--depth", settings.max_depth, "predicates on the longest path; trees and forest")
+      ->check(CLI::Range(1, treec::kMaxDepth))
+      ->capture_default_str()
+      ->excludes(grid);
+  command->add_option("--min-leaf", settings.min_leaf, "rows of the smallest leaf; trees and forest")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str()
+      ->excludes(grid);
+  command->add_option("--prune", settings.prune, "least share of errors, 0 to 1, that a further leaf must save; tree")
+      ->check(number_from_to(0.0, 1.0))
+      ->capture_default_str()
+      ->excludes(grid);
+  command
+      ->add_option("--recorded-weight", settings.recorded_weight,
+                   "of a recorded row beside a simulated one, of which there are many more; trees and forest")
+      ->check(number_from_to(0.001, 1000.0))
+      ->capture_default_str();
+  command
+      ->add_option("--slip-weight", settings.slip_weight,
+                   "of a slip row beside a hold row; below 1: fewer false alarms, later detection; all but knn")
+      ->check(number_from_to(0.001, 1000.0))
+      ->capture_default_str();
+  command->add_option("--criterion", options->criterion, "what a split must lessen: information or gini; tree")
+      ->check(CLI::IsMember({"information", "gini"}))
+      ->capture_default_str();
+  command->add_option("--seed", settings.seed, "of the folds and of the forest")->capture_default_str();
+  command->add_option("--folds", options->folds, "parts of whole trials, each judged by those who learned the others")
+      ->check(CLI::Range(2, 1000))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "print the summary as JSON");
+  command->footer(
+      "Example:\n  holdfast dataset --out grasps.csv\n"
+      "  holdfast train grasps.csv --set paper --depth 5 --model slip_v2.tree");
+  commands.push_back({command, [options] { return train(*options); }});
+}
 
 }  // namespace holdfast::tool

@@ -14,6 +14,13 @@
 #include "drivers/sim/scene/scene.hpp"
 #include "toolchain/learn/samples.hpp"
 
+namespace holdfast {
+class App;
+namespace scene {
+struct Snapshot;
+}
+}  // namespace holdfast
+
 namespace holdfast::learn {
 
 // What is changed in every scene, for studies: the gel, the camera's rate, the tracking.
@@ -34,7 +41,10 @@ struct Planned {
 // Plays one scene and appends its trial. Labels: open without contact (under 0.02 N) and from the release on, which is
 // after the last frame that presses with half of the largest force; else slip when more than half of the contact's
 // area slips (contact.hpp, SlipLevel::kHalf), else hold.
-void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {});
+// `watch` sees the firmware and the truth of each frame, whose row is the last one then; its label may yet turn open.
+using Watch = std::function<void(const App&, const scene::Snapshot&)>;
+void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {},
+               const Watch& watch = {});
 
 // Recordings: every clip of a label file in the format of the 27 real clips (its README). Returns nothing, or an error
 // line. `progress`: clips done of all; false stops.

@@ -40,8 +40,10 @@ struct Matrix {
   }
 };
 
-// The judged rows of these trials (indices of Samples::trials).
-[[nodiscard]] Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials);
+// The judged rows of these trials (indices of Samples::trials). `recorded_weight`: of a row of a recording beside a
+// simulated one; there are hundreds of simulated rows for one recorded.
+[[nodiscard]] Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials,
+                               double recorded_weight = 1.0);
 
 enum class Kind : std::uint8_t { kTreeCv, kForest, kSvm, kKnn, kTree };
 [[nodiscard]] std::string_view name_of(Kind kind);
@@ -52,11 +54,12 @@ enum class Criterion : std::uint8_t { kInformationGain, kGini };
 struct Settings {
   Kind kind = Kind::kTree;
   std::uint64_t seed = 1;
-  bool balanced = true;      // both classes weigh the same, whatever their numbers (trees, forest, svm)
-  double slip_weight = 1.0;  // of a slip row on top of that; below 1: fewer false alarms, later detection
-  int max_depth = 8;         // trees
-  int min_leaf = 40;         // rows; trees and forest
-  double prune = 0.0;        // tree: cost-complexity alpha, share of the total weight that a leaf must pay
+  bool balanced = true;          // both classes weigh the same, whatever their numbers (trees, forest, svm)
+  double slip_weight = 1.0;      // of a slip row on top of that; below 1: fewer false alarms, later detection
+  double recorded_weight = 1.0;  // of a recorded row (matrix_of); trees and forest
+  int max_depth = 8;             // trees
+  int min_leaf = 40;             // rows; trees and forest
+  double prune = 0.0;            // tree: cost-complexity alpha, share of the total weight that a leaf must pay
   Criterion criterion = Criterion::kInformationGain;  // tree
   int trees = 50;                                     // forest
   double svm_c = 1.0;

@@ -39,19 +39,19 @@ struct Interval {
 [[nodiscard]] Interval interval_of(std::span<const double> values);
 
 // One trial through the decision stage of the firmware (slip/decision.hpp), from one verdict a row.
-struct Event {
+struct GraspEvent {
   int trial = 0;
   bool slips = false;                // the trial has an onset: its first slip row after which nothing was slip before
   double onset_s = 0.0;              //
   std::optional<double> raised_s;    // first time that the request is raised at or after the onset
   std::optional<int> raised_frames;  // likewise, rows after the onset's
-  bool raised_before = false;        // already raised when the onset came: counts as a false alarm and as a detection
+  bool raised_before = false;        // already raised when the onset came: a false alarm, and no detection to be timed
   int false_alarms = 0;              // times it rose on a hold row or before the onset; rises on open rows are counted
   int open_alarms = 0;               //   here instead
   double held_s = 0.0;               // time of the hold rows
 };
 // `verdicts`: of every row of the trial, in order; rows that were not accepted keep the request as it is.
-[[nodiscard]] Event event_of(const Samples& samples, int trial, std::span<const std::uint8_t> verdicts,
-                             const decision::Config& config);
+[[nodiscard]] GraspEvent event_of(const Samples& samples, int trial, std::span<const std::uint8_t> verdicts,
+                                  const decision::Config& config);
 
 }  // namespace holdfast::learn

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <iterator>
+#include <span>
 #include <utility>
 
 #include "base/crc32.hpp"
@@ -13,7 +15,7 @@
 namespace holdfast::treec {
 namespace {
 
-constexpr std::size_t kMaxNameLength = 32;
+constexpr std::size_t kMaxNameLength = model::kNameBytes;
 constexpr std::string_view kNodeForm = "write `node ID: FEATURE <= INTEGER ? ID : ID`";
 constexpr std::string_view kLeafForm = "write `leaf ID: hold` or `leaf ID: slip`";
 
@@ -97,7 +99,7 @@ class Parser {
     }
     if (to_integer<int>(words[1]) != kFormat) {
       return problem("format " + quoted(words[1]) + " is not known here",
-                     "use the treec that belongs to this model, or write it as format 1");
+                     "use the holdfast that belongs to this model, or write it as format 1");
     }
     has_format_ = true;
     return std::nullopt;
@@ -249,6 +251,7 @@ class Walk {
   std::optional<Problem> run() {
     std::vector<Interval> intervals;
     const FeatureSet& set = *find_feature_set(model_.feature_set);
+    intervals.reserve(set.members.size());
     for (int i = 0; i < set.size(); ++i) intervals.push_back({set[i].min, set[i].max});
     if (auto found = visit(0, kRoot, 0, intervals)) return found;
     for (const Node& node : model_.nodes) {
@@ -325,6 +328,22 @@ int depth_below(const Model& model, int id) {
   return 1 + std::max(depth_below(model, node.child_true), depth_below(model, node.child_false));
 }
 
+// Appends the subtree of `id` in preorder.
+void fill_table(const Model& model, int id, model::Tree& table) {
+  const Node& from = model.nodes[static_cast<std::size_t>(id)];
+  model::Node& to = table.nodes[static_cast<std::size_t>(table.count++)];
+  if (from.is_leaf) {
+    to.kind = from.verdict == Verdict::kSlip ? model::Kind::kSlip : model::Kind::kHold;
+    return;
+  }
+  to.kind = model::Kind::kSplit;
+  to.threshold = from.threshold;
+  to.feature = static_cast<std::uint8_t>(from.feature);
+  fill_table(model, from.child_true, table);
+  to.child_false = static_cast<std::uint16_t>(table.count);
+  fill_table(model, from.child_false, table);
+}
+
 std::string_view literal(Verdict verdict) {
   return verdict == Verdict::kSlip ? "Verdict::kSlip" : "Verdict::kHold";
 }
@@ -385,16 +404,16 @@ std::optional<Problem> check(const Model& model) {
   return std::nullopt;
 }
 
-std::string emit(const Model& model) {
+std::string emit(const Model& model, std::string_view space) {
   char crc[16];
   std::snprintf(crc, sizeof crc, "0x%08X", static_cast<unsigned>(model.text_crc32));
   std::string out;
   out += "// SPDX-License-Identifier: Apache-2.0\n";
-  out += "// Generated from toolchain/model/" + model.name + ".tree; do not edit. treec writes it.\n";
+  out += "// Generated from toolchain/model/" + model.name + ".tree; do not edit. holdfast compile writes it.\n";
   out += "#pragma once\n\n";
   out += "#include <array>\n#include <cstdint>\n#include <string_view>\n\n";
   out += "#include \"slip/tree_io.hpp\"\n\n";
-  out += "namespace holdfast::slip_tree {\n\n";
+  out += "namespace holdfast::" + std::string(space) + " {\n\n";
   out += "inline constexpr std::string_view kName = \"" + model.name + "\";\n";
   out += "inline constexpr std::string_view kFeatureSet = \"" + model.feature_set + "\";\n";
   out += "inline constexpr int kDepth = " + std::to_string(depth(model)) + ";\n";
@@ -411,26 +430,85 @@ std::string emit(const Model& model) {
     }
   }
   emit_node(model, 0, 1, out);
-  out += "}\n\n}  // namespace holdfast::slip_tree\n";
+  out += "}\n\n}  // namespace holdfast::" + std::string(space) + "\n";
+  return out;
+}
+
+std::string to_text(const Model& model, std::string_view comment) {
+  std::string out;
+  while (!comment.empty()) {
+    const std::size_t end = std::min(comment.find('\n'), comment.size());
+    out += end == 0 ? "#" : "# ";
+    std::replace_copy_if(
+        comment.begin(), comment.begin() + static_cast<std::ptrdiff_t>(end), std::back_inserter(out),
+        [](unsigned char c) { return c < 0x20 || c == 0x7F; }, '?');
+    out += "\n";
+    comment.remove_prefix(std::min(end + 1, comment.size()));
+  }
+  if (!out.empty()) out += "\n";
+  out += "format " + std::to_string(kFormat) + "\n";
+  out += "name " + model.name + "\n";
+  out += "feature_set " + model.feature_set + "\n";
+  for (const Feature& f : model.features) out += "feature " + f.name + " " + f.unit + " Q" + std::to_string(f.q) + "\n";
+  out += "\n";
+  for (const Node& node : model.nodes) {
+    const std::string id = std::to_string(node.id);
+    if (node.is_leaf) {
+      out += "leaf " + id + (node.verdict == Verdict::kSlip ? ": slip\n" : ": hold\n");
+    } else {
+      out += "node " + id + ": " + model.features[static_cast<std::size_t>(node.feature)].name +
+             " <= " + std::to_string(node.threshold) + " ? " + std::to_string(node.child_true) + " : " +
+             std::to_string(node.child_false) + "\n";
+    }
+  }
   return out;
 }
 
 model::Tree to_table(const Model& model) {
   model::Tree table;
-  for (std::size_t i = 0; i < model.nodes.size(); ++i) {
-    const Node& node = model.nodes[i];
-    table.nodes[i] = {node.threshold,
-                      static_cast<std::uint8_t>(node.feature),
-                      static_cast<std::uint8_t>(node.child_true),
-                      static_cast<std::uint8_t>(node.child_false),
-                      node.is_leaf,
-                      node.verdict};
-  }
+  std::copy(model.name.begin(), model.name.end(), table.name.begin());
+  table.text_crc32 = model.text_crc32;
+  table.set = find_feature_set(model.feature_set);
+  table.count = 0;
+  fill_table(model, 0, table);
   return table;
 }
 
+Binary to_binary(const Model& model) {
+  const model::Tree table = to_table(model);
+  Binary out{};
+  const auto put = [&out](std::size_t at, std::uint32_t value, int bytes) {
+    for (int i = 0; i < bytes; ++i) out[at++] = static_cast<std::uint8_t>(value >> (8 * i));
+  };
+  const auto put_name = [&out](std::size_t at, std::string_view name) {
+    std::copy(name.begin(), name.end(), out.begin() + static_cast<std::ptrdiff_t>(at));
+  };
+  std::copy(model_file::kMagic.begin(), model_file::kMagic.end(), out.begin());
+  put(model_file::kVersionAt, model_file::kVersion, 2);
+  put(model_file::kNodeCountAt, static_cast<std::uint32_t>(table.count), 2);
+  put(model_file::kFeatureCountAt, static_cast<std::uint32_t>(model.features.size()), 1);
+  put(model_file::kTextCrcAt, table.text_crc32, 4);
+  put_name(model_file::kNameAt, model.name);
+  put_name(model_file::kSetAt, model.feature_set);
+  for (std::size_t i = 0; i < model.features.size(); ++i) {
+    put_name(model_file::kFeaturesAt + i * model::kNameBytes, model.features[i].name);
+    put(model_file::kQAt + i, static_cast<std::uint32_t>(model.features[i].q), 1);
+  }
+  for (std::size_t i = 0; i < static_cast<std::size_t>(table.count); ++i) {
+    const model::Node& node = table.nodes[i];
+    const std::size_t at = model_file::kNodesAt + i * model_file::kNodeBytes;
+    put(at, static_cast<std::uint32_t>(node.threshold), 4);
+    put(at + 4, node.child_false, 2);
+    put(at + 6, node.feature, 1);
+    put(at + 7, static_cast<std::uint32_t>(node.kind), 1);
+  }
+  put(model_file::kCrcAt, crc32(std::span(out).first(model_file::kCrcAt)), 4);
+  return out;
+}
+
 std::string describe(const Problem& problem, std::string_view file) {
-  return std::string(file) + ":" + std::to_string(problem.line) + ": " + problem.what + ": " + problem.next;
+  return std::string(file) + ":" + std::to_string(problem.line) + ": " + problem.what +
+         ". Likely cause: not a model text, or changed by hand. Next: " + problem.next;
 }
 
 }  // namespace holdfast::treec

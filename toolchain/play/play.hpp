@@ -51,6 +51,7 @@ class Player {
   bool began_ = false;
   std::vector<scene::SeenMarker> seen_;
   features::State features_;
+  field_features::State field_features_;
   Saturations saturations_;
 };
 

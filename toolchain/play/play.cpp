@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "toolchain/holdfast/play.hpp"
+#include "toolchain/play/play.hpp"
 
 #include <fmt/format.h>
 
@@ -11,10 +11,7 @@
 #include <utility>
 
 #include "base/math.hpp"
-#include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/gpio.hpp"
-#include "drivers/sim/serial.hpp"
-#include "vision/jpeg_decoder.hpp"
+#include "toolchain/play/rig.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -102,7 +99,9 @@ void Player::step_features(App& app, const Params& params) {
     const scene::Vec2 rest = camera_.simulation().markers()[i];
     field.markers[i] = {micrometres(seen_[i].at_mm.x - rest.x), micrometres(seen_[i].at_mm.y - rest.y), seen_[i].valid};
   }
-  const Features now = features::update(features_, pipeline_config(params).features, field, clock_.now(), saturations_);
+  const pipeline::Config config = pipeline_config(params);
+  Features now = features::update(features_, config.features, field, clock_.now(), saturations_);
+  now.field = field_features::update(field_features_, config.field, field, clock_.now(), saturations_);
   app.step_features(now, field.grid, clock_.now(), static_cast<std::uint32_t>(snapshot().frame));
 }
 
@@ -176,18 +175,12 @@ std::vector<Promise> check_promises(const scene::Expect& expect, const std::vect
 }
 
 std::vector<PlayedFrame> play(const scene::Scene& scene, const Params& params) {
-  sim::Clock clock;
-  Player player(scene, clock);
-  sim::Gpio gpio(clock, 1 << 20);
-  sim::Serial link;
-  drivers::TurboJpegDecoder other_scales;
-  auto worker = std::make_unique<jpeg_fast::Worker>();
-  hal::Alone crew;
-  auto jpeg = std::make_unique<EighthDecoder>(jpeg_config(params), other_scales, std::span(worker.get(), 1), crew);
-  auto app = std::make_unique<App>(Devices{player.camera(), gpio, link, clock, *jpeg});
+  Rig rig(params);
+  Player player(scene, rig.clock());
+  App& app = rig.connect(player.camera());
   std::vector<PlayedFrame> frames;
-  if (!app->start(params).ok()) return frames;
-  while (player.step(*app, params, false)) frames.push_back(played(player, *app));
+  if (!app.start(params).ok()) return frames;
+  while (player.step(app, params, false)) frames.push_back(played(player, app));
   return frames;
 }
 

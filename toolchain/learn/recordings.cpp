@@ -1,0 +1,336 @@
+// SPDX-License-Identifier: Apache-2.0
+// Recordings with labels to samples, each clip through the firmware as `holdfast replay` does it.
+//
+// Label file: CSV with a header, one clip a line, inclusive frame numbers from 0; other columns are left alone.
+//   clip              name of the recording beside the label file, without .avi or .mjpg, or with any ending
+//   slip_start, _end  frames in which the object moves on the gel; empty: it never does
+//   onset_recorded    0: it slides already when the clip begins
+//   silent_intervals  a-b:high;c-d:medium;e-f:low  in contact and surely no slip; low is not sure enough to learn from
+//   empty_intervals   a-b;c-d  nothing touches the gel
+// Labels: slip from slip_start to slip_end, else hold in silent intervals of high or medium confidence, else open.
+//
+// Onsets: one counts when a hold row comes before it in the trial. A clip with onset_recorded = 0 keeps that rule: what
+// comes before its slip is open, so its slip rows are judged as frames and never as an event. (Of the 27 real clips'
+// 14 recorded onsets 13 count: in blue_box 2 nothing before the slip is sure.)
+//
+// Rest position, the first of these that there is: the clip's last frame if it is in an empty interval (nothing of
+// the grasp is left then, and a late frame shows the gel as this trial left it); its first frame likewise;
+// empty_CAMERA.png beside the label file, CAMERA being what follows the last "__" of the clip's name; else the first
+// frame: displacements then count from the grip as it was when the clip began, which leaves rates as they are and the
+// level of the entropy too low.
+//
+// Object: the clip's name up to "__exp". The trial's seed is the number after "__exp_num_", to tell clips apart.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <system_error>
+#include <utility>
+#include <variant>
+
+#include "app/pipeline.hpp"
+#include "drivers/sim/recording.hpp"
+#include "toolchain/learn/dataset.hpp"
+#include "toolchain/learn/firmware_row.hpp"
+#include "toolchain/play/reference_picture.hpp"
+#include "toolchain/play/rig.hpp"
+
+namespace holdfast::learn {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Error = std::optional<std::string>;
+
+struct Interval {
+  int from = 0;
+  int to = 0;
+
+  [[nodiscard]] bool has(long frame) const { return frame >= from && frame <= to; }
+};
+
+bool any_has(const std::vector<Interval>& intervals, long frame) {
+  return std::ranges::any_of(intervals, [&](const Interval& one) { return one.has(frame); });
+}
+
+struct Clip {
+  int line = 0;  // of the label file
+  std::string name;
+  fs::path path;
+  std::optional<Interval> slip;
+  bool onset_recorded = false;
+  std::vector<Interval> silent;  // of high or medium confidence
+  std::vector<Interval> empty;
+};
+
+template <typename Number>
+bool to_number(std::string_view text, Number& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc{} && end == text.data() + text.size();
+}
+
+// A cell in quotes may hold commas; two quotes in it are one.
+std::vector<std::string> cells_of(std::string_view line) {
+  std::vector<std::string> cells(1);
+  bool quoted = false;
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    if (line[i] == '"') {
+      if (quoted && line.substr(i + 1).starts_with('"'))
+        cells.back() += line[++i];
+      else
+        quoted = !quoted;
+    } else if (line[i] == ',' && !quoted) {
+      cells.emplace_back();
+    } else {
+      cells.back() += line[i];
+    }
+  }
+  return cells;
+}
+
+std::vector<std::string_view> parts_of(std::string_view text) {
+  std::vector<std::string_view> parts;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find(';'), text.size());
+    parts.push_back(text.substr(0, end));
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  return parts;
+}
+
+class LabelFile {
+ public:
+  explicit LabelFile(fs::path path) : path_(std::move(path)) {}
+
+  Error read(std::vector<Clip>& clips) {
+    std::error_code ignored;
+    std::ifstream in(path_, std::ios::binary);
+    if (!in || fs::is_directory(path_, ignored)) {
+      return fmt::format(
+          "{}: cannot be read as a label file. Likely cause: no such file, a folder, or no right to read it. Next: "
+          "give the labels.csv that lies beside the clips",
+          path_.string());
+    }
+    std::string text;
+    for (line_ = 1; std::getline(in, text); ++line_) {
+      if (text.ends_with('\r')) text.pop_back();
+      if (text.empty()) continue;
+      const std::vector<std::string> cells = cells_of(text);
+      if (line_ == 1) {
+        if (Error bad = header(cells)) return bad;
+        continue;
+      }
+      Clip clip;
+      if (Error bad = row(cells, clip)) return bad;
+      clips.push_back(std::move(clip));
+    }
+    if (!clips.empty()) return {};
+    line_ = std::max(line_ - 1, 1);
+    return error("there are no clips", "the file is empty, or was cut off",
+                 "give a label file with a line for each clip");
+  }
+
+  [[nodiscard]] Error error(int line, const std::string& what, std::string_view cause, std::string_view next) const {
+    return fmt::format("{}:{}: {}. Likely cause: {}. Next: {}", path_.string(), line, what, cause, next);
+  }
+
+ private:
+  enum Column : std::size_t { kClip, kSlipStart, kSlipEnd, kOnset, kSilent, kEmpty };
+  static constexpr std::array<std::string_view, 6> kColumns{"clip",           "slip_start",       "slip_end",
+                                                            "onset_recorded", "silent_intervals", "empty_intervals"};
+
+  [[nodiscard]] Error error(const std::string& what, std::string_view cause, std::string_view next) const {
+    return error(line_, what, cause, next);
+  }
+
+  Error header(const std::vector<std::string>& cells) {
+    width_ = cells.size();
+    for (std::size_t i = 0; i < kColumns.size(); ++i) {
+      const auto found = std::ranges::find(cells, kColumns[i]);
+      if (found == cells.end()) {
+        return error(fmt::format("column '{}' is missing", kColumns[i]), "no label file, or one without a header",
+                     "name the columns in the first line; holdfast dataset --help lists them");
+      }
+      where_[i] = static_cast<std::size_t>(found - cells.begin());
+    }
+    return {};
+  }
+
+  Error row(const std::vector<std::string>& cells, Clip& clip) const {
+    if (cells.size() != width_) {
+      return error(fmt::format("{} cells where {} are due", cells.size(), width_),
+                   "a comma that stands in no quotes, or a line that was cut", "mend the line");
+    }
+    const auto cell = [&](Column column) -> const std::string& { return cells[where_[column]]; };
+    clip.line = line_;
+    clip.name = cell(kClip);
+    if (Error bad = find(clip)) return bad;
+    if (cell(kOnset) != "0" && cell(kOnset) != "1") {
+      return error(fmt::format("onset_recorded '{}' is neither 0 nor 1", cell(kOnset)), "cells were shifted",
+                   "write 1 when the slip begins inside of the clip, else 0");
+    }
+    clip.onset_recorded = cell(kOnset) == "1";
+    if (!cell(kSlipStart).empty() || !cell(kSlipEnd).empty()) {
+      clip.slip.emplace();
+      if (Error bad = interval(cell(kSlipStart) + "-" + cell(kSlipEnd), *clip.slip)) return bad;
+    }
+    for (const std::string_view part : parts_of(cell(kSilent))) {
+      const std::size_t colon = std::min(part.find(':'), part.size());
+      const std::string_view confidence = part.substr(std::min(colon + 1, part.size()));
+      if (confidence != "high" && confidence != "medium" && confidence != "low") {
+        return error(fmt::format("silent interval '{}' has no confidence", part), "a typing error",
+                     "write it as from-to:high, :medium or :low");
+      }
+      Interval silent;
+      if (Error bad = interval(part.substr(0, colon), silent)) return bad;
+      if (confidence != "low") clip.silent.push_back(silent);
+    }
+    for (const std::string_view part : parts_of(cell(kEmpty))) {
+      clip.empty.emplace_back();
+      if (Error bad = interval(part, clip.empty.back())) return bad;
+    }
+    return {};
+  }
+
+  Error find(Clip& clip) const {
+    std::error_code ignored;
+    for (const std::string_view ending : {"", ".avi", ".mjpg"}) {
+      clip.path = path_.parent_path() / (clip.name + std::string(ending));
+      if (!clip.name.empty() && fs::exists(clip.path, ignored)) return {};
+    }
+    return error(fmt::format("clip '{}' is not beside the label file", clip.name),
+                 "it was moved, or the label file was taken alone", "put the clips into the label file's folder");
+  }
+
+  Error interval(std::string_view text, Interval& interval) const {
+    const std::size_t dash = std::min(text.find('-'), text.size());
+    if (to_number(text.substr(0, dash), interval.from) &&
+        to_number(text.substr(std::min(dash + 1, text.size())), interval.to) && interval.from >= 0 &&
+        interval.to >= interval.from) {
+      return {};
+    }
+    return error(fmt::format("'{}' is no interval of frames", text), "a typing error, or one end is missing",
+                 "write the first and the last frame, counted from 0");
+  }
+
+  fs::path path_;
+  int line_ = 0;
+  std::size_t width_ = 0;
+  std::array<std::size_t, kColumns.size()> where_{};
+};
+
+Trial trial_of(const Clip& clip) {
+  constexpr std::string_view kNumber = "__exp_num_";
+  Trial trial;
+  trial.source = Source::kRecorded;
+  const std::string stem = fs::path(clip.name).stem().string();
+  trial.object = stem.substr(0, stem.find("__exp"));
+  if (trial.object.empty()) trial.object = stem;
+  trial.kind = "clip";
+  if (const std::size_t at = stem.find(kNumber); at != std::string::npos) {
+    (void)std::from_chars(stem.data() + at + kNumber.size(), stem.data() + stem.size(), trial.seed);
+  }
+  return trial;
+}
+
+Label label_of(const Clip& clip, long frame) {
+  if (clip.slip && clip.slip->has(frame)) return Label::kSlip;
+  const bool before_unseen_onset = clip.slip && !clip.onset_recorded && frame < clip.slip->from;
+  return any_has(clip.silent, frame) && !before_unseen_onset ? Label::kHold : Label::kOpen;
+}
+
+// See the top of this file. `last` is the recording's last frame.
+sim::Result<sim::RecordedFrame> rest_picture(const Clip& clip, const sim::Recording& recording, sim::RecordedFrame last,
+                                             const luma_input::Config& luma) {
+  if (any_has(clip.empty, last.index)) return last;
+  if (!any_has(clip.empty, 0)) {
+    const std::string stem = fs::path(clip.name).stem().string();
+    const std::size_t camera = stem.rfind("__");
+    const fs::path picture = clip.path.parent_path() /
+                             fmt::format("empty_{}.png", camera == std::string::npos ? "" : stem.substr(camera + 2));
+    std::error_code ignored;
+    if (fs::exists(picture, ignored)) return tool::reference_picture(recording, picture.string(), luma);
+  }
+  return recording.at("first");
+}
+
+Error read_clip(const LabelFile& file, const Clip& clip, const Params& params, Samples& samples) {
+  auto opened = sim::Recording::open(clip.path);
+  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
+  auto& recording = std::get<sim::Recording>(opened);
+  auto end = recording.at("last");
+  if (const auto* error = std::get_if<sim::Error>(&end)) return error->line;
+  auto& last = std::get<sim::RecordedFrame>(end);
+  std::vector<Interval> all = clip.silent;
+  all.insert(all.end(), clip.empty.begin(), clip.empty.end());
+  if (clip.slip) all.push_back(*clip.slip);
+  for (const Interval& interval : all) {
+    if (interval.to <= last.index) continue;
+    return file.error(clip.line,
+                      fmt::format("interval {}-{} ends after the last frame {} of {}", interval.from, interval.to,
+                                  last.index, clip.name),
+                      "frames counted from 1, or another cut of the clip", "count the clip's frames from 0");
+  }
+
+  const pipeline::Config config = pipeline_config(params);
+  tool::OneThreadDecoder jpeg(params);
+  const auto state = std::make_unique<pipeline::State>();
+  const auto picture = rest_picture(clip, recording, std::move(last), config.luma);
+  if (const auto* error = std::get_if<sim::Error>(&picture)) return error->line;
+  if (const Status s =
+          pipeline::learn(*state, config, jpeg.get(), sim::as_frame(std::get<sim::RecordedFrame>(picture)));
+      !s.ok()) {
+    const ReasonInfo& why = info(s.reason);
+    return file.error(clip.line, fmt::format("{}: no rest position: {}", clip.path.string(), why.what), why.cause,
+                      why.next);
+  }
+
+  Trial trial = trial_of(clip);
+  trial.first = static_cast<int>(samples.rows.size());
+  sim::RecordedFrame recorded;
+  sim::Read read = sim::Read::kFrame;
+  while ((read = recording.next(recorded)) == sim::Read::kFrame) {
+    Row row = firmware_row(pipeline::update(*state, config, jpeg.get(), sim::as_frame(recorded)));
+    row.trial = static_cast<int>(samples.trials.size());
+    row.frame = static_cast<int>(recorded.index);
+    row.t_s = static_cast<double>(recorded.time.count()) * 1e-6;
+    row.label = label_of(clip, recorded.index);
+    row.slip_fraction = row.label == Label::kSlip ? 1.0 : 0.0;
+    samples.rows.push_back(row);
+  }
+  if (read == sim::Read::kError) return recording.error();
+  trial.count = static_cast<int>(samples.rows.size()) - trial.first;
+  samples.trials.push_back(std::move(trial));
+  return {};
+}
+
+Error read_all(const fs::path& labels, const Params& params, Samples& samples,
+               const std::function<bool(int, int)>& progress) {
+  LabelFile file(labels);
+  std::vector<Clip> clips;
+  if (Error bad = file.read(clips)) return bad;
+  const int all = static_cast<int>(clips.size());
+  for (int done = 0; done < all; ++done) {
+    if (Error bad = read_clip(file, clips[static_cast<std::size_t>(done)], params, samples)) return bad;
+    if (progress && !progress(done + 1, all)) {
+      return fmt::format("{}: stopped after clip {} of {}. Likely cause: you asked for it. Next: run it again",
+                         labels.string(), done + 1, all);
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+std::optional<std::string> read_recordings(const std::filesystem::path& labels, const Params& params, Samples& samples,
+                                           const std::function<bool(int, int)>& progress) {
+  Error bad = read_all(labels, with_all_features(params), samples, progress);
+  if (bad) samples = {};
+  return bad;
+}
+
+}  // namespace holdfast::learn
