@@ -96,11 +96,11 @@ inline Vectors difference(const DisplacementField& now, const DisplacementField&
 // Shape of a field of vectors.
 struct Shape {
   std::int32_t n = 0;
-  std::int32_t shift_q4 = 0;     // um
-  std::int32_t reach = 0;        // um
-  std::int32_t spread_q4 = 0;    // um, RMS about the mean
-  std::int32_t residual_q4 = 0;  // um, RMS about the best rigid motion
-  std::int32_t evenness_q10 = 0;
+  std::int32_t shift_q4 = 0;         // um
+  std::int32_t reach = 0;            // um
+  std::int32_t spread_q4 = 0;        // um, RMS about the mean
+  std::int32_t residual_q4 = 0;      // um, RMS about the best rigid motion
+  std::int32_t evenness_q10 = 1024;  // nothing moves: all alike
   std::int64_t dilation_ppm = 0;
 };
 

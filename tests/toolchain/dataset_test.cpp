@@ -155,8 +155,8 @@ TEST(Dataset, LabelsAreTheTruthOfTheScene) {
       const scene::ContactState& c = truth[k].contact;
       const Row& row = samples.rows[k];
       const bool slides = c.gross || c.slip_fraction > 0.5;
-      const bool open = c.normal_n < 0.02 || k > last_firm;
-      const Label due = open ? Label::kOpen : slides ? Label::kSlip : Label::kHold;
+      const Label held = slides ? Label::kSlip : Label::kHold;
+      const Label due = c.normal_n < 0.02 ? Label::kEmpty : k > last_firm ? Label::kOpen : held;
       LONGS_EQUAL(static_cast<int>(due), static_cast<int>(row.label));
       LONGS_EQUAL(k, row.frame);
       // The frame's time is a whole number of microseconds on the firmware's clock only.

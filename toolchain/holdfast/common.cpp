@@ -68,7 +68,7 @@ std::string read_model_file(const std::string& path, std::string& bytes) {
   }
   return fmt::format(
       "{}: cannot be read as a model. Likely cause: no such file, or no right to read it. Next: give a model text "
-      "such as toolchain/model/slip_v1.tree",
+      "such as toolchain/model/slip_v2.tree",
       path);
 }
 

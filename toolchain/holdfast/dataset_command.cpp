@@ -74,11 +74,13 @@ std::optional<std::string> read_clips(const DatasetOptions& options, learn::Samp
 
 void print_made(const DatasetOptions& options, const learn::Samples& samples, double spent_s) {
   struct {
-    long hold = 0, slip = 0, open = 0, rejected = 0;
+    long hold = 0, slip = 0, empty = 0, open = 0, rejected = 0;
   } count;
   for (const learn::Row& row : samples.rows) {
     if (row.label == learn::Label::kOpen) {
       ++count.open;
+    } else if (row.label == learn::Label::kEmpty) {
+      ++count.empty;
     } else if (!row.accepted) {
       ++count.rejected;
     } else {
@@ -92,6 +94,7 @@ void print_made(const DatasetOptions& options, const learn::Samples& samples, do
     out["rows"] = samples.rows.size();
     out["hold"] = count.hold;
     out["slip"] = count.slip;
+    out["empty"] = count.empty;
     out["open"] = count.open;
     out["rejected"] = count.rejected;
     out["cpu_s"] = spent_s;
@@ -99,8 +102,8 @@ void print_made(const DatasetOptions& options, const learn::Samples& samples, do
     return;
   }
   fmt::print("written   {}: {} trials, {} frames\n", options.out, trials, samples.rows.size());
-  fmt::print("labels    {} hold, {} slip, {} open (not judged), {} rejected by the firmware\n", count.hold, count.slip,
-             count.open, count.rejected);
+  fmt::print("labels    {} hold, {} slip; not judged: {} empty, {} open, {} rejected by the firmware\n", count.hold,
+             count.slip, count.empty, count.open, count.rejected);
   const std::string each = options.recordings.empty() && options.plan.repeats > 1
                                ? fmt::format(", {:.1f} s a seed", spent_s * options.plan.shards / options.plan.repeats)
                                : "";

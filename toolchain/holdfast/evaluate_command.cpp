@@ -320,7 +320,7 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
       app.add_subcommand("evaluate", "the paper's tables on your samples, and delays and false alarms beside them");
   command->add_option("DATA", options->data, "samples of holdfast dataset: CSV files")->required()->check(not_empty);
   command->add_option("--recorded", options->recorded, "samples of recordings, judged apart: CSV")->check(not_empty);
-  command->add_option("--model", options->models, "models to judge as they are: texts, as slip_v1.tree")
+  command->add_option("--model", options->models, "models to judge as they are: texts, as slip_v2.tree")
       ->check(not_empty);
   command->add_flag("--held-out", options->held_out, "the given models were not trained on these samples");
   command->add_option("--out", options->out, "folder for all tables (CSV), pictures (SVG) and the report")

@@ -77,7 +77,7 @@ std::optional<std::string> work(const StudyOptions& options, const learn::Plan& 
     progress.update(done + forms * a_form);
     return !interrupted();
   };
-  const auto error = learn::score_entropies(rows, options.plan.seed, scored, study.entropies);
+  auto error = learn::score_entropies(rows, options.plan.seed, scored, study.entropies);
   if (interrupted()) return interrupted_line();
   if (error) return error;
   done += learn::kEntropyForms * a_form;

@@ -177,7 +177,7 @@ Error make_folds(const Data& data, const FeatureSet& set, int folds, const Setti
   }
   for (const learn::Split& split : learn::by_trial(data.samples, data.trials, folds, settings.seed)) {
     Fold fold;
-    fold.train = learn::matrix_of(data.samples, set, split.train, settings.recorded_weight);
+    fold.train = learn::matrix_of(data.samples, set, split.train, settings.recorded_weight, true);
     fold.test = learn::matrix_of(data.samples, set, split.test);
     for (const auto& [rows, use] :
          {std::pair{&fold.test, "to be judged by"}, std::pair{&fold.train, "to learn from"}}) {
@@ -427,7 +427,7 @@ std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptio
 // Fits to all rows and checks that the model text decides as the classifier does.
 Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result,
                  treec::Model& model, std::string& text) {
-  const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, result.settings.recorded_weight);
+  const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, result.settings.recorded_weight, true);
   const std::unique_ptr<learn::Learner> learner = learn::make_learner(result.settings);
   const std::optional<std::string> error = learner->fit(all);
   std::optional<treec::Model> tree = error ? std::nullopt : learner->tree();

@@ -27,7 +27,7 @@ scene::Scene varied(scene::Scene scene, const Variation& variation) {
 }
 
 Label label_of(const scene::Snapshot& truth) {
-  if (truth.contact.normal_n < kTouch_n) return Label::kOpen;
+  if (truth.contact.normal_n < kTouch_n) return Label::kEmpty;
   return truth.level >= scene::SlipLevel::kHalf ? Label::kSlip : Label::kHold;
 }
 
@@ -61,7 +61,8 @@ void play_into(Samples& samples, const Planned& planned, const Params& params, c
   trial.count = static_cast<int>(press_n.size());
   const double most_n = press_n.empty() ? 0.0 : std::ranges::max(press_n);
   for (std::size_t k = press_n.size(); k-- > 0 && press_n[k] < kReleaseShare * most_n;) {
-    samples.rows[static_cast<std::size_t>(trial.first) + k].label = Label::kOpen;
+    Label& label = samples.rows[static_cast<std::size_t>(trial.first) + k].label;
+    if (label != Label::kEmpty) label = Label::kOpen;
   }
   samples.trials.push_back(trial);
 }

@@ -38,8 +38,8 @@ struct Planned {
   scene::Scene scene;
 };
 
-// Plays one scene and appends its trial. Labels: open without contact (under 0.02 N) and from the release on, which is
-// after the last frame that presses with half of the largest force; else slip when more than half of the contact's
+// Plays one scene and appends its trial. Labels: empty without contact (under 0.02 N); open from the release on, which
+// is after the last frame that presses with half of the largest force; else slip when more than half of the contact's
 // area slips (contact.hpp, SlipLevel::kHalf), else hold.
 // `watch` sees the firmware and the truth of each frame, whose row is the last one then; its label may yet turn open.
 using Watch = std::function<void(const App&, const scene::Snapshot&)>;

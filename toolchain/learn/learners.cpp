@@ -327,14 +327,15 @@ constexpr std::array<std::pair<Kind, std::string_view>, 5> kKinds{{{Kind::kTreeC
 
 }  // namespace
 
-Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials, double recorded_weight) {
+Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials, double recorded_weight,
+                 bool with_empty) {
   Matrix matrix;
   matrix.set = &set;
   for (const int trial : trials) {
     const Trial& t = samples.trials[idx(trial)];
     for (int i = t.first; i < t.first + t.count; ++i) {
       const Row& row = samples.rows[idx(i)];
-      if (!judged(row)) continue;
+      if (!judged(row) && !(with_empty && row.accepted && row.label == Label::kEmpty)) continue;
       for (const std::uint8_t member : set.members) matrix.x.push_back(row.x[member]);
       matrix.slip.push_back(row.label == Label::kSlip ? 1 : 0);
       matrix.row.push_back(i);

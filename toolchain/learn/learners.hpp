@@ -41,9 +41,10 @@ struct Matrix {
 };
 
 // The judged rows of these trials (indices of Samples::trials). `recorded_weight`: of a row of a recording beside a
-// simulated one; there are hundreds of simulated rows for one recorded.
+// simulated one; there are hundreds of simulated rows for one recorded. `with_empty`: and those of the empty gel, as
+// hold.
 [[nodiscard]] Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials,
-                               double recorded_weight = 1.0);
+                               double recorded_weight = 1.0, bool with_empty = false);
 
 enum class Kind : std::uint8_t { kTreeCv, kForest, kSvm, kKnn, kTree };
 [[nodiscard]] std::string_view name_of(Kind kind);

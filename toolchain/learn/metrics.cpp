@@ -99,6 +99,14 @@ Interval interval_of(std::span<const double> values) {
   return interval;
 }
 
+namespace {
+
+bool labelled(const Row& row) {
+  return row.label == Label::kHold || row.label == Label::kSlip;
+}
+
+}  // namespace
+
 GraspEvent event_of(const Samples& samples, int trial, std::span<const std::uint8_t> verdicts,
                     const decision::Config& config) {
   const std::span<const Row> rows = samples.of(samples.trials[idx(trial)]);
@@ -125,7 +133,7 @@ GraspEvent event_of(const Samples& samples, int trial, std::span<const std::uint
       event.raised_frames = static_cast<int>(i - onset);
     }
     if (state.raised && !was_raised && row.label == Label::kHold) ++event.false_alarms;
-    if (state.raised && !was_raised && row.label == Label::kOpen) ++event.open_alarms;
+    if (state.raised && !was_raised && !labelled(row)) ++event.open_alarms;
     if (row.label == Label::kHold) event.held_s += duration_s(rows, i);
   }
   return event;

@@ -240,6 +240,7 @@ Trial trial_of(const Clip& clip) {
 Label label_of(const Clip& clip, long frame) {
   if (clip.slip && clip.slip->has(frame)) return Label::kSlip;
   const bool before_unseen_onset = clip.slip && !clip.onset_recorded && frame < clip.slip->from;
+  if (any_has(clip.empty, frame)) return Label::kEmpty;
   return any_has(clip.silent, frame) && !before_unseen_onset ? Label::kHold : Label::kOpen;
 }
 

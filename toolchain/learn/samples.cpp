@@ -152,7 +152,7 @@ class Reader {
     if (Error bad = number(cells, kTime, 0.0, kMostSeconds, row.t_s)) return bad;
     if (Error bad = number(cells, kSlipFraction, 0.0, 1.0, row.slip_fraction)) return bad;
     if (Error bad = number(cells, kSlide, -kMostSlide_mm_s, kMostSlide_mm_s, row.slide_mm_s)) return bad;
-    constexpr std::array<Label, 3> kLabels{Label::kHold, Label::kSlip, Label::kOpen};
+    constexpr std::array<Label, 4> kLabels{Label::kHold, Label::kSlip, Label::kEmpty, Label::kOpen};
     const auto* const label =
         std::find_if(kLabels.begin(), kLabels.end(), [&](Label l) { return name_of(l) == cells[kLabel]; });
     if (label == kLabels.end()) return bad_cell(kLabel, cells[kLabel], "hold, slip or open");
@@ -257,7 +257,8 @@ std::string_view name_of(Source source) {
 }
 
 std::string_view name_of(Label label) {
-  return label == Label::kHold ? "hold" : label == Label::kSlip ? "slip" : "open";
+  constexpr std::array<std::string_view, 4> kNames{"hold", "slip", "empty", "open"};
+  return kNames[static_cast<std::size_t>(label)];
 }
 
 void write_csv(std::ostream& out, const Samples& samples) {

@@ -29,9 +29,10 @@ enum class Source : std::uint8_t { kSimulated, kRecorded };
 
 // Truth by the motion of the object against the gel.
 enum class Label : std::uint8_t {
-  kHold,  // in contact, at most half of the contact's area slips
-  kSlip,  // more than half of it slips
-  kOpen,  // not judged: no contact, the gripper lets go, or (recordings) the annotator could not tell
+  kHold,   // in contact, at most half of the contact's area slips
+  kSlip,   // more than half of it slips
+  kEmpty,  // nothing touches the gel: not judged, but trees learn that it is no slip
+  kOpen,   // not judged: the gripper lets go, or (recordings) the annotator could not tell
 };
 
 struct Trial {
@@ -69,7 +70,7 @@ struct Samples {
 
 // Rows that classifiers see: accepted and labelled hold or slip.
 [[nodiscard]] inline bool judged(const Row& row) {
-  return row.accepted && row.label != Label::kOpen;
+  return row.accepted && (row.label == Label::kHold || row.label == Label::kSlip);
 }
 
 void write_csv(std::ostream& out, const Samples& samples);

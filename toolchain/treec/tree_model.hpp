@@ -2,7 +2,7 @@
 // The slip tree compiler: parse a model's text, check it, emit the header that the firmware compiles or the file that
 // it loads.
 //
-// Text, format 1 (comments from # to the end of the line; see toolchain/model/slip_v1.tree):
+// Text, format 1 (comments from # to the end of the line; see toolchain/model/slip_v2.tree):
 //   format 1 | name NAME | feature_set SET | feature NAME UNIT Qn (one line each, in the set's order)
 //   node ID: FEATURE <= T ? ID_TRUE : ID_FALSE | leaf ID: hold|slip
 // The first problem found ends the work; it says where, what and what to do next.
