@@ -60,17 +60,19 @@ cv::Ptr<cv::ml::DTrees> opencv_tree(const model::Tree& table) {
   const int features = table.set->size();
   std::string var_idx;
   std::string zeros;
+  std::string pairs;
   for (int i = 0; i < features; ++i) {
     var_idx += fmt::format("{}{}", i > 0 ? ", " : "", i);
     zeros += "0, ";
+    pairs += "0, 0, ";
   }
   std::string yaml = fmt::format(
       "%YAML:1.0\n---\ntree:\n   format: 3\n   is_classifier: 1\n   var_all: {}\n   var_count: {}\n"
       "   ord_var_count: {}\n   cat_var_count: 1\n   training_params:\n      use_surrogates: 0\n"
       "      max_categories: 10\n      regression_accuracy: 0.01\n      max_depth: {}\n      min_sample_count: 1\n"
       "      cross_validation_folds: 0\n   global_var_idx: 1\n   var_idx: [ {} ]\n   var_type: [ {}1 ]\n"
-      "   cat_ofs: [ {}0, 0, 0, 0 ]\n   class_labels: [ 0, 1 ]\n   missing_subst: [ {}0. ]\n   nodes:\n",
-      features + 1, features, features, model::kMaxDepth, var_idx, zeros, zeros, zeros);
+      "   cat_ofs: [ {}0, 0 ]\n   class_labels: [ 0, 1 ]\n   missing_subst: [ {}0. ]\n   nodes:\n",
+      features + 1, features, features, model::kMaxDepth, var_idx, zeros, pairs, zeros);
   std::vector<int> depths(model::kMaxNodes);
   for (int i = 0; i < table.count; ++i) {
     const model::Node& node = table.nodes[idx(i)];

@@ -46,7 +46,8 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"mode", 0},
                       {"jpeg_threads", 1},
                       {"jpeg_lanes", 3},
-                      {"jpeg_rows_pct", 100}};
+                      {"jpeg_rows_pct", 100},
+                      {"all_features", 0}};
   LONGS_EQUAL(std::size(want), kParams.size());
   for (const Row& row : want) {
     const auto* const info =

@@ -78,7 +78,7 @@ TEST(Recordings, RowsAreAsTheLabelFileSays) {
       "\"\"odd\"\"\",mug__exp_num_12__camera_9,0-8;24-30,10-12:high;13-14:low;15-19:medium,18,20,1\r\n",
       samples);
   STRCMP_EQUAL("", error.value_or("").c_str());
-  STRCMP_EQUAL("oooooooooohhhoohhhsssoooooooooo", spelled(samples).c_str());
+  STRCMP_EQUAL("eeeeeeeeeohhhoohhhsssoooeeeeeee", spelled(samples).c_str());
   LONGS_EQUAL(1, samples.trials.size());
   const learn::Trial& trial = samples.trials[0];
   CHECK(trial.source == learn::Source::kRecorded);
@@ -100,8 +100,8 @@ TEST(Recordings, AnOnsetThatWasNotSeenHasNoHoldBeforeIt) {
   Samples seen, unseen;
   CHECK(!studio.read(kHeader + std::string(kClip) + ",9,11,1" + tail, seen));
   CHECK(!studio.read(kHeader + std::string(kClip) + ",9,11,0" + tail, unseen));
-  STRCMP_EQUAL("oohhhhhhhssshhhoooooooooooooooo", spelled(seen).c_str());
-  STRCMP_EQUAL("ooooooooosssHHHoooooooooooooooo",
+  STRCMP_EQUAL("oohhhhhhhssshhhoooooooooeeeeeee", spelled(seen).c_str());
+  STRCMP_EQUAL("ooooooooosssHHHoooooooooeeeeeee",
                [&] {
                  std::string text = spelled(unseen);
                  std::replace(text.begin(), text.end(), 'h', 'H');
