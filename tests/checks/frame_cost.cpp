@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// frame_cost N: N frames of a moving gel through the pipeline, from luma to decision; for the instruction
-// counter. The pictures are rendered before the first frame and shown in turn, so N changes nothing but the
-// number of frames.
+// frame_cost paper|field N: with the paper's features, or with those of the field as well. N frames of a moving gel
+// through the pipeline, from luma to decision; for the instruction counter. The pictures are rendered before the first
+// frame and shown in turn, so N changes nothing but the number of frames.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
 #include <numbers>
+#include <string_view>
 
 #include "app/app.hpp"
 #include "drivers/sim/scene/scenes.hpp"
@@ -47,13 +48,15 @@ holdfast::scene::Scene shaken() {
 
 int main(int argc, char** argv) {
   using namespace holdfast;
-  if (argc != 2) return 2;
-  const long frames = std::atol(argv[1]);
+  if (argc != 3) return 2;
+  const bool with_field = std::string_view(argv[1]) == "field";
+  const long frames = std::atol(argv[2]);
   // The working image of the camera in mode fast: 410 pixels wide.
   const test::ScenePictures film = test::film(shaken(), scene::scaled(scene::camera_3280x2464(), 410));
   NoJpeg jpeg;
   const auto state = std::make_unique<pipeline::State>();
-  const pipeline::Config config = pipeline_config(Params{});
+  pipeline::Config config = pipeline_config(Params{});
+  config.with_field = with_field;
   long accepted = 0;
   for (long i = 0; i < frames; ++i) {
     const LumaView& view = film.views[static_cast<std::size_t>(i) % film.views.size()];

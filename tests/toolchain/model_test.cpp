@@ -61,34 +61,42 @@ treec::Model compiled(std::string_view text) {
 }
 
 // The oracle: takes the tree from its text, line by line, with nothing but sscanf.
-Verdict interpret_text(const std::string& text, const Inputs& x) {
-  std::map<int, std::string> lines;
-  std::map<std::string, std::int32_t> values;
-  std::istringstream in(text);
-  for (std::string line; std::getline(in, line);) {
+class TextTree {
+ public:
+  explicit TextTree(const std::string& text) {
+    std::istringstream in(text);
+    for (std::string line; std::getline(in, line);) {
+      int id = 0;
+      char feature[64] = "";
+      if (line.starts_with("feature ") && std::sscanf(line.c_str(), "feature %63s", feature) == 1) {
+        columns_.emplace(feature, columns_.size());
+      }
+      if (std::sscanf(line.c_str(), "node %d:", &id) == 1 || std::sscanf(line.c_str(), "leaf %d:", &id) == 1) {
+        lines_[id] = line;
+      }
+    }
+  }
+
+  [[nodiscard]] Verdict say(const Inputs& x) const {
     int id = 0;
-    char feature[64] = "";
-    if (line.starts_with("feature ") && std::sscanf(line.c_str(), "feature %63s", feature) == 1) {
-      values.emplace(feature, x.at(values.size()));
-    }
-    if (std::sscanf(line.c_str(), "node %d:", &id) == 1 || std::sscanf(line.c_str(), "leaf %d:", &id) == 1) {
-      lines[id] = line;
+    for (;;) {
+      const std::string& line = lines_.at(id);
+      char name[64] = "";
+      long long threshold = 0;
+      int child_true = 0;
+      int child_false = 0;
+      if (std::sscanf(line.c_str(), "node %d: %63s <= %lld ? %d : %d", &id, name, &threshold, &child_true,
+                      &child_false) != 5) {
+        return line.find(": slip") != std::string::npos ? Verdict::kSlip : Verdict::kHold;
+      }
+      id = x.at(columns_.at(name)) <= threshold ? child_true : child_false;
     }
   }
-  int id = 0;
-  for (;;) {
-    const std::string& line = lines.at(id);
-    char name[64] = "";
-    long long threshold = 0;
-    int child_true = 0;
-    int child_false = 0;
-    if (std::sscanf(line.c_str(), "node %d: %63s <= %lld ? %d : %d", &id, name, &threshold, &child_true,
-                    &child_false) != 5) {
-      return line.find(": slip") != std::string::npos ? Verdict::kSlip : Verdict::kHold;
-    }
-    id = values.at(name) <= threshold ? child_true : child_false;
-  }
-}
+
+ private:
+  std::map<int, std::string> lines_;
+  std::map<std::string, std::size_t> columns_;
+};
 
 // Runs emitted C++: only the statement forms that the compiler may emit are understood, all else fails the test.
 Verdict run_emitted(const std::string& header, const Inputs& x) {
@@ -106,7 +114,7 @@ Verdict run_emitted(const std::string& header, const Inputs& x) {
     if (skip_depth > 0) {
       if (line.ends_with("{")) ++skip_depth;
       if (line.ends_with("}")) --skip_depth;
-    } else if (std::sscanf(text, " const std::int32_t %63s = x[%lld];", name, &number) == 2) {
+    } else if (std::sscanf(text, " const std::int32_t& %63s = x[%lld];", name, &number) == 2) {
       locals[name] = x.at(static_cast<std::size_t>(number));
     } else if (std::sscanf(text, " if (%63s <= %lld) return Verdict::k%15[A-Za-z];", name, &number, verdict) == 3) {
       if (locals.at(name) <= number) return verdict == std::string("Slip") ? Verdict::kSlip : Verdict::kHold;
@@ -269,8 +277,9 @@ TEST(SlipModel, HeaderTableAndFileAnswerAsTheTextSays) {
   const treec::Model model = compiled(text);
   const holdfast::model::Tree table = treec::to_table(model);
   const holdfast::model::Tree file = loaded(model);
-  for (const Inputs& x : probes(model, 1000)) {
-    const Verdict want = interpret_text(text, x);
+  const TextTree oracle(text);
+  for (const Inputs& x : probes(model, 100)) {
+    const Verdict want = oracle.say(x);
     classifier::Inputs fixed{};
     std::copy(x.begin(), x.end(), fixed.begin());
     CHECK_TRUE(want == holdfast::slip_tree::evaluate(fixed));
@@ -292,9 +301,10 @@ TEST(SlipModel, RandomTreesOfEverySetUpToTheLimitsAnswerAsTheirText) {
       deepest = std::max(deepest, treec::depth(model));
       largest = std::max(largest, model.nodes.size());
       const std::vector<Inputs> all = probes(model);
-      // The oracle reads the text anew for each input: of the many, some.
+      const TextTree oracle(random_text);
+      // run_emitted reads the header anew for each input: of the many, some.
       for (std::size_t i = 0; i < all.size(); i += 1 + all.size() / 1500) {
-        const Verdict want = interpret_text(random_text, all[i]);
+        const Verdict want = oracle.say(all[i]);
         CHECK_TRUE(want == holdfast::model::evaluate(table, all[i]));
         CHECK_TRUE(want == holdfast::model::evaluate(file, all[i]));
         CHECK_TRUE(want == run_emitted(emitted, all[i]));

@@ -426,7 +426,7 @@ std::string emit(const Model& model, std::string_view space) {
       return !node.is_leaf && node.feature == static_cast<int>(i);
     });
     if (is_read) {
-      out += "  const std::int32_t " + model.features[i].name + " = x[" + std::to_string(i) + "];\n";
+      out += "  const std::int32_t& " + model.features[i].name + " = x[" + std::to_string(i) + "];\n";
     }
   }
   emit_node(model, 0, 1, out);
