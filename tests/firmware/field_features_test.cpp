@@ -24,7 +24,8 @@ struct Vec {
 };
 
 Vec place(int i) {
-  return {(i % 9 - 4) * kPitch_um, (i / 9 - 3) * kPitch_um};
+  const int row = i / 9;
+  return {(i % 9 - 4) * kPitch_um, (row - 3) * kPitch_um};
 }
 
 template <typename At>

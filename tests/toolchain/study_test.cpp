@@ -44,7 +44,9 @@ DisplacementField field_of(const std::vector<int>& lengths_um) {
 }
 
 std::vector<int> times(int count, int length_um) {
-  return std::vector<int>(static_cast<std::size_t>(count), length_um);
+  std::vector<int> all;
+  all.assign(static_cast<std::size_t>(count), length_um);
+  return all;
 }
 
 learn::Planned grasp(std::string_view object, std::string_view primitive, scene::GraspKind kind, std::uint64_t seed) {
@@ -75,7 +77,7 @@ bool in_contact(const Row& row) {
 
 std::size_t index_of(const EntropyForm& form) {
   const auto& forms = learn::entropy_forms();
-  const auto at = std::ranges::find(forms, form);
+  const auto* const at = std::ranges::find(forms, form);
   CHECK(at != forms.end());
   return static_cast<std::size_t>(at - forms.begin());
 }
