@@ -15,10 +15,10 @@ namespace holdfast {
   return (numerator >= 0 ? numerator + half : numerator - half) / denominator;
 }
 
-// Largest r with r * r <= value. Range: any uint64; 32 steps, always.
+// Largest r with r * r <= value. Range: any uint64; a step for every two bits of it, at most 32.
 [[nodiscard]] constexpr std::uint32_t isqrt(std::uint64_t value) {
   std::uint64_t root = 0;
-  for (std::uint64_t bit = std::uint64_t{1} << 31; bit != 0; bit >>= 1) {
+  for (std::uint64_t bit = std::uint64_t{1} << ((63 - std::countl_zero(value | 1)) / 2); bit != 0; bit >>= 1) {
     const std::uint64_t trial = root | bit;
     if (trial * trial <= value) root = trial;
   }
