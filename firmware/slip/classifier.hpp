@@ -2,7 +2,7 @@
 // One frame's features to one verdict, by the compiled tree or by a loaded one of any feature set.
 //
 // There is no "unknown": on the first frame and after a gap (rates_valid = false) the tree sees rates of 0
-// and judges by the level of the entropy alone, which stands on this frame only. A gripper that slides
+// and judges by the features that stand on this frame only. A gripper that slides
 // already when the sensor starts is thus reported with the first frame. Whether a frame may be vouched for at
 // all is the supervisor's question. Range: any features. The tree compares and does no arithmetic: nothing
 // can overflow.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How rows are parted into training and test. `kFrame` is there to show what it flatters: frames of one trial on both
+// How rows are parted into training and test. by_frame() is there to show what it flatters: frames of one trial on both
 // sides.
 #pragma once
 
