@@ -75,6 +75,7 @@ SceneCamera::SceneCamera(const scene::Scene& scene, Clock& clock, DriveAt drive)
       clock_(clock),
       drive_(std::move(drive)),
       picture_(picture_of(scene)),
+      underside_(scene.object.shape, scene.object.relief, scene.seed, scene::lens_sigma_mm(picture_)),
       luma_(scene.level.inject != scene::Inject::kJpeg) {}
 
 bool SceneCamera::do_start() {
@@ -137,20 +138,26 @@ void SceneCamera::film(const scene::ContactState& contact_before) {
   }
   const scene::Effects& effects = scene.effects;
   const bool moves = effects.exposure_ms > 0.0 || effects.rolling_shutter_ms > 0.0;
-  const scene::Imprint imprint = scene::imprint_px(picture_, snapshot_->contact);
+  const auto at = [&](scene::Vec2 object_mm) { return scene.object.touch_mm + object_mm; };
+  const scene::Imprint imprint =
+      scene::imprint_px(picture_, snapshot_->contact, at(snapshot_->object_mm), snapshot_->object_rad);
   const bool there = before.radius_px > 0.0 && imprint.radius_px > 0.0;
   scene::PictureFrame frame;
   frame.dots = dots_;
   frame.contact = &imprint;
+  frame.underside = &underside_;
   if (moves) {
     frame.dots_end = dots_end_;
-    // The imprint is smooth: a straight way from the last frame's stands for its own.
+    // The contact's outline is smooth: a straight way from the last frame's stands for its own.
     const double open_share =
         std::min((effects.exposure_ms + effects.rolling_shutter_ms) * 1e-3 * simulation_.scene().fps, 1.0);
     const auto opened = [&](double from, double to) { return to + open_share * (from - to); };
     before = {{opened(before.center.x, imprint.center.x), opened(before.center.y, imprint.center.y)},
               opened(before.radius_px, imprint.radius_px),
-              opened(before.rim_slope, imprint.rim_slope)};
+              opened(before.rim_slope, imprint.rim_slope),
+              scene::to_px(picture_, at(snapshot_->object_before_mm)),
+              snapshot_->object_before_rad,
+              opened(contact_before.depth_mm, imprint.depth_mm)};
     frame.contact_end = &imprint;
     if (there) frame.contact = &before;
   }

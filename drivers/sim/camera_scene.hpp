@@ -57,6 +57,7 @@ class SceneCamera final : public hal::Camera {
   Clock& clock_;
   DriveAt drive_;
   scene::PictureConfig picture_;
+  scene::Underside underside_;
   bool luma_;
   std::chrono::microseconds start_{};
   bool started_ = false;

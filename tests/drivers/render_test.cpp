@@ -21,6 +21,8 @@ using Pixels = std::vector<std::uint8_t>;
 // Taken on x86-64; the aarch64 build under qemu-user finds the same.
 constexpr std::uint64_t kBytesHash = 7908283152694949046u;
 constexpr std::uint64_t kEffectsHash = 10028423893659909874u;
+constexpr std::uint64_t kReliefHash = 457552031723510170u;
+constexpr std::uint64_t kShapeHash = 1326837451475239263u;
 
 PictureConfig flat(double noise_sigma) {
   PictureConfig config = cropped_320x240();
@@ -607,4 +609,211 @@ TEST(Render, TheGelMayEndWithinThePicture) {
       if (out_x > soft || out_y > soft) LONGS_EQUAL(9, framed[i]);
     }
   }
+}
+
+// --- What lies under the gel ---
+
+namespace {
+
+const Shape kBall{};
+const Relief kGrain{ReliefKind::kGrain, 200.0, 0.8};
+
+// A ball's imprint with the ball's own place at its middle.
+Imprint ball_at(PointPx place, double radius_px = 50.0, double turn_rad = 0.0) {
+  return {place, radius_px, 0.2, place, turn_rad, 1.0};
+}
+
+// What the relief adds to a picture.
+std::vector<int> relief_of(const PictureConfig& config, PictureFrame frame) {
+  const Pixels with = luma_of(config, frame);
+  frame.underside = nullptr;
+  const Pixels without = luma_of(config, frame);
+  std::vector<int> out;
+  for (std::size_t i = 0; i < with.size(); ++i) out.push_back(with[i] - without[i]);
+  return out;
+}
+
+double rms(const std::vector<int>& values) {
+  double sum = 0.0;
+  for (const int value : values) sum += value * value;
+  return std::sqrt(sum / static_cast<double>(values.size()));
+}
+
+}  // namespace
+
+TEST(Render, WithoutReliefABallIsTheRoundBulge) {
+  const PictureConfig config = cropped_320x240();
+  const PointPx dot{150.3, 90.6};
+  const Imprint contact = ball_at({170.0, 120.0});
+  const Underside smooth(kBall, {}, 1);
+  const Underside flat_grain(kBall, {ReliefKind::kGrain, 0.0, 0.8}, 1);
+  const PictureFrame bulge{.dots = {&dot, 1}, .contact = &contact};
+  for (const Underside* underside : {&smooth, &flat_grain}) {
+    PictureFrame frame = bulge;
+    frame.underside = underside;
+    CHECK(rgb_of(config, bulge) == rgb_of(config, frame));
+  }
+  // Nor is there a relief without contact.
+  const Underside rough(kBall, kGrain, 1);
+  const Imprint none{};
+  CHECK(luma(config, {&dot, 1}) == luma_of(config, {.dots = {&dot, 1}, .contact = &none, .underside = &rough}));
+  CHECK(luma(config, {&dot, 1}) == luma_of(config, {.dots = {&dot, 1}, .underside = &rough}));
+}
+
+TEST(Render, ReliefMovesWithTheObjectPixelByPixel) {
+  const PictureConfig config = flat(0.0);
+  const Underside rough(kBall, kGrain, 3);
+  const Imprint here = ball_at({130.0, 110.0});
+  const Imprint there = ball_at({137.0, 115.0});
+  const Pixels before = luma_of(config, {.contact = &here, .underside = &rough});
+  const Pixels after = luma_of(config, {.contact = &there, .underside = &rough});
+  int differing = 0;
+  for (int y = 0; y < 240 - 5; ++y) {
+    for (int x = 0; x < 320 - 7; ++x) {
+      const int moved = after[static_cast<std::size_t>((y + 5) * 320 + x + 7)];
+      const int still = before[static_cast<std::size_t>(y * 320 + x)];
+      CHECK(std::abs(moved - still) <= 1);  // floats of another place round otherwise, here and there
+      differing += moved != still ? 1 : 0;
+    }
+  }
+  CHECK(differing < 320 * 240 / 1000);
+  CHECK(rms(relief_of(config, {.contact = &here, .underside = &rough})) > 0.5);
+}
+
+TEST(Render, ReliefStaysWhereTheDotsMoveAndMovesWhereTheyStay) {
+  const PictureConfig config = flat(0.0);
+  const Underside rough(kBall, kGrain, 3);
+  const std::array<PointPx, 1> dot{{{140.0, 100.0}}};
+  const std::array<PointPx, 1> moved{{{146.0, 103.0}}};
+  const Imprint contact = ball_at({150.0, 110.0});
+  const Pixels before = luma_of(config, {.dots = dot, .contact = &contact, .underside = &rough});
+  const Pixels after = luma_of(config, {.dots = moved, .contact = &contact, .underside = &rough});
+  int seen = 0;
+  for (int y = 0; y < 240; ++y) {
+    for (int x = 0; x < 320; ++x) {
+      const auto i = static_cast<std::size_t>(y * 320 + x);
+      if (std::hypot(x - 140.0, y - 100.0) < 12.0 || std::hypot(x - 146.0, y - 103.0) < 12.0) continue;
+      LONGS_EQUAL(before[i], after[i]);
+      ++seen;
+    }
+  }
+  CHECK(seen > 75'000);
+  // The object under a contact that stays: all of the relief is another one, the bulge is the same.
+  Imprint slid = contact;
+  slid.object = {162.0, 110.0};
+  const auto one = relief_of(config, {.contact = &contact, .underside = &rough});
+  const auto other = relief_of(config, {.contact = &slid, .underside = &rough});
+  double both = 0.0;
+  double squares = 0.0;
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    both += one[i] * other[i];
+    squares += 0.5 * (one[i] * one[i] + other[i] * other[i]);
+  }
+  CHECK(std::abs(both) < 0.3 * squares);  // 12 px of a grain of 12.6: about 60 independent places
+}
+
+TEST(Render, ShadingIsTheSlopeTowardsTheLamp) {
+  PictureConfig config = flat(0.0);
+  config.imprint_gain = 100.0;
+  const Shape box{.kind = ShapeKind::kBox, .half_x_mm = 4.0, .half_y_mm = 3.0, .rim_mm = 0.6, .yaw_rad = 0.3};
+  const Underside underside(box, {ReliefKind::kGrain, 60.0, 0.8}, 4);
+  const Imprint contact{{160.0, 120.0}, 3.9 * config.px_per_mm, 0.1, {163.0, 117.0}, 0.4, 0.3};
+  const Pixels picture = rgb_of(config, {.contact = &contact, .underside = &underside});
+  const Underside::Pose pose{{3.5 / config.px_per_mm, -2.5 / config.px_per_mm}, 0.4, 0.3, 3.9};
+  const auto rise = [&](double x, double y) {
+    return underside
+        .surface(pose, {(x - config.center_x_px) / config.px_per_mm, (y - config.center_y_px) / config.px_per_mm})
+        .rise_mm;
+  };
+  // Green comes from the left: a pixel is as bright as the surface rises to the left, by differences of the height.
+  int steep = 0;
+  int off = 0;
+  for (int y = 60; y < 180; ++y) {
+    for (int x = 80; x < 240; ++x) {
+      const double slope = (rise(x + 0.05, y) - rise(x - 0.05, y)) / 0.1 * config.px_per_mm;
+      const int level = picture[static_cast<std::size_t>((y * 320 + x) * 3 + 1)];
+      off += std::abs(level - (120.0 - 100.0 * slope)) > 1.1 ? 1 : 0;  // truncated and rounded
+      steep += std::abs(slope) > 0.05 ? 1 : 0;
+    }
+  }
+  CHECK(steep > 2000);
+  CHECK(off < 30);  // on the mitres of the rim, where the difference is of two sides
+}
+
+TEST(Render, PressingHarderShowsMoreOfTheRelief) {
+  const PictureConfig config = flat(0.0);
+  const Underside rough(kBall, kGrain, 3);
+  double last = 0.0;
+  for (const double radius_px : {20.0, 40.0, 60.0}) {
+    const Imprint contact = ball_at({160.0, 120.0}, radius_px);
+    const double now = rms(relief_of(config, {.contact = &contact, .underside = &rough}));
+    CHECK(now > 1.3 * last);  // its area grows with the square, its rms with the radius
+    last = now;
+  }
+}
+
+TEST(Render, ExposureBlursTheReliefAlongItsWay) {
+  PictureConfig config = flat(0.0);
+  config.effects.exposure_ms = 10.0;
+  const double pitch_px = 0.8 * config.px_per_mm;
+  const Underside ridges(kBall, {ReliefKind::kRidges, 200.0, 0.8}, 1);
+  const Imprint start = ball_at({160.0, 120.0});
+  const double still = rms(relief_of(config, {.contact = &start, .underside = &ridges}));
+  CHECK(still > 1.0);
+  struct Way {
+    double x, y, left;
+  };
+  // The sinc of the way over the pitch; along the ridges nothing is lost.
+  for (const Way& way : {Way{0.25 * pitch_px, 0.0, 0.90}, Way{0.5 * pitch_px, 0.0, 0.637}, Way{pitch_px, 0.0, 0.0},
+                         Way{0.0, 0.5 * pitch_px, 1.0}}) {
+    Imprint end = start;
+    end.object = {160.0 + way.x, 120.0 + way.y};
+    const double moving = rms(relief_of(config, {.contact = &start, .contact_end = &end, .underside = &ridges}));
+    DOUBLES_EQUAL(way.left * still, moving, 0.12 * still);  // the rim of the contact is not that of one place
+  }
+}
+
+TEST(Render, RollingShutterSeesTheReliefLaterInEachRow) {
+  PictureConfig config = flat(0.0);
+  config.effects.rolling_shutter_ms = 30.0;
+  const Underside rough(kBall, kGrain, 3);
+  const Imprint start = ball_at({140.0, 120.0}, 60.0, 0.0);
+  Imprint end = ball_at({164.0, 128.0}, 60.0, 0.3);
+  end.center = start.center;
+  const Pixels moving = luma_of(config, {.contact = &start, .contact_end = &end, .underside = &rough});
+  for (const int y : {80, 100, 119, 150, 165}) {
+    const double share = y / 239.0;
+    Imprint now = ball_at({140.0 + 24.0 * share, 120.0 + 8.0 * share}, 60.0, 0.3 * share);
+    now.center = start.center;
+    const Pixels still = luma_of(config, {.contact = &now, .underside = &rough});
+    for (int x = 0; x < config.width; ++x) {
+      const auto i = static_cast<std::size_t>(y * config.width + x);
+      DOUBLES_EQUAL(still[i], moving[i], 1.0);
+    }
+  }
+}
+
+TEST(Render, ReliefsAndShapesAreTheSameBytesOnEveryMachine) {
+  const PictureConfig config = soiled();
+  const std::array<PointPx, 2> dots{{{100.25, 80.5}, {160.125, 121.75}}};
+  const Imprint contact{{150.0, 110.0}, 64.0, 0.25, {151.0, 109.0}, 0.3, 1.1};
+  const Imprint moved{{158.0, 112.0}, 66.0, 0.25, {158.5, 112.0}, 0.4, 1.0};
+  PictureFrame frame{.dots = dots, .contact = &contact, .contact_end = &moved, .seed = 3};
+  const Underside rough(kBall, {ReliefKind::kGrain, 60.0, 0.7}, 11, lens_sigma_mm(config));
+  frame.underside = &rough;
+  CHECK_EQUAL(kReliefHash, fnv1a(rgb_of(config, frame)));
+  std::uint64_t shapes = 0;
+  for (const ShapeKind kind : {ShapeKind::kEllipsoid, ShapeKind::kCylinder, ShapeKind::kCone, ShapeKind::kDisc,
+                               ShapeKind::kBox, ShapeKind::kEdge}) {
+    const Shape shape{.kind = kind,
+                      .radius_y_mm = 9.0,
+                      .yaw_rad = 0.2,
+                      .texture = TextureKind::kBumps,
+                      .texture_height_mm = 0.1,
+                      .texture_pitch_mm = 2.2};
+    const Underside underside(shape, {ReliefKind::kBumps, 40.0, 0.6}, 11, lens_sigma_mm(config));
+    frame.underside = &underside;
+    shapes = shapes * 31 + fnv1a(rgb_of(config, frame));
+  }
+  CHECK_EQUAL(kShapeHash, shapes);
 }

@@ -655,6 +655,28 @@ TEST(Simulation, BeforeIsWhereMarkersWereWhenTheShutterOpened) {
   }
 }
 
+TEST(Simulation, TheObjectIsWhereItsDriveHasItAndComesFromWhereItWas) {
+  Scene scene = pressed(3.0, 0.4);
+  scene.level.contact = ContactLevel::kSprings;
+  scene.trajectory = {{.t_s = 0.0, .force_n = 3.0, .x_mm = 0.0, .y_mm = 0.0, .twist_deg = 0.0},
+                      {.t_s = 0.8, .force_n = 3.0, .x_mm = 8.0, .y_mm = -4.0, .twist_deg = 40.0}};
+  for (const double exposure_ms : {0.0, 10.0}) {
+    scene.effects.exposure_ms = exposure_ms;
+    for (const Snapshot& now : play(scene)) {
+      const double t_s = std::min(now.t_s, 0.8);
+      DOUBLES_EQUAL(10.0 * t_s, now.object_mm.x, 1e-9);
+      DOUBLES_EQUAL(-5.0 * t_s, now.object_mm.y, 1e-9);
+      DOUBLES_EQUAL(50.0 * t_s, now.object_rad * 180.0 / pi, 1e-9);
+      // A quarter of the frame before, in a straight line from the last one; it slides or it does not.
+      const double last_s = std::max(now.t_s - 0.04, 0.0);
+      const double before_s = exposure_ms > 0.0 ? 0.75 * t_s + 0.25 * std::min(last_s, 0.8) : t_s;
+      DOUBLES_EQUAL(10.0 * before_s, now.object_before_mm.x, 1e-9);
+      DOUBLES_EQUAL(-5.0 * before_s, now.object_before_mm.y, 1e-9);
+      DOUBLES_EQUAL(50.0 * before_s, now.object_before_rad * 180.0 / pi, 1e-9);
+    }
+  }
+}
+
 // --- Markers as they are seen ---
 
 TEST(Simulation, SeenMarkersHaveTheNoiseAndTheLossesAskedFor) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The gallery in tests/scenes: that it shows everything the simulator can do, that its truth is the theory's, and that
-// every scene keeps its promises through the firmware. What today's tree fails at is not promised; the two tables that
-// this prints say what its features see of it.
+// every scene keeps its promises through the firmware. What today's tree fails at is not promised but a goal, and said
+// at the end; the two tables that this prints say what its features see of it.
 //
 // Scenes that enter as JPEG play as grey pictures, but for one: 8 million pixels a frame teach nothing more.
 #include <algorithm>
@@ -234,6 +234,7 @@ TEST(GalleryTwice, NothingIsSwitchedOnInVain) {
 
 TEST(Gallery, EverySceneKeepsItsPromises) {
   std::string broken;
+  std::string goals;
   for (Scene& scene : gallery()) {
     if (scene.level.inject == Inject::kJpeg && scene.name != "sphere_slip") scene.level.inject = Inject::kGrey;
     const double before_s = cpu_s();
@@ -246,8 +247,48 @@ TEST(Gallery, EverySceneKeepsItsPromises) {
     for (const tool::Promise& promise : tool::check_promises(scene.expect, frames)) {
       if (!promise.met) broken += scene.name + ": " + promise.what + ": " + promise.result + "\n";
     }
+    for (const tool::Promise& goal : tool::check_goals(scene.goal, frames)) {
+      (goal.met ? broken : goals) += scene.name + ": goal: " + tool::goal_line(goal) + "\n";
+    }
   }
+  std::printf("\n%s", goals.c_str());
   if (!broken.empty()) FAIL(broken.c_str());
+}
+
+// Frames of 40 ms, an onset at 0.2 s, slip at 0.1 and at 0.32 s.
+TEST(Gallery, AGoalIsReachedAtItsBoundAndNotBeyond) {
+  std::vector<PlayedFrame> frames(10);
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    frames[i].t_s = 0.04 * static_cast<double>(i);
+    frames[i].level = i >= 5 ? SlipLevel::kHalf : SlipLevel::kNone;
+    frames[i].slip = i == 2 || i >= 8;
+    frames[i].state = frames[i].slip ? DeviceState::kSlip : DeviceState::kOk;
+  }
+  struct Case {
+    Goal goal;
+    bool reached;
+    const char* line;
+  };
+  const Case cases[] = {
+      {{120.0, {}, ""}, true, "slip within 120 ms of the onset: after 120 ms, reached: make it a promise"},
+      {{119.0, {}, ""}, false, "slip within 119 ms of the onset: after 120 ms, not reached yet"},
+      {{{}, 1, ""}, true, "at most 1 false alarms: 1, reached: make it a promise"},
+      {{{}, 0, ""}, false, "at most 0 false alarms: 1, not reached yet"},
+      {{{}, {}, "SLIP"}, true, "state SLIP at the end: SLIP, reached: make it a promise"},
+      {{{}, {}, "OK"}, false, "state OK at the end: SLIP, not reached yet"},
+  };
+  for (const Case& each : cases) {
+    const std::vector<tool::Promise> goals = tool::check_goals(each.goal, frames);
+    LONGS_EQUAL(1, goals.size());
+    LONGS_EQUAL(each.reached, goals[0].met);
+    STRCMP_EQUAL(each.line, tool::goal_line(goals[0]).c_str());
+  }
+  STRCMP_EQUAL("at most 1 false alarms: 1, reached",
+               tool::goal_line(tool::check_goals({{}, 1, ""}, frames)[0], false).c_str());
+  LONGS_EQUAL(3, tool::check_goals({80.0, 0, "OK"}, frames).size());
+  LONGS_EQUAL(0, tool::check_goals({}, frames).size());
+  for (PlayedFrame& frame : frames) frame.slip = false;
+  STRCMP_EQUAL("never raised", tool::check_goals({120.0, {}, ""}, frames)[0].result.c_str());
 }
 
 // Half of the area of a sphere's contact slips at c = a / sqrt(2) (Cattaneo 1938, Mindlin 1949): the middle, and with

@@ -35,7 +35,7 @@ bool same(const Scene& a, const Scene& b) {
          a.gel.thickness_mm == b.gel.thickness_mm && a.markers.rows == b.markers.rows &&
          a.markers.cols == b.markers.cols && a.markers.pitch_mm == b.markers.pitch_mm && a.object == b.object &&
          a.profile == b.profile && a.trajectory == b.trajectory && a.effects == b.effects && a.faults == b.faults &&
-         a.picture == b.picture && a.expect == b.expect;
+         a.picture == b.picture && a.expect == b.expect && a.goal == b.goal;
 }
 
 // Valid, and nothing touches.
@@ -61,6 +61,7 @@ Json home_of(const std::string& path) {
     at("object.shape") = "box";
   if (path == "object.flank_deg") at("object.shape") = "cone";
   if (path.starts_with("object.texture.")) at("object.texture.kind") = "bumps";
+  if (path.starts_with("object.relief.")) at("object.relief.kind") = "grain";
   if (path == "effects.creep_tau_s") at("effects.creep_gain") = 0.1;
   if (path.starts_with("effects.drive_") || path.starts_with("effects.damping_")) at("object.mass_g") = 10;
   if (path.starts_with("faults[].")) at("faults") = Json::array({{{"t_s", 0}, {"fault", "late"}}});
@@ -136,13 +137,14 @@ TEST(SceneFile, ReadsEveryField) {
  "fps": 18.75, "duration_s": 3.5,
  "requires": ["press", "shear", "twist", "partial_slip", "gross_slip", "load_history", "shapes", "kinetic_friction", "layer",
    "compliance", "mass", "pull", "creep", "press_dilation", "marker_noise", "marker_loss", "marker_duplicates",
-   "dirt", "fabrication", "pixel_noise", "light", "exposure", "rolling_shutter", "worn_gel", "dot_shading",
+   "dirt", "fabrication", "relief", "pixel_noise", "light", "exposure", "rolling_shutter", "worn_gel", "dot_shading",
    "gel_margins", "camera_faults"],
  "level": {"inject": "jpeg", "contact": "grid", "cell_mm": 0.35},
  "gel": {"shear_modulus_kpa": 50.5, "poisson": 0.45, "thickness_mm": 4},
  "markers": {"rows": 8, "cols": 10, "pitch_mm": 1.9},
  "object": {"name": "brick", "shape": "box", "half_x_mm": 3, "half_y_mm": 4, "rim_mm": 0.5, "yaw_deg": 90,
-   "tilt_deg": -45, "texture": {"kind": "bumps", "height_mm": 0.1, "pitch_mm": 0.8}, "friction": 0.7,
+   "tilt_deg": -45, "texture": {"kind": "bumps", "height_mm": 0.1, "pitch_mm": 0.8},
+   "relief": {"kind": "grain", "height_um": 25, "pitch_mm": 0.6}, "friction": 0.7,
    "kinetic_friction": 0.6, "bonded": false, "compliance_mm_per_n": 0.02, "mass_g": 120, "touch_x_mm": 1.5,
    "touch_y_mm": -2.5},
  "profile": "minimum_jerk",
@@ -156,7 +158,8 @@ TEST(SceneFile, ReadsEveryField) {
  "faults": [{"t_s": 1, "frames": 3, "fault": "torn"}, {"t_s": 2, "fault": "backwards", "by_ms": 75}],
  "picture": {"width": 820, "background": 110, "dot_level": 40, "shading": 15, "imprint_gain": 50, "jpeg_quality": 90},
  "expect": {"onset_s": [1.25, 2.5], "no_onset": false, "max_delay_ms": 120, "false_alarms": 1, "final_state": "SLIP",
-   "entropy": [{"from_s": 0, "to_s": 0.5, "least_nat": 0.25, "most_nat": 0.75}]}})";
+   "entropy": [{"from_s": 0, "to_s": 0.5, "least_nat": 0.25, "most_nat": 0.75}]},
+ "goal": {"max_delay_ms": 80, "false_alarms": 0}})";
   const SceneResult result = read_scene(text, "s.json");
   if (!result.scene) FAIL(all(result.errors).c_str());
   // A scene with a picture has its noise there.
@@ -168,7 +171,7 @@ TEST(SceneFile, ReadsEveryField) {
   expected.fps = 18.75;
   expected.duration_s = 3.5;
   expected.needs = result.scene->needs;
-  CHECK_EQUAL(27U, expected.needs.size());
+  CHECK_EQUAL(28U, expected.needs.size());
   STRCMP_EQUAL("layer", expected.needs[8].c_str());
   expected.level = {.inject = Inject::kJpeg, .contact = ContactLevel::kGrid, .cell_mm = 0.35};
   expected.gel = {.shear_modulus_mpa = 0.0505, .poisson = 0.45, .thickness_mm = 4.0};
@@ -184,6 +187,7 @@ TEST(SceneFile, ReadsEveryField) {
   object.shape.texture = TextureKind::kBumps;
   object.shape.texture_height_mm = 0.1;
   object.shape.texture_pitch_mm = 0.8;
+  object.relief = {ReliefKind::kGrain, 25, 0.6};
   object.friction = 0.7;
   object.kinetic_friction = 0.6;
   object.compliance_mm_per_n = 0.02;
@@ -234,6 +238,8 @@ TEST(SceneFile, ReadsEveryField) {
   expected.expect.false_alarms = 1;
   expected.expect.final_state = "SLIP";
   expected.expect.entropy = {{0, 0.5, 0.25, 0.75}};
+  expected.goal.max_delay_ms = 80;
+  expected.goal.false_alarms = 0;
   CHECK(same(expected, *result.scene));
 }
 
@@ -292,7 +298,7 @@ TEST(SceneFile, KeepsToEveryRange) {
       }
     }
   }
-  CHECK_EQUAL(71, ranges);
+  CHECK_EQUAL(75, ranges);
 }
 
 TEST(SceneFile, RefusesOtherKindsForEveryField) {
@@ -398,6 +404,7 @@ TEST(SceneFile, RefusesKeysThatMeanNothing) {
   refused_edit("\"radius_mm\": 15", "\"yaw_deg\": 15", 7, {"not used by a sphere", "keys of a sphere: radius_mm"});
   refused_edit("\"radius_mm\": 15", "\"rim_mm\": 15", 7, {"not used by a sphere"});
   refused_edit("\"radius_mm\": 15", R"("texture": {"height_mm": 1})", 7, {"not used by an object without texture"});
+  refused_edit("\"radius_mm\": 15", R"("relief": {"pitch_mm": 1})", 7, {"not used by an object without relief"});
   refused_edit("\"springs\"", R"("springs", "cell_mm": 1)", 6, {"not used by level springs ('level.cell_mm': 1)"});
   refused_edit("\"effects\": {}", R"("gel": {"thickness_mm": 4, "half_space": true})", 13,
                {"not used by a half-space"});
@@ -423,6 +430,36 @@ TEST(SceneFile, RefusesContradictions) {
                14, {"not a time of the scene ('expect.entropy[0]'"});
   refused_edit("\"expect\": {}", R"("expect": {"entropy": [{"from_s": 0, "to_s": 1, "least_nat": 2, "most_nat": 1}]})",
                14, {"least is above most"});
+}
+
+TEST(SceneFile, RefusesGoalsThatAskNoMoreThanThePromises) {
+  const auto both = [](std::string_view promise, std::string_view goal) {
+    return with(R"("expect": {})",
+                R"("expect": {)" + std::string(promise) + "},\n\"goal\": {" + std::string(goal) + "}");
+  };
+  const std::string delay = R"("max_delay_ms": 120)";
+  const std::string alarms = R"("false_alarms": 1)";
+  const std::string state = R"("final_state": "OK")";
+  for (const auto* no_more : {R"("max_delay_ms": 120)", R"("max_delay_ms": 120.5)"}) {
+    refused(both(delay, no_more), 15,
+            {"asks no more than the promise ('goal.max_delay_ms': 12", "below 'expect.max_delay_ms', 120 ms"});
+  }
+  for (const auto* no_more : {R"("false_alarms": 1)", R"("false_alarms": 2)"}) {
+    refused(both(alarms, no_more), 15,
+            {"asks no more than the promise ('goal.false_alarms': ", "below 'expect.false_alarms', 1"});
+  }
+  refused(both(state, state), 15, {"a state is promised already", R"('expect.final_state': "OK")"});
+  refused(both(state, R"("final_state": "SLIP")"), 15, {R"(('goal.final_state': "SLIP")", "keep one of the two"});
+  refused(both(R"("no_onset": true)", delay), 15, {"contradicts 'expect.no_onset'", "('goal.max_delay_ms')"});
+  refused(both("", R"("onset_s": [1, 2])"), 15, {"unknown key ('goal.onset_s': [...])", "move it into 'expect'"});
+
+  const Scene stricter = accepted(both(delay + ", " + alarms, R"("max_delay_ms": 119.5, "false_alarms": 0)"));
+  CHECK_EQUAL(119.5, *stricter.goal.max_delay_ms);
+  CHECK_EQUAL(0, *stricter.goal.false_alarms);
+  // What is not promised at all may be aimed at.
+  const Scene alone = accepted(both("", delay + ", " + alarms + ", " + state));
+  CHECK_EQUAL(120.0, *alone.goal.max_delay_ms);
+  STRCMP_EQUAL("OK", alone.goal.final_state.c_str());
 }
 
 TEST(SceneFile, TellsAllProblemsInOrderAndAtMostTwenty) {
@@ -457,6 +494,13 @@ TEST(SceneFile, WarnsOfWhatChangesNothing) {
   CHECK(read_scene(kSlip, "s.json").warnings.empty());
   warned("\"press\"", R"("press", "creep")", 5, "\"creep\"");
   warned("\"effects\": {}", R"("picture": {"shading": 3})", 13, "'picture.shading' needs a picture");
+  const SceneResult relief = read_scene(R"({"schema_version": 1, "name": "n", "duration_s": 9, "requires": ["relief"],
+    "object": {"yaw_deg": 20, "relief": {"kind": "ridges", "height_um": 30}},
+    "trajectory": [{"t_s": 0}]})",
+                                        "s");
+  CHECK(relief.scene.has_value());
+  CHECK(tells(relief.warnings, "s:2: unused: 'object.relief.kind' needs a picture"));
+  CHECK(tells(relief.warnings, "s:2: unused: 'object.relief.height_um' needs a picture"));
   const SceneResult light = read_scene(with("\"effects\": {}", R"("effects": {"dirt_specks": 3})"), "s.json");
   CHECK_FALSE(light.scene.has_value());  // not named
   const SceneResult moved =
@@ -667,6 +711,9 @@ class RandomScene {
     if (chance() && !s.expect.no_onset) s.expect.max_delay_ms = number(0, 500);
     if (chance()) s.expect.false_alarms = whole(0, 5);
     if (chance()) s.expect.final_state = "DEGRADED";
+    if (chance() && !s.expect.no_onset) s.goal.max_delay_ms = number(0, 0.9) * s.expect.max_delay_ms.value_or(500);
+    if (chance() && s.expect.false_alarms != 0) s.goal.false_alarms = whole(0, s.expect.false_alarms.value_or(5) - 1);
+    if (chance() && s.expect.final_state.empty()) s.goal.final_state = "SLIP";
     if (chance()) s.expect.entropy = {{number(0, 0.4), number(0.5, 1), number(0, 1), number(1, 3)}};
     s.level.contact = can_all(s) ? s.level.contact : ContactLevel::kGrid;
     if (s.level.contact == ContactLevel::kSprings) s.level.springs = whole(1, 256);
@@ -702,7 +749,10 @@ class RandomScene {
       shape.texture_height_mm = number(0, 10);
       shape.texture_pitch_mm = number(0.01, 100);
     }
-    if (flat || shape.texture != TextureKind::kNone) shape.yaw_rad = angle(360);
+    if (chance()) object.relief = {static_cast<ReliefKind>(whole(1, 3)), number(0, 100), number(0.1, 3)};
+    if (flat || shape.texture != TextureKind::kNone || object.relief.kind != ReliefKind::kNone) {
+      shape.yaw_rad = angle(360);
+    }
     object.name = "thing";
     object.friction = number(0.5, 2);
     object.bonded = chance();
@@ -800,11 +850,13 @@ TEST(SceneFile, DescribesInWords) {
   scene.effects.marker_loss = 0.25;
   scene.faults = {{1.5, 2, Fault::kFrozen, 50}};
   scene.expect.final_state = "SLIP";
+  scene.goal.max_delay_ms = 80;
   const std::string text = describe(scene);
   for (const char* words :
        {"slip: a sphere slips\n", "contact springs, springs 64", "thickness_mm 4.25", "shape sphere, radius_mm 15",
         "partial_slip: a stick area shrinks", "left out by level springs", "t_s  force_n  x_mm\n",
-        "  3        3     4\n", "marker_loss 0.25", "t_s 1.5, frames 2, fault frozen\n", "final_state SLIP"}) {
+        "  3        3     4\n", "marker_loss 0.25", "t_s 1.5, frames 2, fault frozen\n", "final_state SLIP",
+        "  goal       max_delay_ms 80\n"}) {
     if (text.find(words) == std::string::npos) FAIL((std::string(words) + " is not in\n" + text).c_str());
   }
   CHECK(text.find("cell_mm") == std::string::npos);  // means nothing on springs

@@ -195,6 +195,10 @@ int sim_grasp(const SimOptions& options) {
     }
     if (!promise.met) broken += fmt::format("{}{} ({})", broken.empty() ? "" : "; ", promise.what, promise.result);
   }
+  if (!common.json) {
+    const bool committed = options.inject.empty() && options.contact.empty() && common.model.empty();
+    for (const Promise& goal : check_goals(scene.goal, frames)) fmt::print("goal  {}\n", goal_line(goal, committed));
+  }
   if (broken.empty()) return 0;
   return fail(
       fmt::format("scene {}: not as expected: {}. Likely cause: the scene, the model or the features changed. "

@@ -102,6 +102,8 @@ void Player::step_features(App& app, const Params& params) {
   const pipeline::Config config = pipeline_config(params);
   Features now = features::update(features_, config.features, field, clock_.now(), saturations_);
   now.field = field_features::update(field_features_, config.field, field, clock_.now(), saturations_);
+  const contact::Contact contact = contact::update(contact_, config.contact, field, Count{}, clock_.now());
+  now.contact = Count::from_raw(contact.touching ? 1 : 0);
   app.step_features(now, field.grid, clock_.now(), static_cast<std::uint32_t>(snapshot().frame));
 }
 
@@ -172,6 +174,19 @@ std::vector<Promise> check_promises(const scene::Expect& expect, const std::vect
                         count > 0 && mean >= window.least_nat && mean <= window.most_nat});
   }
   return promises;
+}
+
+std::vector<Promise> check_goals(const scene::Goal& goal, const std::vector<PlayedFrame>& frames) {
+  scene::Expect wanted;
+  wanted.max_delay_ms = goal.max_delay_ms;
+  wanted.false_alarms = goal.false_alarms;
+  wanted.final_state = goal.final_state;
+  return check_promises(wanted, frames);
+}
+
+std::string goal_line(const Promise& goal, bool committed) {
+  const char* const reached = committed ? "reached: make it a promise" : "reached";
+  return fmt::format("{}: {}, {}", goal.what, goal.result, goal.met ? reached : "not reached yet");
 }
 
 std::vector<PlayedFrame> play(const scene::Scene& scene, const Params& params) {
@@ -287,6 +302,8 @@ std::vector<Switch> switches() {
        [](scene::Scene& s) { s.object.mass_g = 0.0; }},
       {"texture", [](const scene::Scene& s) { return s.object.shape.texture != scene::TextureKind::kNone; },
        [](scene::Scene& s) { s.object.shape.texture = scene::TextureKind::kNone; }},
+      {"relief", [](const scene::Scene& s) { return s.object.relief.kind != scene::ReliefKind::kNone; },
+       [](scene::Scene& s) { s.object.relief.kind = scene::ReliefKind::kNone; }},
       {"faults", [](const scene::Scene& s) { return !s.faults.empty(); }, [](scene::Scene& s) { s.faults.clear(); }},
   };
 }

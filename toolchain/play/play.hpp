@@ -52,6 +52,7 @@ class Player {
   std::vector<scene::SeenMarker> seen_;
   features::State features_;
   field_features::State field_features_;
+  contact::State contact_;
   Saturations saturations_;
 };
 
@@ -79,6 +80,11 @@ struct Promise {
   bool met = false;
 };
 [[nodiscard]] std::vector<Promise> check_promises(const scene::Expect& expect, const std::vector<PlayedFrame>& frames);
+// The goals of the scene, and how far it got: `met` = reached.
+[[nodiscard]] std::vector<Promise> check_goals(const scene::Goal& goal, const std::vector<PlayedFrame>& frames);
+// "slip within 80 ms of the onset: after 560 ms, not reached yet". What another tree or level than the scene's reaches
+// is no promise of the product: `committed` false.
+[[nodiscard]] std::string goal_line(const Promise& goal, bool committed = true);
 
 // The firmware with simulated lines, for whoever needs no files: `trade`, tests.
 [[nodiscard]] std::vector<PlayedFrame> play(const scene::Scene& scene, const Params& params);

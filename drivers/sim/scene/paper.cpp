@@ -446,6 +446,7 @@ void Trial::write(Scene& scene) const {
   scene.object.kinetic_friction = friction_ * object_.kinetic_share;
   scene.object.compliance_mm_per_n = by_closing_ ? object_.compliance_mm_per_n : 0.0;
   scene.object.touch_mm = touch_mm_;
+  if (scene.level.inject == Inject::kGrey || scene.level.inject == Inject::kJpeg) scene.object.relief = object_.relief;
   scene.effects.marker_noise_um = marker_noise_um_;
   scene.effects.fabrication_um = fabrication_um_;
   scene.effects.fabrication_turn_deg = fabrication_turn_deg_;

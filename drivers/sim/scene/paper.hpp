@@ -17,8 +17,12 @@
 //   shaken             1 .. 6 Hz: a wrist's and an arm's quick motions
 //   slow slides        0.5 .. 2 mm/s: a crawl, slower than what the paper's people push
 //   matched friction   0.5 .. 5: soft rubber on dry silicone; simulators of this sensor use up to 5
-//   first tremor             8 .. 12 Hz, as a hand's, 0.5 .. 2 % of the way to slip marker noise       1 .. 2 um;
-//   print: 20 .. 60 um and 1.5 degrees
+//   tremor             8 .. 12 Hz, as a hand's, 0.5 .. 2 % of the way to slip
+//   markers            noise 1 .. 2 um; print: 20 .. 60 um and 1.5 degrees
+//   relief             5 .. 80 um at 0.3 .. 1.2 mm: cloth and card are some tens of um, moulded plastic a few; what is
+//                      glossy has none. In pictures alone: the motion of the markers does not know it. With the shape
+//                      they make 0.0 (smooth) to 4.6 levels^2 of gradient energy per 0.14 mm within the contact
+//                      (translate_x, seed 5, 2 s); the recordings' upper tenth of blocks has 1.1 to 5 (0.5 is noise)
 //
 // A trial: >= 0.52 s of empty gel (13 frames, the firmware learns its rest), grasp by force or closing, hold, weight,
 // load by the motion, (unload,) release, empty gel. All of it in minimum-jerk moves, which is how people move (Flash &
@@ -52,6 +56,7 @@ struct PaperObject {
   double compliance_mm_per_n = 0.0;
   double mass_g = 0.0;
   Span press_n;
+  Relief relief;
   std::string_view why;
 };
 
@@ -64,7 +69,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.15,
      57.0,
      {1.2, 2.5},
-     "tennis-ball size and mass; rubber on silicone is at the upper end"},
+     {ReliefKind::kGrain, 40, 0.8},
+     "tennis-ball size and mass; rubber on silicone is at the upper end; relief: pebbled rubber"},
     {"bear",
      false,
      {.kind = ShapeKind::kEllipsoid,
@@ -78,7 +84,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      1.20,
      60.0,
      {1.2, 2.5},
-     "plush: a stuffed limb with short pile, the softest but the sponge; tufts of 2 mm"},
+     {ReliefKind::kGrain, 60, 0.7},
+     "plush: a stuffed limb with short pile, the softest but the sponge; tufts of 2 mm; relief: pile"},
     {"box",
      false,
      {.kind = ShapeKind::kBox, .half_x_mm = 7.0, .half_y_mm = 5.5, .rim_mm = 1.5},
@@ -87,7 +94,9 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.10,
      45.0,
      {1.2, 2.5},
-     "the paper's cardboard box: a flat end inside the pad, paper sheds friction once it slides"},
+     {ReliefKind::kGrain, 15, 0.5},
+     "the paper's cardboard box: a flat end inside the pad, paper sheds friction once it slides; relief: the card's "
+     "fibres"},
     {"duck",
      false,
      {.kind = ShapeKind::kEllipsoid, .radius_mm = 16.0, .radius_y_mm = 11.0},
@@ -96,7 +105,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.80,
      25.0,
      {1.0, 2.0},
-     "hollow vinyl bath toy: smooth, doubly curved, gives under a finger"},
+     {},
+     "hollow vinyl bath toy: smooth, doubly curved, gives under a finger; no relief"},
     {"floss",
      false,
      {.kind = ShapeKind::kDisc, .radius_mm = 6.0, .rim_mm = 3.0},
@@ -105,7 +115,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.02,
      30.0,
      {1.2, 2.5},
-     "polypropylene case: a small flat face with wide rounded rims"},
+     {ReliefKind::kGrain, 8, 0.4},
+     "polypropylene case: a small flat face with wide rounded rims; relief: a matt mould"},
     {"highlighter",
      false,
      {.kind = ShapeKind::kCylinder, .radius_mm = 7.0},
@@ -114,7 +125,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.02,
      14.0,
      {1.0, 2.0},
-     "a pen of 14 mm across, lying along the gel's rows: a line contact"},
+     {},
+     "a pen of 14 mm across, lying along the gel's rows: a line contact; glossy, no relief"},
     {"mouse",
      false,
      {.kind = ShapeKind::kSphere, .radius_mm = 35.0},
@@ -123,7 +135,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.01,
      90.0,
      {1.0, 2.5},
-     "hard plastic back of large radius, 80 .. 100 g without a battery"},
+     {ReliefKind::kGrain, 10, 0.35},
+     "hard plastic back of large radius, 80 .. 100 g without a battery; relief: a matt mould"},
     {"owl",
      false,
      {.kind = ShapeKind::kEllipsoid,
@@ -137,7 +150,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.05,
      120.0,
      {1.2, 2.5},
-     "a carved figure: hard, feathers as ridges; the paper's hardest object"},
+     {ReliefKind::kRidges, 25, 0.6},
+     "a carved figure: hard, feathers as ridges; the paper's hardest object; relief: marks of the tool"},
     {"screwdriver",
      false,
      {.kind = ShapeKind::kCylinder,
@@ -150,7 +164,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.03,
      85.0,
      {1.2, 3.0},
-     "rubber-coated handle of 28 mm across with rings"},
+     {ReliefKind::kBumps, 50, 1.0},
+     "rubber-coated handle of 28 mm across with rings; relief: a knurled grip"},
     {"sponge",
      false,
      {.kind = ShapeKind::kBox,
@@ -165,7 +180,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      2.50,
      9.0,
      {1.0, 2.0},
-     "dry cellulose: pores, very soft, hardly any mass"},
+     {ReliefKind::kGrain, 80, 1.0},
+     "dry cellulose: pores, very soft, hardly any mass; relief: small pores"},
     {"book",
      true,
      {.kind = ShapeKind::kBox, .half_x_mm = 7.5, .half_y_mm = 5.0, .rim_mm = 0.8, .tilt_rad = 0.015},
@@ -174,7 +190,9 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.30,
      400.0,
      {1.5, 3.0},
-     "glossy cover, slightly off parallel, heavy: the paper's worst accuracy; most of it stays on the shelf"},
+     {},
+     "glossy cover, slightly off parallel, heavy: the paper's worst accuracy; most of it stays on the shelf; no "
+     "relief"},
     {"raccoon",
      true,
      {.kind = ShapeKind::kEllipsoid,
@@ -188,7 +206,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      1.50,
      95.0,
      {1.2, 2.5},
-     "plush like the bear: larger, finer pile"},
+     {ReliefKind::kGrain, 45, 0.5},
+     "plush like the bear: larger, finer pile, in the relief, too"},
     {"contact_solution",
      true,
      {.kind = ShapeKind::kCylinder, .radius_mm = 25.0},
@@ -197,7 +216,8 @@ inline constexpr std::array<PaperObject, 13> kPaperObjects{{
      0.50,
      130.0,
      {1.2, 3.0},
-     "squeeze bottle of smooth polyethylene, a third full"},
+     {},
+     "squeeze bottle of smooth polyethylene, a third full; no relief"},
 }};
 
 // How a motion of the arm comes to the gel. The gel's normal is the direction in which the gripper closes: what the arm

@@ -135,8 +135,9 @@ PointPx between(PointPx from, PointPx to, double share) {
 }
 
 Imprint between(const Imprint& from, const Imprint& to, double share) {
-  return {between(from.center, to.center, share), between(from.radius_px, to.radius_px, share),
-          between(from.rim_slope, to.rim_slope, share)};
+  return {between(from.center, to.center, share),       between(from.radius_px, to.radius_px, share),
+          between(from.rim_slope, to.rim_slope, share), between(from.object, to.object, share),
+          between(from.turn_rad, to.turn_rad, share),   between(from.depth_mm, to.depth_mm, share)};
 }
 
 // Adds the imprint to a row. Slope of the bulge over its rim slope: r/a inside, (2 - r/a)^2 outside, then 0.
@@ -162,6 +163,60 @@ void add_imprint(const PictureConfig& config, const std::array<Channel, kChannel
       row[static_cast<std::size_t>(x) * kChannels + c] +=
           static_cast<std::int32_t>(gain * slope * (dx * lamp_x[c] + dy * lamp_y[c]));
     }
+  }
+}
+
+// --- What lies under the gel ---
+
+// Slopes of one row, and the instants at which its exposure sees them.
+struct Slopes {
+  std::vector<float> x;
+  std::vector<float> y;
+  int instants = 1;
+};
+
+// One for each rim's softness of the way, which is less than a relief shows: a quarter of its period is the least that
+// the lens lets through.
+constexpr int kMostSights = 16;
+
+int sights(const PictureConfig& config, const Shutter& shutter, const Imprint& from, const Imprint& to) {
+  const double turn_px = std::abs(to.turn_rad - from.turn_rad) * std::max(from.radius_px, to.radius_px);
+  const double way_px = portable::hypot(to.object.x - from.object.x, to.object.y - from.object.y) + turn_px;
+  const double count = std::ceil(shutter.exposure_share * way_px / config.edge_softness_px);
+  return static_cast<int>(std::clamp(count, 1.0, static_cast<double>(kMostSights)));
+}
+
+template <std::size_t kChannels>
+void add_underside(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const Shutter& shutter,
+                   const Underside& underside, const Imprint& from, const Imprint& to, int y, Slopes& slopes,
+                   std::vector<std::int32_t>& row) {
+  const double mm_per_px = 1.0 / config.px_per_mm;
+  const Underside::Row places{-config.center_x_px * mm_per_px, (y - config.center_y_px) * mm_per_px, mm_per_px};
+  int first = config.width;
+  int last = -1;
+  for (int k = 0; k < slopes.instants; ++k) {
+    const double share = shutter.row_share * y + shutter.exposure_share * ((k + 0.5) / slopes.instants);
+    const Imprint now = between(from, to, share);
+    const Underside::Pose press{
+        {(now.object.x - config.center_x_px) * mm_per_px, (now.object.y - config.center_y_px) * mm_per_px},
+        now.turn_rad,
+        now.depth_mm,
+        now.radius_px * mm_per_px};
+    const auto columns =
+        underside.add_row(press, places, 1.0F / static_cast<float>(slopes.instants), slopes.x, slopes.y);
+    if (columns.last < columns.first) continue;
+    first = std::min(first, columns.first);
+    last = std::max(last, columns.last);
+  }
+  const auto gain = static_cast<float>(256.0 * config.imprint_gain);
+  for (int x = first; x <= last; ++x) {
+    const auto column = static_cast<std::size_t>(x);
+    for (std::size_t c = 0; c < kChannels; ++c) {
+      row[column * kChannels + c] +=
+          static_cast<std::int32_t>(gain * (slopes.x[column] * static_cast<float>(channels[c].lamp_x) +
+                                            slopes.y[column] * static_cast<float>(channels[c].lamp_y)));
+    }
+    slopes.x[column] = slopes.y[column] = 0.0F;
   }
 }
 
@@ -429,6 +484,13 @@ void render(const PictureConfig& config, const std::array<Channel, kChannels>& c
   Coverage coverage{std::vector<std::int32_t>(width), std::vector<float>(shaded ? width : 0),
                     std::vector<float>(shaded ? width : 0)};
 
+  const Imprint* const contact = frame.contact;
+  const Imprint* const contact_end = frame.contact_end != nullptr ? frame.contact_end : contact;
+  const bool slopes_seen = contact != nullptr && frame.underside != nullptr && !frame.underside->plain();
+  Slopes slopes;
+  if (slopes_seen)
+    slopes = {std::vector<float>(width), std::vector<float>(width), sights(config, shutter, *contact, *contact_end)};
+
   const NoiseTile& tile = noise_tile();
   const std::int32_t sigma_q8 = to_q8(config.noise_sigma);
   const std::int32_t light_q8 = to_q8(frame.light_levels);
@@ -445,9 +507,11 @@ void render(const PictureConfig& config, const std::array<Channel, kChannels>& c
     for (std::size_t i = 0; i < samples; i += kChannels) {
       for (std::size_t c = 0; c < kChannels; ++c) row[i + c] = columns[i + c] + base[c];
     }
-    if (frame.contact != nullptr) {
-      const Imprint& end = frame.contact_end != nullptr ? *frame.contact_end : *frame.contact;
-      add_imprint(config, channels, between(*frame.contact, end, shutter.middle(y)), y, row);
+    if (contact != nullptr && (frame.underside == nullptr || frame.underside->round())) {
+      add_imprint(config, channels, between(*contact, *contact_end, shutter.middle(y)), y, row);
+    }
+    if (slopes_seen) {
+      add_underside(config, channels, shutter, *frame.underside, *contact, *contact_end, y, slopes, row);
     }
     for (; next < discs.size() && discs[next].first_row <= y; ++next) open.push_back(&discs[next]);
     std::erase_if(open, [y](const Disc* disc) { return disc->last_row < y; });
@@ -509,6 +573,18 @@ Imprint imprint_px(const PictureConfig& config, const ContactState& contact) {
   // a / R of a sphere, which is as deep as a^2 / R.
   if (contact.contact_radius_mm > 0.0) imprint.rim_slope = contact.depth_mm / contact.contact_radius_mm;
   return imprint;
+}
+
+Imprint imprint_px(const PictureConfig& config, const ContactState& contact, Vec2 object_mm, double turn_rad) {
+  Imprint imprint = imprint_px(config, contact);
+  imprint.object = to_px(config, object_mm);
+  imprint.turn_rad = turn_rad;
+  imprint.depth_mm = contact.depth_mm;
+  return imprint;
+}
+
+double lens_sigma_mm(const PictureConfig& config) {
+  return config.edge_softness_px / (kSigmas * config.px_per_mm);
 }
 
 std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const Vec2> rest_mm,

@@ -5,18 +5,19 @@
 // Modelled
 //   * light from three sides (red from below right, green from the left, blue from above right) that
 //     falls off towards the corners; luma is the BT.601 sum of the three
-//   * the imprint: a bulge whose slope rises to the contact's rim and fades at twice its radius, bright
-//     on the side that faces each light
+//   * the imprint, bright on the side that faces each light. Of a smooth sphere, or where no Underside is given: a
+//     round bulge whose slope rises to the contact's rim and fades at twice its radius. Else the slopes of the
+//     Underside: shape, texture and relief of the object, where the object is
 //   * dots as antialiased discs; before rounding to 8 bits their centroid is exact to 0.0003 px, after it to
 //     0.002 px rms at the default contrast
 //   * Gaussian noise of the same sigma in every sample, then rounding and clamping to 8 bits
-//   * as PictureEffects, all off: motion blur and rolling shutter of dots and imprint, dirt, worn dots, lit and
+//   * as PictureEffects, all off: motion blur and rolling shutter of dots, imprint and relief, dirt, worn dots, lit and
 //     shaded rims of dots, dark margins around the gel; drift and flicker as an offset of each frame
 //
 // Not modelled
 //   * the dots' speckle, and ellipses under strain; real corners are darker still
-//   * texture of the object; shadows; lens distortion; Bayer pattern
-//   * blur of the imprint, which is smooth over its whole radius: each row has it as in the middle of its exposure
+//   * shadows; lens distortion; Bayer pattern; blur of edges that stand still, other than those of dots
+//   * blur of the round bulge, which is smooth over its whole radius: each row has it as in the middle of its exposure
 //   * paths that bend or change speed within a frame; flicker within a frame (bands); light that scales, not adds
 //   * worn places that move with the gel: they stay in the picture, as dirt does (the gel moves less than a patch)
 //
@@ -26,6 +27,9 @@
 // Cost of a frame with 63 dots and an imprint (thread CPU time, median of 200, x86-64, other work beside): grey at
 // 410x308 0.37 ms (imprint 0.18, dots 0.1), RGB at 3280x2464 35 ms. Motion over 5 px at 410 columns adds 0.4 ms;
 // all effects together add 0.6 ms, 30 ms at 3280x2464.
+// What an Underside adds, by the contact's radius of 3 and 4 mm: a ball's grain 0.3 and 0.8 ms, its ridges 0.25 and
+// 0.45 ms, a box without relief 0.1 ms, an ellipsoid with bumps 1.0 and 1.7 ms; RGB at 3280x2464 8 to 110 ms. A smooth
+// ball costs what it did.
 //
 // Convention: x right, y down, centre of the top-left pixel = (0, 0), pixels of the picture rendered.
 #pragma once
@@ -35,6 +39,7 @@
 #include <vector>
 
 #include "drivers/sim/scene/contact.hpp"
+#include "drivers/sim/scene/underside.hpp"
 
 namespace holdfast::scene {
 
@@ -83,16 +88,23 @@ struct PictureConfig {
 // The same view in `width` columns: lengths scale, levels and noise stay.
 [[nodiscard]] PictureConfig scaled(PictureConfig config, int width);
 
-// Imprint of the object.
+// Imprint of the object: of the contact, and of the object itself for what an Underside shows.
 struct Imprint {
   PointPx center;
   double radius_px = 0.0;
   double rim_slope = 0.0;  // a / R
+  PointPx object{};        // its origin
+  double turn_rad = 0.0;   // its twist
+  double depth_mm = 0.0;
 };
 
 [[nodiscard]] PointPx to_px(const PictureConfig& config, Vec2 mm);
 // Of no contact: radius 0, which is not drawn.
 [[nodiscard]] Imprint imprint_px(const PictureConfig& config, const ContactState& contact);
+[[nodiscard]] Imprint imprint_px(const PictureConfig& config, const ContactState& contact, Vec2 object_mm,
+                                 double turn_rad);
+// Blur of the dots' rims as a Gaussian, measured on the gel: what an Underside is seen through.
+[[nodiscard]] double lens_sigma_mm(const PictureConfig& config);
 // Places of dots from where they were printed and how far each has moved: as many, or none = they are at rest.
 [[nodiscard]] std::vector<PointPx> dot_centers_px(const PictureConfig& config, std::span<const Vec2> rest_mm,
                                                   std::span<const Vec2> motion_mm = {});
@@ -104,6 +116,7 @@ struct PictureFrame {
   std::span<const PointPx> dots_end{};   // as many, in the same order; empty = they stand still
   const Imprint* contact = nullptr;      // null = none
   const Imprint* contact_end = nullptr;  // null = it stands still
+  const Underside* underside = nullptr;  // null = the imprint is a round bulge
   double light_levels = 0.0;             // added to every sample: drift and flicker
   std::uint64_t seed = 1;                // of the noise
 };

@@ -36,6 +36,7 @@ struct Level {
 struct Object {
   std::string name = "object";
   Shape shape;
+  Relief relief;                           // in the picture alone
   double friction = 0.5;                   // static
   std::optional<double> kinetic_friction;  // the static one unless given
   bool bonded = false;                     // nothing ever slips
@@ -138,6 +139,15 @@ struct Expect {
   friend bool operator==(const Expect&, const Expect&) = default;
 };
 
+// What the firmware aims at in a scene and does not reach yet, of what can be promised there. Said in every run, so
+// that no one takes the promise for the aim; the tests of the gallery refuse one that is reached: it is a promise then.
+struct Goal {
+  std::optional<double> max_delay_ms;
+  std::optional<int> false_alarms;
+  std::string final_state;
+  friend bool operator==(const Goal&, const Goal&) = default;
+};
+
 struct Scene {
   int schema_version = 1;
   std::string name;
@@ -156,6 +166,7 @@ struct Scene {
   std::vector<FaultEvent> faults;
   Picture picture;
   Expect expect;
+  Goal goal;
 };
 
 // What this build can do, by the names that "requires" uses, and the levels that can do it.
@@ -165,7 +176,7 @@ struct Capability {
   std::uint8_t contacts;  // bit k: ContactLevel k can
 };
 inline constexpr std::uint8_t kAllContacts = 0b1111;
-inline constexpr std::array<Capability, 28> kCapabilities{{
+inline constexpr std::array<Capability, 29> kCapabilities{{
     {"press", "markers move under a press", kAllContacts},
     {"shear", "markers move under a drag", kAllContacts},
     {"twist", "the object turns about the normal", kAllContacts},
@@ -186,6 +197,7 @@ inline constexpr std::array<Capability, 28> kCapabilities{{
     {"marker_duplicates", "dots beside dots", kAllContacts},
     {"dirt", "dark specks on the picture", kAllContacts},
     {"fabrication", "dots printed off their place", kAllContacts},
+    {"relief", "a fine relief of the object, which the picture shows", kAllContacts},
     {"pixel_noise", "noise of the picture", kAllContacts},
     {"light", "drift and flicker of the light", kAllContacts},
     {"exposure", "motion blur", kAllContacts},

@@ -142,6 +142,8 @@ constexpr Names kNamesOf<ShapeKind> = kShapeNames;
 template <>
 constexpr Names kNamesOf<TextureKind> = kTextureNames;
 template <>
+constexpr Names kNamesOf<ReliefKind> = kReliefNames;
+template <>
 constexpr Names kNamesOf<Profile> = kProfileNames;
 template <>
 constexpr Names kNamesOf<Fault> = kFaultNames;
@@ -232,16 +234,18 @@ constexpr Access<Scene> kOfWidth{Type::kWhole,
                                    return width == 0 ? Value{} : Value{std::int64_t{width}};
                                  },
                                  kOf<&Scene::picture, &Picture::width>.set};
-constexpr Access<Scene> kOfFinalState{Type::kChoice, kStateNames,
-                                      [](const Scene& scene) {
-                                        const auto* found = std::ranges::find(kStateNames, scene.expect.final_state);
-                                        if (found == kStateNames.end()) return Value{};
-                                        return Value{std::int64_t{found - kStateNames.begin()}};
-                                      },
-                                      [](Scene& scene, const Value& value) {
-                                        const auto index = static_cast<std::size_t>(std::get<std::int64_t>(value));
-                                        scene.expect.final_state = kStateNames[index];
-                                      }};
+// The name of a state; empty = not given.
+template <auto... kPath>
+constexpr Access<Scene> kOfState{Type::kChoice, kStateNames,
+                                 [](const Scene& scene) {
+                                   const auto* found = std::ranges::find(kStateNames, follow<kPath...>(scene));
+                                   if (found == kStateNames.end()) return Value{};
+                                   return Value{std::int64_t{found - kStateNames.begin()}};
+                                 },
+                                 [](Scene& scene, const Value& value) {
+                                   const auto index = static_cast<std::size_t>(std::get<std::int64_t>(value));
+                                   follow<kPath...>(scene) = kStateNames[index];
+                                 }};
 
 constexpr std::array<std::string_view, kShapeNames.size()> kShapeWords{
     "a sphere", "an ellipsoid", "a cylinder", "a cone", "a disc", "a box", "an edge"};
@@ -256,12 +260,19 @@ std::string_view unless_shape(const Scene& scene) {
 std::string_view unless_turnable(const Scene& scene) {
   using enum ShapeKind;
   const Shape& shape = scene.object.shape;
-  if (shape.texture != TextureKind::kNone || (shape.kind == kDisc && shape.tilt_rad != 0.0)) return "";
+  if (shape.texture != TextureKind::kNone || scene.object.relief.kind != ReliefKind::kNone ||
+      (shape.kind == kDisc && shape.tilt_rad != 0.0)) {
+    return "";
+  }
   return unless_shape<kEllipsoid, kCylinder, kBox, kEdge>(scene);
 }
 
 std::string_view unless_textured(const Scene& scene) {
   return scene.object.shape.texture == TextureKind::kNone ? "an object without texture" : "";
+}
+
+std::string_view unless_relieved(const Scene& scene) {
+  return scene.object.relief.kind == ReliefKind::kNone ? "an object without relief" : "";
 }
 
 template <ContactLevel kLevel>
@@ -340,6 +351,12 @@ constexpr auto kSceneFields = std::to_array<Field<Scene>>({
      "from valley to crest", "", 1, false, unless_textured},
     {"object.texture.pitch_mm", kOf<&Scene::object, &Object::shape, &Shape::texture_pitch_mm>, "mm", 0.01, 100,
      "from crest to crest", "", 1, false, unless_textured},
+    {"object.relief.kind", kOf<&Scene::object, &Object::relief, &Relief::kind>, "", 0, 0,
+     "seen in the picture, of no matter to the contact: ridges and bumps as a texture, or random grain", "relief"},
+    {"object.relief.height_um", kOf<&Scene::object, &Object::relief, &Relief::height_um>, "um", 0, 500,
+     "from valley to crest; of grain 4 times its rms", "", 1, false, unless_relieved},
+    {"object.relief.pitch_mm", kOf<&Scene::object, &Object::relief, &Relief::pitch_mm>, "mm", 0.05, 20,
+     "from crest to crest; of grain its mean period", "", 1, false, unless_relieved},
     {"object.friction", kOf<&Scene::object, &Object::friction>, "", 0, 100,
      "static; 0.2 to 1.2 are reported for this gel"},
     {"object.kinetic_friction", kOf<&Scene::object, &Object::kinetic_friction>, "", 0, 100,
@@ -411,8 +428,16 @@ constexpr auto kSceneFields = std::to_array<Field<Scene>>({
      "firmware: slip after the truth's onset"},
     {"expect.false_alarms", kOf<&Scene::expect, &Expect::false_alarms>, "", 0, 1e6,
      "firmware: most rises of slip before the onset, or at all without one"},
-    {"expect.final_state", kOfFinalState, "", 0, 0, "firmware: state after the last frame"},
+    {"expect.final_state", kOfState<&Scene::expect, &Expect::final_state>, "", 0, 0,
+     "firmware: state after the last frame"},
     {"expect.entropy", {}, "", 0, kMostSceneItems, "firmware: mean of E over times"},
+
+    {"goal.max_delay_ms", kOf<&Scene::goal, &Goal::max_delay_ms>, "ms", 0, 1e6,
+     "not reached yet; below the promise of that name"},
+    {"goal.false_alarms", kOf<&Scene::goal, &Goal::false_alarms>, "", 0, 1e6,
+     "not reached yet; below the promise of that name"},
+    {"goal.final_state", kOfState<&Scene::goal, &Goal::final_state>, "", 0, 0,
+     "not reached yet; instead of a promise of that name"},
 });
 
 constexpr auto kWaypointFields = std::to_array<Field<Waypoint>>({
@@ -695,7 +720,8 @@ bool needs_picture(std::string_view path) {
       "effects.dirt_specks",          "effects.light_drift_levels_per_s",
       "effects.light_flicker_levels", "effects.exposure_ms",
       "effects.rolling_shutter_ms",   "effects.worn_gel"};
-  return path.starts_with("picture.") || std::ranges::find(kEffects, path) != kEffects.end();
+  return path.starts_with("picture.") || path.starts_with("object.relief.") ||
+         std::ranges::find(kEffects, path) != kEffects.end();
 }
 
 // --- Tree to scene ---
@@ -717,6 +743,7 @@ class Reader {
     check_trajectory(scene);
     check_mass(scene);
     check_expect(scene);
+    check_goal(scene);
     // A value that could not be read would make a scene that nobody wrote.
     if (problems_.count() == 0) check_capabilities(scene);
     if (problems_.count() == 0) warn(scene);
@@ -1098,7 +1125,7 @@ class Reader {
       window("expect.onset_s", line_at("expect.onset_s"), expect.onset_s->from_s, expect.onset_s->to_s);
     }
     if (expect.no_onset) {
-      for (const std::string path : {"expect.onset_s", "expect.max_delay_ms"}) {
+      for (const std::string path : {"expect.onset_s", "expect.max_delay_ms", "goal.max_delay_ms"}) {
         if (!given(path)) continue;
         problems_.add(line_at(path), "contradicts 'expect.no_onset': true ('" + path + "')", "parts of two scenes",
                       "keep one of the two");
@@ -1115,6 +1142,26 @@ class Reader {
                           shown(entropy.most_nat) + " nat)",
                       "the two were exchanged", "exchange least_nat and most_nat");
       }
+    }
+  }
+
+  // A goal that is no more than what is promised is none.
+  void check_goal(const Scene& scene) {
+    const auto below = [&](const std::string& what, auto goal, auto promise, const std::string& unit) {
+      const std::string path = "goal." + what;
+      if (!goal || !promise || *goal < *promise || !sound({path, "expect." + what})) return;
+      problems_.add(line_at(path),
+                    "the goal asks no more than the promise ('" + path + "': " + shown(*goal) +
+                        "), allowed below 'expect." + what + "', " + shown(*promise) + unit,
+                    "the goal was reached, or the two were exchanged", "give a smaller goal, or leave it out");
+    };
+    below("max_delay_ms", scene.goal.max_delay_ms, scene.expect.max_delay_ms, " ms");
+    below("false_alarms", scene.goal.false_alarms, scene.expect.false_alarms, "");
+    if (!scene.goal.final_state.empty() && !scene.expect.final_state.empty()) {
+      problems_.add(line_at("goal.final_state"),
+                    "a state is promised already ('goal.final_state': \"" + scene.goal.final_state +
+                        "\"; 'expect.final_state': \"" + scene.expect.final_state + "\")",
+                    "the goal was reached, or parts of two scenes", "keep one of the two");
     }
   }
 
@@ -1446,6 +1493,7 @@ std::string describe(const Scene& scene) {
     line("expected", "entropy " + shown(entropy.least_nat) + " .. " + shown(entropy.most_nat) + " nat from " +
                          shown(entropy.from_s) + " s to " + shown(entropy.to_s) + " s");
   }
+  line("goal", words(scene, kSceneFields, "goal.", false));
   return out;
 }
 

@@ -7,6 +7,7 @@
 //     object's x); rounded rims of the flats
 //   * turned about the normal (yaw) and flats off the normal (tilt, about the object's x: first order, as a slope)
 //   * texture: ridges along the object's y, or bumps on a square lattice, as a cosine of given height and pitch
+//   * relief: too fine to matter to the contact, so only pictures have it (underside.hpp)
 //
 // Not modelled
 //   * overhangs, porous or sticky surfaces; deformation of the object (its compliance acts in series, simulation.hpp)
@@ -24,10 +25,12 @@ namespace holdfast::scene {
 
 enum class ShapeKind { kSphere, kEllipsoid, kCylinder, kCone, kDisc, kBox, kEdge };
 enum class TextureKind { kNone, kRidges, kBumps };
+enum class ReliefKind { kNone, kRidges, kBumps, kGrain };
 
 inline constexpr std::array<std::string_view, 7> kShapeNames{"sphere", "ellipsoid", "cylinder", "cone",
                                                              "disc",   "box",       "edge"};
 inline constexpr std::array<std::string_view, 3> kTextureNames{"none", "ridges", "bumps"};
+inline constexpr std::array<std::string_view, 4> kReliefNames{"none", "ridges", "bumps", "grain"};
 
 struct Shape {
   ShapeKind kind = ShapeKind::kSphere;
@@ -44,6 +47,15 @@ struct Shape {
   double texture_pitch_mm = 1.0;
 
   friend bool operator==(const Shape&, const Shape&) = default;
+};
+
+// Ridges and bumps as the texture's; grain is random and the same in all directions.
+struct Relief {
+  ReliefKind kind = ReliefKind::kNone;
+  double height_um = 0.0;  // from valley to crest; of grain 4 times its rms
+  double pitch_mm = 1.0;   // from crest to crest; of grain the period of its rms frequency
+
+  friend bool operator==(const Relief&, const Relief&) = default;
 };
 
 // Height of the object above its lowest point, at a place in its own frame (origin at the place of first touch, before

@@ -307,11 +307,18 @@ const Snapshot& Simulation::next(const Drive& drive) {
   if (open_s > 0.0) {
     s.move(between(s.drive, drive, 1.0 - open_s / dt_s), dt_s - open_s);
     s.observe(dt_s - open_s, out.before_mm);
+    out.object_before_mm = out.object_mm;
+    out.object_before_rad = s.drive.twist_rad;
     rest_s = open_s;
   }
   s.move(drive, rest_s);
   s.observe(rest_s, out.motion_mm);
-  if (!(open_s > 0.0)) out.before_mm = out.motion_mm;
+  out.object_rad = drive.twist_rad;
+  if (!(open_s > 0.0)) {
+    out.before_mm = out.motion_mm;
+    out.object_before_mm = out.object_mm;
+    out.object_before_rad = out.object_rad;
+  }
 
   out.contact = s.touch;
   out.level = slip_level(out.contact.slip_fraction, out.contact.gross);

@@ -7,7 +7,7 @@
 //   * an object with mass that an arm moves through a spring, or that is pulled: stick-slip (semi-implicit Euler)
 //   * creep of the gel as a standard linear solid, u = u_e (1 + g (1 - exp(-t/tau))) for a held load
 //   * dots printed off their place, missing, doubled; noise and loss of marker places
-//   * where the markers were at the start of exposure and readout, for the picture
+//   * where markers and object were at the start of exposure and readout, for the picture
 //
 // Not modelled
 //   * rotation of an object with mass (its twist follows the script); waves in gel or arm
@@ -48,11 +48,15 @@ struct Snapshot {
   double t_s = 0.0;
   ContactState contact;
   Vec2 object_mm;            // where the object is, from its place of first touch
+  double object_rad = 0.0;   // its twist
   double slide_mm_s = 0.0;   // speed of the object against the gel under it, mean since the frame before
   double slide_deg_s = 0.0;  // likewise, turning
   SlipLevel level = SlipLevel::kNone;
   std::vector<Vec2> motion_mm;  // of each marker, true
-  std::vector<Vec2> before_mm;  // the same when exposure or readout began; equal to motion_mm unless the scene has them
+  // When exposure or readout began; as at the frame's end unless the scene has them.
+  std::vector<Vec2> before_mm;
+  Vec2 object_before_mm;
+  double object_before_rad = 0.0;
 };
 
 // Dots as the sensor has them.
