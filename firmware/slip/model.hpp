@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "base/math.hpp"
+#include "slip/score.hpp"
 #include "slip/tree_io.hpp"
 
 namespace holdfast::model {
@@ -38,6 +39,7 @@ struct Tree {
   std::array<char, kNameBytes> name{};            // zero-padded
   std::uint32_t text_crc32 = 0;                   // of the text that it was compiled from
   const FeatureSet* set = &kFeatureSets.front();  // what it reads; never null
+  score::Score score;                             // the marker_score of that set; no terms when the set has none
   int count = 1;                                  // nodes in use
   std::array<Node, kMaxNodes> nodes{};            // root first
 };

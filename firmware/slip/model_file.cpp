@@ -66,6 +66,27 @@ template <typename Integer>
   return Refusal::kNone;
 }
 
+[[nodiscard]] Refusal fill_score(Bytes bytes, model::Tree& tree) {
+  score::Score& score = tree.score;
+  score.count = bytes[kScoreAt];
+  score.bias_q8 = number<std::int32_t>(bytes, kScoreAt + 4);
+  if (score.count > score::kMaxTerms || !is_zero(bytes.subspan(kScoreAt + 1, 3))) return Refusal::kScore;
+  const std::size_t end = kTermsAt + idx(score.count) * kTermBytes;
+  if (!is_zero(bytes.subspan(end, kNodesAt - end))) return Refusal::kScore;
+  for (int i = 0; i < score.count; ++i) {
+    const std::size_t at = kTermsAt + idx(i) * kTermBytes;
+    const auto* const feature =
+        std::ranges::find_if(kFeatures, [&](const FeatureInfo& f) { return is_named(bytes, at, f.name); });
+    if (feature == kFeatures.end() || bytes[at + kNameBytes + 4] != feature->q) return Refusal::kScoreFeature;
+    if (!is_zero(bytes.subspan(at + kNameBytes + 5, 3))) return Refusal::kScore;
+    score.terms[idx(i)] = {static_cast<std::uint8_t>(feature - kFeatures.begin()),
+                           number<std::int16_t>(bytes, at + kNameBytes),
+                           number<std::uint16_t>(bytes, at + kNameBytes + 2)};
+  }
+  const bool agrees = (score.count > 0) == reads(*tree.set, Stage::kScore);
+  return agrees && score::is_valid(score) ? Refusal::kNone : Refusal::kScore;
+}
+
 [[nodiscard]] Refusal fill_nodes(Bytes bytes, model::Tree& tree) {
   tree.count = number<std::uint16_t>(bytes, kNodeCountAt);
   if (tree.count < 3 || tree.count > model::kMaxNodes) return Refusal::kForm;
@@ -135,7 +156,7 @@ Refusal check(const model::Tree& tree) {
 Refusal read(std::span<const std::uint8_t> bytes, model::Tree& tree) {
   tree = {};
   Refusal refusal = check_envelope(bytes);
-  for (const auto fill : {fill_head, fill_set, fill_nodes}) {
+  for (const auto fill : {fill_head, fill_set, fill_score, fill_nodes}) {
     if (refusal == Refusal::kNone) refusal = fill(bytes, tree);
   }
   if (refusal == Refusal::kNone) refusal = check(tree);

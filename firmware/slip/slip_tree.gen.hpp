@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <string_view>
 
+#include "slip/score.hpp"
 #include "slip/tree_io.hpp"
 
 namespace holdfast::slip_tree {
@@ -15,6 +16,7 @@ inline constexpr std::string_view kFeatureSet = "field";
 inline constexpr int kDepth = 16;
 inline constexpr int kNodes = 425;
 inline constexpr std::uint32_t kModelCrc32 = 0x05A31E3B;  // of the model's text
+inline constexpr score::Score kScore{};
 
 [[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, 13>& x) {
   const std::int32_t& reach_um = x[0];

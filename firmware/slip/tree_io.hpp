@@ -20,6 +20,9 @@ namespace holdfast {
 
 enum class Verdict : std::uint8_t { kHold = 0, kSlip = 1 };
 
+// Which stage of pipeline.cpp makes a feature; all but the paper's and the contact are made only for who reads them.
+enum class Stage : std::uint8_t { kAlways, kField, kImprint, kScore };
+
 struct FeatureInfo {
   std::string_view name;  // as in model texts; ends in its unit and Q format
   std::string_view unit;
@@ -27,24 +30,36 @@ struct FeatureInfo {
   std::int32_t min;          // raw range, from base/units.hpp
   std::int32_t max;          //
   bool needs_earlier_frame;  // a rate: unknown on the first frame and after a gap
+  Stage stage;
   std::int32_t (*read)(const Features&);
 };
 
 namespace tree_io_detail {
 
 template <auto Member>
-constexpr FeatureInfo feature(std::string_view name, std::string_view unit, int q, bool needs_earlier_frame) {
+constexpr FeatureInfo feature(std::string_view name, std::string_view unit, int q, bool needs_earlier_frame,
+                              Stage stage = Stage::kAlways) {
   using Type = std::remove_cvref_t<decltype(Features{}.*Member)>;
-  return {name, unit, q, Type::kMin, Type::kMax, needs_earlier_frame, [](const Features& features) {
-            return (features.*Member).raw();
-          }};
+  return {name,       unit,
+          q,          Type::kMin,
+          Type::kMax, needs_earlier_frame,
+          stage,      [](const Features& features) {
+            return (features.*Member).raw(); }};
 }
 
 template <auto Member>
 constexpr FeatureInfo field_feature(std::string_view name, std::string_view unit, int q, bool needs_earlier_frame) {
   using Type = std::remove_cvref_t<decltype(FieldFeatures{}.*Member)>;
-  return {name, unit, q, Type::kMin, Type::kMax, needs_earlier_frame, [](const Features& features) {
+  return {name, unit, q, Type::kMin, Type::kMax, needs_earlier_frame, Stage::kField, [](const Features& features) {
             return (features.field.*Member).raw();
+          }};
+}
+
+template <auto Member>
+constexpr FeatureInfo imprint_feature(std::string_view name, std::string_view unit, int q) {
+  using Type = std::remove_cvref_t<decltype(ImprintFeatures{}.*Member)>;
+  return {name, unit, q, Type::kMin, Type::kMax, false, Stage::kImprint, [](const Features& features) {
+            return (features.imprint.*Member).raw();
           }};
 }
 
@@ -72,8 +87,15 @@ inline constexpr auto kFeatures = std::to_array<FeatureInfo>({
     tree_io_detail::field_feature<&FieldFeatures::flow_steady>("flow_steady_q10", "1", 10, true),
     tree_io_detail::field_feature<&FieldFeatures::dilation_rate>("dilation_rate_ppm_s", "1e-6/s", 0, true),
     tree_io_detail::field_feature<&FieldFeatures::easing>("easing_ppm_s", "1e-6/s", 0, true),
+    // The picture between the dots.
+    tree_io_detail::imprint_feature<&ImprintFeatures::motion_short>("imprint_short_log2_um_q8", "log2(um)", 8),
+    tree_io_detail::imprint_feature<&ImprintFeatures::motion>("imprint_log2_um_q8", "log2(um)", 8),
+    tree_io_detail::imprint_feature<&ImprintFeatures::motion_long>("imprint_long_log2_um_q8", "log2(um)", 8),
+    tree_io_detail::imprint_feature<&ImprintFeatures::patches>("imprint_patches", "1", 0),
+    tree_io_detail::feature<&Features::contact>("contact", "1", 0, false),
+    // Log-odds from the marker features.
+    tree_io_detail::feature<&Features::marker_score>("marker_score_log2_q8", "log2", 8, false, Stage::kScore),
 });
-inline constexpr int kPaperFeatures = 4;  // the first of kFeatures
 inline constexpr int kFeatureCount = static_cast<int>(kFeatures.size());
 
 struct FeatureSet {
@@ -93,6 +115,10 @@ inline constexpr std::array<std::uint8_t, 4> kPaper{0, 1, 2, 3};
 inline constexpr std::array<std::uint8_t, 6> kPaperAndRigid{0, 1, 2, 3, 6, 10};
 inline constexpr std::array<std::uint8_t, 13> kField{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
 inline constexpr std::array<std::uint8_t, 17> kAll{0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
+inline constexpr std::array<std::uint8_t, 1> kScore{23};
+inline constexpr std::array<std::uint8_t, 5> kImprint{18, 19, 20, 21, 22};
+inline constexpr std::array<std::uint8_t, 19> kFused{5,  6,  7,  8,  9,  10, 11, 12, 13, 14,
+                                                     15, 16, 17, 18, 19, 20, 21, 22, 23};
 
 }  // namespace tree_io_detail
 
@@ -102,12 +128,15 @@ inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
     {"paper", tree_io_detail::kPaper},
     {"paper_rigid", tree_io_detail::kPaperAndRigid},  // and the residual from a rigid motion, with its rate
     {"field", tree_io_detail::kField},                // shape and flow of the field, without the paper's four
-    {"all", tree_io_detail::kAll},                    // everything but the plain amount of shear (shift)
+    {"all", tree_io_detail::kAll},                    // all of the markers' but the plain amount of shear (shift)
+    {"score", tree_io_detail::kScore},                // the linear score of the markers' features alone
+    {"imprint", tree_io_detail::kImprint},            // the picture between the dots alone
+    {"fused", tree_io_detail::kFused},                // field, score and imprint
 });
 
-// The set reads something that pipeline.cpp computes only when it is told to.
-[[nodiscard]] constexpr bool reads_field(const FeatureSet& set) {
-  return std::ranges::any_of(set.members, [](std::uint8_t member) { return member >= kPaperFeatures; });
+// The set reads something that this stage makes.
+[[nodiscard]] constexpr bool reads(const FeatureSet& set, Stage stage) {
+  return std::ranges::any_of(set.members, [&](std::uint8_t member) { return kFeatures[member].stage == stage; });
 }
 
 // nullptr: no such set.

@@ -378,6 +378,50 @@ TEST(Evaluate, RecordingsAreCountedBesideTheirSham) {
   LONGS_EQUAL(0, twice.within_10.any);
 }
 
+// Fast is slip on the ball, slow is slip on the box: whoever learned from the one is wrong about the other. A score
+// that had seen both would not be.
+TEST(Evaluate, NoScoreHasSeenWhatItIsJudgedBy) {
+  const Samples samples = objects({"ball", "box"}, 20, [](const Trial& trial, int number, bool slip) {
+    return slip == (trial.object == "ball") ? 2000 + number : 20 + number;
+  });
+  Options options = fast({Kind::kTree, Kind::kKnn});
+  options.sets = {find_feature_set("score")};
+  const Evaluation e = evaluated(samples, options);
+  for (const ObjectsScore& score : e.left_out) {
+    for (const ObjectScore& object : score.objects) DOUBLES_EQUAL(0.0, object.frames.accuracy(), 1e-9);
+  }
+  const Samples alike = objects({"ball", "box"}, 20,
+                                [](const Trial&, int number, bool slip) { return slip ? 2000 + number : 20 + number; });
+  const Evaluation good = evaluated(alike, options);
+  for (const ObjectsScore& score : good.left_out) {
+    for (const ObjectScore& object : score.objects) DOUBLES_EQUAL(1.0, object.frames.accuracy(), 1e-9);
+  }
+  for (const FiveFoldScore& score : good.five_fold) DOUBLES_EQUAL(1.0, score.by_trial.accuracy.mean, 1e-9);
+  // Trained on the one object, judged by the recordings of the other.
+  const Samples data = objects({"ball", "duck"}, 20,
+                               [](const Trial&, int number, bool slip) { return slip ? 2000 + number : 20 + number; });
+  const Evaluation recorded = evaluated(data, options, &samples);
+  for (const RecordedScore& score : recorded.recorded) {
+    const double wrong = score.trained == "the data set" ? 0.5 : 0.0;  // the box's rows, or all
+    DOUBLES_EQUAL(wrong, score.frames.accuracy(), 1e-9);
+  }
+}
+
+TEST(Evaluate, AGivenModelIsJudgedByItsOwnScore) {
+  treec::Model model;
+  CHECK(
+      !treec::parse("format 1\nname fast\nfeature_set score\nfeature marker_score_log2_q8 log2 Q8\n"
+                    "score bias_q8 -2048\nscore vx_um_s weight_q8 256 offset 1\n"
+                    "node 0: marker_score_log2_q8 <= 0 ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n",
+                    model));
+  CHECK(!treec::check(model));
+  const auto paint = [](const Trial&, int number, bool slip) { return slip ? -2000 - number : 20 + number; };
+  Options options = fast({Kind::kTree});
+  options.models.push_back({"fast", treec::to_table(model)});
+  const Evaluation e = evaluated(objects(kThree, 10, paint), options);
+  for (const ObjectScore& object : e.models.front().objects) DOUBLES_EQUAL(1.0, object.frames.accuracy(), 1e-9);
+}
+
 TEST(Evaluate, SaysWhatIsWrongWithTheData) {
   const Samples good = objects(kThree, 10, told_apart);
   STRCMP_EQUAL("", refusal(good, fast({Kind::kTree})).c_str());
@@ -547,6 +591,18 @@ TEST(Evaluate, CommandWritesEverythingTwiceTheSame) {
     STRCMP_CONTAINS("may have been trained on these very rows", page.c_str());
   }
   CHECK(seen[0] == seen[1]);
+}
+
+TEST(Evaluate, UnlessAskedItLooksAtTheMarkersAlone) {
+  const std::string data = file("data.csv", objects(kThree, 10, told_apart));
+  const std::string json = (folder / "all.json").string();
+  const test::Finished run = test::run({kTool, "evaluate", data, "--json", json, "--seeds", "1", "--quick", "--kinds",
+                                        "tree", "--min-leaf", "5", "--without", "unseen,events,curve,tsne"});
+  STRCMP_EQUAL("", run.err.c_str());
+  std::vector<std::string> sets;
+  const auto tables = nlohmann::json::parse(test::read_file(json))["tables"];
+  for (const auto& row : tables["table1"]) sets.push_back(row["set"].get<std::string>());
+  CHECK((sets == std::vector<std::string>{"velocity", "entropy", "paper", "paper_rigid", "field", "all"}));
 }
 
 TEST(Evaluate, CommandRefusesInOneLineAndWritesNothing) {

@@ -83,12 +83,15 @@ void print(const treec::Model& model, const CompileOptions& options, const std::
       read.push_back(model.features[i].name);
     }
   }
+  std::vector<std::string> scored;
+  for (const treec::ScoreTerm& term : model.score.terms) scored.push_back(term.feature);
   const std::string crc = fmt::format("{:08X}", model.text_crc32);
   if (options.json) {
     nlohmann::json out;
     out["name"] = model.name;
     out["feature_set"] = model.feature_set;
     out["features_read"] = read;
+    if (!scored.empty()) out["score_reads"] = scored;
     out["nodes"] = model.nodes.size();
     out["leaves"] = leaves;
     out["depth"] = treec::depth(model);
@@ -99,6 +102,7 @@ void print(const treec::Model& model, const CompileOptions& options, const std::
   }
   fmt::print("model     {}, CRC-32 of its text {}\n", model.name, crc);
   fmt::print("reads     {} of the set {}\n", fmt::join(read, ", "), model.feature_set);
+  if (!scored.empty()) fmt::print("score     of {}\n", fmt::join(scored, ", "));
   fmt::print("shape     {} nodes, {} leaves, at most {} predicates a frame\n", model.nodes.size(), leaves,
              treec::depth(model));
   for (const Output& output : outputs) {

@@ -130,8 +130,10 @@ std::string names_of(const std::vector<Item>& items, const Name& name) {
 
 // The options of the work from those of the command line. Empty, or an error line.
 std::string settle(const EvaluateOptions& asked, learn::Options& options) {
+  // The paper's way to look at grasps: by the markers alone, each feature for itself. The others on request.
   for (const FeatureSet& set : kFeatureSets) {
-    if (asked.sets.empty()) options.sets.push_back(&set);
+    const bool markers = !reads(set, Stage::kImprint) && !reads(set, Stage::kScore);
+    if (asked.sets.empty() && markers) options.sets.push_back(&set);
   }
   for (const std::string& name : asked.sets) {
     const FeatureSet* set = find_feature_set(name);
@@ -330,7 +332,10 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--seeds", options->seeds, "repetitions with other folds: intervals are over these")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  command->add_option("--sets", options->sets, "sets of features, as entropy,paper; all unless given")->delimiter(',');
+  command
+      ->add_option("--sets", options->sets,
+                   "sets of features, as entropy,paper; unless given, all that read neither score nor imprint")
+      ->delimiter(',');
   command
       ->add_option("--kinds", options->kinds,
                    "classifiers, as tree,knn; all in Table I, knn and tree elsewhere unless given")

@@ -14,6 +14,7 @@
 
 #include "drivers/sim/scene/paper.hpp"
 #include "drivers/sim/scene/random.hpp"
+#include "toolchain/learn/score.hpp"
 #include "toolchain/learn/splits.hpp"
 
 namespace holdfast::learn {
@@ -496,32 +497,40 @@ class Work {
     return settings;
   }
 
-  [[nodiscard]] std::unique_ptr<Learner> fitted(const Samples& samples, const FeatureSet& set, const Settings& settings,
-                                                std::vector<int> rows, Outcome& error) const {
+  // What was learned from some rows: a set's score goes with its classifier.
+  struct Fitted {
+    std::unique_ptr<Learner> learner;
+    score::Score score;
+  };
+
+  Outcome fit(const Samples& samples, const FeatureSet& set, const Settings& settings, std::vector<int> rows,
+              Fitted& fitted) const {
     if (settings.kind == Kind::kSvm) rows = draw(std::move(rows), options_.svm_rows, settings.seed);
-    std::unique_ptr<Learner> learner = make_learner(settings);
-    error = learner->fit(matrix_of_rows(samples, set, rows));
-    if (error) {
-      error = fmt::format(
-          "{} on {}: {}. Likely cause: too few grasps, or all of one kind. Next: make data with grasps that slip and "
-          "grasps that hold, of every object",
-          name_of(settings.kind), set.name, *error);
-    }
-    return learner;
+    fitted.learner = make_learner(settings);
+    Matrix train = matrix_of_rows(samples, set, rows);
+    Outcome error = fit_and_fill(samples, settings, train, fitted.score);
+    if (!error) error = fitted.learner->fit(train);
+    if (!error) return std::nullopt;
+    return fmt::format(
+        "{} on {}: {}. Likely cause: too few grasps, or all of one kind. Next: make data with grasps that slip and "
+        "grasps that hold, of every object",
+        name_of(settings.kind), set.name, *error);
   }
 
   Outcome fit_and_judge(const Samples& samples, const FeatureSet& set, const Settings& settings,
                         const std::vector<int>& train, const std::vector<int>& test, Verdicts& verdicts) {
-    Outcome error;
-    const std::unique_ptr<Learner> learner = fitted(samples, set, settings, train, error);
+    Fitted fitted;
+    Outcome error = fit(samples, set, settings, train, fitted);
     if (error || test.empty()) return error;
-    judge(samples, set, *learner, test, verdicts);
+    judge(samples, set, fitted, test, verdicts);
     return std::nullopt;
   }
 
-  static void judge(const Samples& samples, const FeatureSet& set, const Learner& learner, const std::vector<int>& test,
+  static void judge(const Samples& samples, const FeatureSet& set, const Fitted& fitted, const std::vector<int>& test,
                     Verdicts& verdicts) {
-    const std::vector<std::uint8_t> said = learner.predict(matrix_of_rows(samples, set, test));
+    Matrix rows = matrix_of_rows(samples, set, test);
+    fill_score(samples, fitted.score, rows);
+    const std::vector<std::uint8_t> said = fitted.learner->predict(rows);
     for (std::size_t i = 0; i < test.size(); ++i) verdicts[static_cast<std::size_t>(test[i])] = said[i];
   }
 
@@ -540,6 +549,7 @@ class Work {
       add("|V|", [x, y](const Features& f) { return std::hypot(f[x], f[y]); });
     }
     for (std::size_t i = 0; i < kFeatures.size(); ++i) {
+      if (kFeatures[i].stage == Stage::kScore) continue;  // of a model, not of a row
       const std::string name(kFeatures[i].name);
       add(name, [i](const Features& f) { return static_cast<double>(f[i]); });
       const bool is_signed = std::any_of(rows.begin(), rows.end(),
@@ -639,8 +649,9 @@ class Work {
     Verdicts verdicts;
     std::vector<std::int32_t> x(static_cast<std::size_t>(model.tree.set->size()));
     for (const Row& row : samples.rows) {
+      const Features seen = seen_by(model.tree.score, row.x);
       std::transform(model.tree.set->members.begin(), model.tree.set->members.end(), x.begin(),
-                     [&](std::uint8_t member) { return row.x[member]; });
+                     [&](std::uint8_t member) { return seen[member]; });
       verdicts.push_back(model::evaluate(model.tree, x) == Verdict::kSlip ? 1 : 0);
     }
     return verdicts;
@@ -681,10 +692,11 @@ class Work {
       return "recordings, " + *error;
     }
     add_recorded(std::string(set.name), "recordings of the other objects", verdicts);
-    Outcome error;
-    const auto learner = fitted(samples_, set, settings(Kind::kTree, 1), rows_of(samples_, known_, true), error);
-    if (error) return error;
-    judge(*recorded_, set, *learner, rows_of(*recorded_, clips_, false), verdicts);
+    Fitted fitted;
+    if (auto error = fit(samples_, set, settings(Kind::kTree, 1), rows_of(samples_, known_, true), fitted)) {
+      return error;
+    }
+    judge(*recorded_, set, fitted, rows_of(*recorded_, clips_, false), verdicts);
     add_recorded(std::string(set.name), "the data set", verdicts);
     return std::nullopt;
   }
@@ -715,13 +727,13 @@ class Work {
     };
     for (const Kind kind : options_.kinds) {
       if (!go_on()) return std::nullopt;
-      Outcome error;
-      const auto learner = fitted(samples_, set, settings(kind, 1), train, error);
-      if (error) return error;
+      Fitted fitted;
+      if (auto error = fit(samples_, set, settings(kind, 1), train, fitted)) return error;
+      for (Matrix& row : single) fill_score(samples_, fitted.score, row);
       long slips = 0;  // used, so that nothing is optimised away
-      const double us = median_us(1, [&](const Matrix& row) { slips += learner->predict(row).front(); });
+      const double us = median_us(1, [&](const Matrix& row) { slips += fitted.learner->predict(row).front(); });
       out_.timing.push_back({std::string(name_of(kind)), us});
-      if (const auto tree = learner->tree(); kind == Kind::kTree && tree) {
+      if (const auto tree = fitted.learner->tree(); kind == Kind::kTree && tree) {
         const model::Tree table = treec::to_table(*tree);
         volatile std::uint8_t last = 0;
         const double table_us =

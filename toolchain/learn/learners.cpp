@@ -22,22 +22,6 @@ namespace {
 
 using Error = std::optional<std::string>;
 
-// Nothing, or why no classifier can learn from these rows.
-Error unfit(const Matrix& rows) {
-  if (rows.height() == 0) return "there are no rows to learn from";
-  if (!rows.weight.empty() && rows.weight.size() != rows.slip.size()) return "not every row has a weight";
-  std::array<double, 2> weight{};
-  for (int i = 0; i < rows.height(); ++i) {
-    const double w = rows.weight.empty() ? 1.0 : static_cast<double>(rows.weight[idx(i)]);
-    if (!std::isfinite(w) || w < 0.0) return "a row's weight is negative or not finite";
-    weight[rows.slip[idx(i)] != 0 ? 1 : 0] += w;
-  }
-  if (weight[0] > 0.0 && weight[1] > 0.0) return std::nullopt;
-  return weight[1] > 0.0   ? "all rows are slip: one class cannot be told from nothing"
-         : weight[0] > 0.0 ? "all rows are hold: one class cannot be told from nothing"
-                           : "all rows weigh nothing";
-}
-
 struct ClassWeights {
   double hold = 1.0;
   double slip = 1.0;
@@ -128,13 +112,10 @@ cv::Mat labels_of(const Matrix& rows) {
   return out;
 }
 
-cv::Mat weights_of(const Matrix& rows, const ClassWeights& weights) {
+cv::Mat weights_of(const Matrix& rows, const Settings& settings) {
+  const std::vector<double> weights = row_weights(settings, rows);
   cv::Mat out(rows.height(), 1, CV_32F);
-  for (int i = 0; i < rows.height(); ++i) {
-    const double of_class = rows.slip[idx(i)] != 0 ? weights.slip : weights.hold;
-    const double of_row = rows.weight.empty() ? 1.0 : static_cast<double>(rows.weight[idx(i)]);
-    out.at<float>(i) = static_cast<float>(of_class * of_row);
-  }
+  for (int i = 0; i < rows.height(); ++i) out.at<float>(i) = static_cast<float>(weights[idx(i)]);
   return out;
 }
 
@@ -180,7 +161,7 @@ class OpenCvLearner : public Learner {
   // Rows with their weights; not for SVM and k-NN.
   [[nodiscard]] cv::Ptr<cv::ml::TrainData> sample_of(const Matrix& rows) const {
     return cv::ml::TrainData::create(columns().of(rows), cv::ml::ROW_SAMPLE, labels_of(rows), cv::noArray(),
-                                     cv::noArray(), weights_of(rows, class_weights(settings_, rows)));
+                                     cv::noArray(), weights_of(rows, settings_));
   }
 
  private:
@@ -326,6 +307,31 @@ constexpr std::array<std::pair<Kind, std::string_view>, 5> kKinds{{{Kind::kTreeC
                                                                    {Kind::kTree, "tree"}}};
 
 }  // namespace
+
+std::optional<std::string> unfit(const Matrix& rows) {
+  if (rows.height() == 0) return "there are no rows to learn from";
+  if (!rows.weight.empty() && rows.weight.size() != rows.slip.size()) return "not every row has a weight";
+  std::array<double, 2> weight{};
+  for (int i = 0; i < rows.height(); ++i) {
+    const double w = rows.weight.empty() ? 1.0 : static_cast<double>(rows.weight[idx(i)]);
+    if (!std::isfinite(w) || w < 0.0) return "a row's weight is negative or not finite";
+    weight[rows.slip[idx(i)] != 0 ? 1 : 0] += w;
+  }
+  if (weight[0] > 0.0 && weight[1] > 0.0) return std::nullopt;
+  return weight[1] > 0.0   ? "all rows are slip: one class cannot be told from nothing"
+         : weight[0] > 0.0 ? "all rows are hold: one class cannot be told from nothing"
+                           : "all rows weigh nothing";
+}
+
+std::vector<double> row_weights(const Settings& settings, const Matrix& rows) {
+  const ClassWeights weights = class_weights(settings, rows);
+  std::vector<double> out(rows.slip.size());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const double of_class = rows.slip[i] != 0 ? weights.slip : weights.hold;
+    out[i] = of_class * (rows.weight.empty() ? 1.0 : static_cast<double>(rows.weight[i]));
+  }
+  return out;
+}
 
 Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials, double recorded_weight,
                  bool with_empty) {

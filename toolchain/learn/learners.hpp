@@ -43,6 +43,7 @@ struct Matrix {
 // The judged rows of these trials (indices of Samples::trials). `recorded_weight`: of a row of a recording beside a
 // simulated one; there are hundreds of simulated rows for one recorded. `with_empty`: and those of the empty gel, as
 // hold.
+// marker_score is what the samples say, which is nothing: score.hpp fills it.
 [[nodiscard]] Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials,
                                double recorded_weight = 1.0, bool with_empty = false);
 
@@ -67,6 +68,12 @@ struct Settings {
   double svm_gamma = 0.0;  // 0: one over the number of features
   int neighbours = 1;      // knn
 };
+
+// Nothing, or why no classifier can learn from these rows: no rows, one class only, weights that are none.
+[[nodiscard]] std::optional<std::string> unfit(const Matrix& rows);
+
+// What each row weighs in learning: its own weight times its class's. Range: rows that are not unfit.
+[[nodiscard]] std::vector<double> row_weights(const Settings& settings, const Matrix& rows);
 
 class Learner {
  public:
