@@ -239,7 +239,7 @@ Status update(State& state, const Config& config, const LumaView& luma) {
   keep_order(state);
   const bool jumped =
       !state.names_sure || lost_count(state) - lost_before >= config.lost_to_search || outer_line_lost(state);
-  if (!jumped) {
+  if (!jumped && lost_count(state) > 0) {
     look_for_lost(state, config, luma);
     keep_order(state);
   }
