@@ -17,7 +17,9 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size) {
   config.features.max_gap = Micros{std::int64_t{params.max_gap_ms} * 1000};
   config.field.pitch_um = params.pitch_um;
   config.field.max_gap = config.features.max_gap;
+  config.imprint.pitch_um = params.pitch_um;
   config.with_field = config.with_field || params.all_features != 0;
+  config.with_imprint = config.with_imprint || params.all_features != 0;
   config.decision.raise_frames = params.raise_frames;
   config.decision.hold = Micros{std::int64_t{params.hold_ms} * 1000};
   config.fault_markers_pct = params.fault_markers_pct;
@@ -42,7 +44,13 @@ Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   config_ = pipeline_config(params, auto_size);
   config_.classifier.loaded = tree_;
-  if (tree_ != nullptr) config_.with_field = params.all_features != 0 || reads_field(*tree_->set);
+  if (tree_ != nullptr) {
+    const auto makes = [&](Stage stage) {
+      return params.all_features != 0 || classifier::needs(config_.classifier, stage);
+    };
+    config_.with_field = makes(Stage::kField);
+    config_.with_imprint = makes(Stage::kImprint);
+  }
   supervisor_config_ = supervisor_config(params);
   if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
@@ -58,6 +66,10 @@ Status App::start(const Params& params, bool auto_size) {
 Status App::learn(const Params& params, const hal::Frame& frame, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   return pipeline::learn(state_, pipeline_config(params, auto_size), devices_.jpeg, frame);
+}
+
+Status App::learn_more(const Params& params, const hal::Frame& frame) {
+  return pipeline::learn_more(state_, pipeline_config(params), devices_.jpeg, frame);
 }
 
 bool App::step() {

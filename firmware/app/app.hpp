@@ -48,6 +48,9 @@ class App {
   // the camera are.
   [[nodiscard]] Status learn(const Params& params, const hal::Frame& frame, bool auto_size = false);
 
+  // After learn(): one more picture of the same gel, so that its noise is known.
+  [[nodiscard]] Status learn_more(const Params& params, const hal::Frame& frame);
+
   // Waits for one frame at most kFrameWait, decides, signals. false: the stream has ended.
   [[nodiscard]] bool step();
 

@@ -30,7 +30,7 @@ Result rejected(const State& state, Result out, Status why) {
   return out;
 }
 
-[[nodiscard]] Result feel(State& state, const Config& config, Result out);
+[[nodiscard]] Result feel(State& state, const Config& config, const LumaView* luma, Result out);
 [[nodiscard]] Result judge(State& state, const Config& config, Result out);
 
 }  // namespace
@@ -44,13 +44,20 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
     return rejected(state, out, s);
   }
   if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) return rejected(state, out, s);
-  return feel(state, config, out);
+  return feel(state, config, config.with_imprint ? &luma : nullptr, out);
 }
 
 namespace {
 
-// Feel: markers to features.
-Result feel(State& state, const Config& config, Result out) {
+// The picture of the gel, as the rest position's is learned: nobody touches it then.
+void learn_empty(State& state, const Config& config, const LumaView& luma, const MarkerField& markers,
+                 const MarkerField& rest, Micros now) {
+  (void)imprint::update(state.imprint, config.imprint, luma, markers, rest, reference::pitch_of(rest), true, now,
+                        state.saturations);
+}
+
+// Feel: markers, and the picture between them where there is one, to features.
+Result feel(State& state, const Config& config, const LumaView* luma, Result out) {
   const MarkerField& field = state.tracker.field;
   out.grid = field.grid;
   out.markers = field.valid_count();
@@ -60,8 +67,15 @@ Result feel(State& state, const Config& config, Result out) {
     tracker::set_home(state.tracker, state.reference.rest);
     features::forget(state.features);
     field_features::forget(state.field);
+    contact::forget(state.contact);
+    imprint::place_again(state.imprint);
   }
-  if (!state.reference.known) return out;
+  if (!state.reference.known) {
+    if (luma == nullptr) return out;
+    if (state.reference.count == 1) imprint::forget(state.imprint);
+    learn_empty(state, config, *luma, field, state.reference.first, out.timestamp);
+    return out;
+  }
 
   displacement::update(config.displacement, field, state.reference.rest, state.reference.pitch, state.saturations,
                        state.displacement);
@@ -71,13 +85,23 @@ Result feel(State& state, const Config& config, Result out) {
     out.features.field =
         field_features::update(state.field, config.field, state.displacement, out.timestamp, state.saturations);
   }
+  if (luma != nullptr) {
+    out.features.imprint =
+        imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
+                        state.contact.empty, out.timestamp, state.saturations);
+  }
+  out.contact =
+      contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches, out.timestamp);
+  out.features.contact = Count::from_raw(out.contact.touching ? 1 : 0);
   return judge(state, config, out);
 }
 
-// Judge: features to request.
+// Judge: features to request. Nothing slips that does not touch.
 Result judge(State& state, const Config& config, Result out) {
   out.referenced = true;
-  out.verdict = classifier::classify(config.classifier, out.features);
+  const bool touching = out.features.contact.raw() != 0;
+  classifier::complete(config.classifier, out.features, state.saturations);
+  out.verdict = touching ? classifier::classify(config.classifier, out.features) : Verdict::kHold;
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);
   return out;
 }
@@ -89,7 +113,7 @@ Result update_markers(State& state, const Config& config, const MarkerField& fie
   const Result out = stamped(timestamp, sequence);
   if (const Status s = in_order(state, timestamp); !s.ok()) return rejected(state, out, s);
   state.tracker.field = field;
-  return feel(state, config, out);
+  return feel(state, config, nullptr, out);
 }
 
 Result update_features(State& state, const Config& config, const Features& features, GridSize grid, Micros timestamp,
@@ -113,6 +137,19 @@ Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::F
   single.frames = 1;
   if (!reference::update(state.reference, single, state.tracker.field)) return {Reason::kNoLattice};
   tracker::set_home(state.tracker, state.reference.rest);
+  if (config.with_imprint) {
+    learn_empty(state, config, luma, state.tracker.field, state.reference.rest, frame.timestamp);
+  }
+  return kOkStatus;
+}
+
+// No tracking: the gel is still, and what follows starts from learn()'s frame all the same.
+Status learn_more(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame) {
+  if (!state.reference.known) return {Reason::kNoLattice};
+  LumaView luma;
+  if (const Status s = luma_input::update(state.luma, config.luma, jpeg, frame, luma); !s.ok()) return s;
+  const MarkerField& rest = state.reference.rest;
+  if (config.with_imprint) learn_empty(state, config, luma, rest, rest, frame.timestamp);
   return kOkStatus;
 }
 
@@ -120,6 +157,8 @@ void tare(State& state) {
   reference::forget(state.reference);
   features::forget(state.features);
   field_features::forget(state.field);
+  imprint::forget(state.imprint);
+  contact::forget(state.contact);
   state.decision = {};
 }
 

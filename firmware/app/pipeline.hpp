@@ -8,9 +8,11 @@
 #include "hal/camera.hpp"
 #include "slip/classifier.hpp"
 #include "slip/decision.hpp"
+#include "tactile/contact.hpp"
 #include "tactile/displacement.hpp"
 #include "tactile/features.hpp"
 #include "tactile/field_features.hpp"
+#include "tactile/imprint.hpp"
 #include "tactile/reference.hpp"
 #include "tactile/types.hpp"
 #include "vision/jpeg.hpp"
@@ -26,7 +28,11 @@ struct Config {
   displacement::Config displacement;
   features::Config features;
   field_features::Config field;
-  bool with_field = reads_field(classifier::kCompiledSet);  // compute Features::field; price: see frame_cost
+  imprint::Config imprint;
+  contact::Config contact;
+  // Compute Features::field and Features::imprint; price: see frame_cost.
+  bool with_field = reads(classifier::kCompiledSet, Stage::kField);
+  bool with_imprint = reads(classifier::kCompiledSet, Stage::kImprint);
   classifier::Config classifier;
   decision::Config decision;
   // Fewer valid markers than this share of the grid: the frame tells nothing about the grip.
@@ -41,6 +47,8 @@ struct State {
   DisplacementField displacement;
   features::State features;
   field_features::State field;
+  imprint::State imprint;
+  contact::State contact;
   decision::State decision;
   Saturations saturations;
   Micros last_timestamp{};
@@ -56,6 +64,7 @@ struct Result {
   int markers = 0;          // valid now
   GridSize grid;
   Features features;
+  contact::Contact contact;
   Verdict verdict = Verdict::kHold;
   GripRequest request = GripRequest::kHold;  // kept from the frame before when this one is rejected
 };
@@ -72,6 +81,9 @@ struct Result {
 // Takes this one frame as the picture of the empty gel (tool `holdfast replay --reference`): registers the lattice
 // anew and learns the rest position from it.
 [[nodiscard]] Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
+// After learn(): one more picture of the same empty gel, in the order of time, so that its noise is known too. The rest
+// position stays.
+[[nodiscard]] Status learn_more(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
 
 // Forgets the rest position (TARE): the next still frames teach it anew.
 void tare(State& state);

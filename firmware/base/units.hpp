@@ -89,6 +89,10 @@ struct ShareQ10 {
 struct Log2Q8 {
   static constexpr std::int32_t kMin = -(32 << 8), kMax = 32 << 8;
 };
+// Patches of the gel, or a yes (1) or no (0). Four patches lie around each of kMaxMarkers.
+struct Count {
+  static constexpr std::int32_t kMin = 0, kMax = 512;
+};
 // Entropy in nat, 1/65536. 15 bins allow at most ln 15 = 2.708 nat; 0..4 leaves room for the sum's rounding.
 struct NatsQ16 {
   static constexpr std::int32_t kMin = 0, kMax = 4 << 16;
@@ -107,6 +111,7 @@ using MicrometresQ4 = Quantity<unit::MicrometresQ4>;
 using StrainPpmPerSec = Quantity<unit::StrainPpmPerSec>;
 using ShareQ10 = Quantity<unit::ShareQ10>;
 using Log2Q8 = Quantity<unit::Log2Q8>;
+using Count = Quantity<unit::Count>;
 using NatsQ16 = Quantity<unit::NatsQ16>;
 using NatsPerSecQ8 = Quantity<unit::NatsPerSecQ8>;
 

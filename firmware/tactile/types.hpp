@@ -43,6 +43,15 @@ struct FieldFeatures {
   StrainPpmPerSec easing;           // largest closing of late, fading: a grip that loosens
 };
 
+// How far the object's imprint moved against the gel (imprint.hpp), as log2 of um. 0 = nothing moved, no texture, or no
+// picture that long ago; `patches` tells how much the figures stand on.
+struct ImprintFeatures {
+  Log2Q8 motion_short;  // over 0.12 s
+  Log2Q8 motion;        // over 0.24 s
+  Log2Q8 motion_long;   // over 0.48 s
+  Count patches;        // in which something is pressed into the gel
+};
+
 // The paper's features. Shape of the histogram: count of markers per bin of abs(D) over [0, R).
 struct Features {
   MicrometresPerSec vx;
@@ -53,7 +62,10 @@ struct Features {
   bool rates_valid = false;  // false on the first frame and after a gap: vx, vy and entropy_rate are 0
   bool gap = false;          // too long since the frame before
   std::array<std::uint8_t, kHistogramBins> histogram{};
-  FieldFeatures field;  // all 0 unless the pipeline was told to compute them
+  FieldFeatures field;      // all 0 unless the pipeline was told to compute them
+  ImprintFeatures imprint;  // likewise
+  Count contact;            // 1: something touches the gel (contact.hpp)
+  Log2Q8 marker_score;      // log-odds of slip by the model's linear score (slip/score.hpp); 0 without one
 };
 
 }  // namespace holdfast

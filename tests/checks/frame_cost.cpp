@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// frame_cost paper|field N: with the paper's features, or with those of the field as well. N frames of a moving gel
-// through the pipeline, from luma to decision; for the instruction counter. The pictures are rendered before the first
-// frame and shown in turn, so N changes nothing but the number of frames.
+// frame_cost paper|field|imprint N: with the paper's features, with those of the field as well, or with those and the
+// imprint. N frames of a moving gel through the pipeline, from luma to decision; for the instruction counter. The
+// pictures are rendered before the first frame and shown in turn, so N changes nothing but the number of frames.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -49,14 +49,15 @@ holdfast::scene::Scene shaken() {
 int main(int argc, char** argv) {
   using namespace holdfast;
   if (argc != 3) return 2;
-  const bool with_field = std::string_view(argv[1]) == "field";
+  const std::string_view with = argv[1];
   const long frames = std::atol(argv[2]);
   // The working image of the camera in mode fast: 410 pixels wide.
   const test::ScenePictures film = test::film(shaken(), scene::scaled(scene::camera_3280x2464(), 410));
   NoJpeg jpeg;
   const auto state = std::make_unique<pipeline::State>();
   pipeline::Config config = pipeline_config(Params{});
-  config.with_field = with_field;
+  config.with_field = with != "paper";
+  config.with_imprint = with == "imprint";
   long accepted = 0;
   for (long i = 0; i < frames; ++i) {
     const LumaView& view = film.views[static_cast<std::size_t>(i) % film.views.size()];

@@ -19,6 +19,7 @@
 #include "drivers/sim/scene/render.hpp"
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
+#include "slip/model_file.hpp"
 #include "slip/slip_tree.gen.hpp"
 #include "slip/tree_io.hpp"
 #include "tests/support/host_process.hpp"
@@ -42,7 +43,8 @@ constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 constexpr const char* kScene = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
 const std::string kFirstSet(kFeatureSets.front().name);
 constexpr const char* kFeaturesHeader =
-    "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok";
+    "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
+    "imprint_patches,imprint_um";
 constexpr const char* kMarkersHeader = "frame,row,col,valid,x_px,y_px,dx_px,dy_px";
 
 // A grasp seen by one camera. Frame 0 shows the empty gel, the others the object being pulled.
@@ -376,6 +378,7 @@ TEST(Tool, DecidesWithAModelOfAnySetInEitherForm) {
       text += "feature " + std::string(set[i].name) + " " + std::string(set[i].unit) + " Q" + std::to_string(set[i].q) +
               "\n";
     }
+    if (reads(set, Stage::kScore)) text += "score bias_q8 0\nscore vx_um_s weight_q8 256 offset 64\n";
     text += "node 0: " + std::string(set[set.size() - 1].name) + " <= " + std::to_string(set[set.size() - 1].max - 1) +
             " ? 1 : 2\nleaf 1: slip\nleaf 2: hold\n";
     write_file(dir / (name + ".tree"), text);
@@ -408,7 +411,7 @@ TEST(Tool, CompilesAModel) {
   const std::string header = read_file(HOLDFAST_SOURCE_DIR "/firmware/slip/slip_tree.gen.hpp");
   const Finished done = succeed({"compile", model, "--header", in("t.hpp"), "--binary", in("t.model"), "--json"});
   CHECK(read_file(dir / "t.hpp") == header);
-  LONGS_EQUAL(5296, fs::file_size(dir / "t.model"));
+  LONGS_EQUAL(model_file::kBytes, fs::file_size(dir / "t.model"));
   const auto summary = nlohmann::json::parse(done.out);
   CHECK(summary["name"] == slip_tree::kName);
   CHECK(summary["feature_set"] == slip_tree::kFeatureSet);
@@ -538,13 +541,14 @@ TEST(Tool, FeaturesHaveARowForEachFrame) {
   LONGS_EQUAL(5, features.rows.size());
   for (std::size_t i = 0; i < features.rows.size(); ++i) {
     const Words& row = features.rows[i];
-    LONGS_EQUAL(11, row.size());
+    LONGS_EQUAL(14, row.size());
     LONGS_EQUAL(i, std::stol(row[0]));
     DOUBLES_EQUAL(static_cast<double>(i) / 25, std::stod(row[1]), 1e-6);  // no time in the stream: 25 fps
     for (const std::size_t always : {2U, 3U, 9U, 10U}) CHECK(!row[always].empty());
     for (std::size_t figure = 4; figure < 9; ++figure) LONGS_EQUAL(i == 2, row[figure].empty());
     STRCMP_EQUAL(i == 2 ? "jpeg_damaged" : row[9] == "1" ? "slip" : "none", row[3].c_str());
     for (const std::size_t bit : {9U, 10U}) CHECK(row[bit] == "0" || row[bit] == "1");
+    CHECK(i == 2 ? row[11].empty() : row[11] == "0" || row[11] == "1");
   }
   // All rows of markers too; those of the rejected frame say nothing.
   const Table markers = read_csv(dir / "m.csv");

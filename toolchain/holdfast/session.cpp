@@ -5,6 +5,7 @@
 #include <fmt/ostream.h>
 
 #include <algorithm>
+#include <cmath>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
@@ -93,7 +94,8 @@ Session::Session(SessionInfo info, OutputPaths paths)
   (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
   if (features_) {
     features_->stream()
-        << "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok\n";
+        << "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
+           "imprint_patches,imprint_um\n";
   }
   if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
 }
@@ -144,7 +146,17 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     } else {
       fmt::print(features_->stream(), ",,,,");
     }
-    fmt::print(features_->stream(), ",{},{}\n", outputs.slip ? 1 : 0, outputs.grip_ok ? 1 : 0);
+    fmt::print(features_->stream(), ",{},{},", outputs.slip ? 1 : 0, outputs.grip_ok ? 1 : 0);
+    if (has_features) fmt::print(features_->stream(), "{}", f.contact.raw());
+    // Where the model does not read it, it is not computed; what does not move has no figure either.
+    if (has_features && f.imprint.patches.raw() > 0) {
+      fmt::print(features_->stream(), ",{},", f.imprint.patches.raw());
+      if (f.imprint.motion.raw() > 0)
+        fmt::print(features_->stream(), "{:.1f}", std::exp2(f.imprint.motion.raw() / 256.0));
+    } else {
+      fmt::print(features_->stream(), ",,");
+    }
+    fmt::print(features_->stream(), "\n");
   }
 
   arrows_.clear();

@@ -19,6 +19,8 @@
 // frame: displacements then count from the grip as it was when the clip began, which leaves rates as they are and the
 // level of the entropy too low.
 //
+// The empty gel between the dots: the same picture and as many as there are beside it in that empty interval.
+//
 // Object: the clip's name up to "__exp". The trial's seed is the number after "__exp_num_", to tell clips apart.
 #include <fmt/format.h>
 
@@ -259,6 +261,29 @@ sim::Result<sim::RecordedFrame> rest_picture(const Clip& clip, const sim::Record
   return recording.at("first");
 }
 
+// More pictures of the empty gel that rest_picture() shows, for its mean and its noise: the others of its interval, or,
+// of a picture that is a mean already, itself.
+Error learn_empty(const Clip& clip, const sim::RecordedFrame& rest, const pipeline::Config& config, JpegDecoder& jpeg,
+                  pipeline::State& state) {
+  constexpr int kMost = 32;
+  const auto interval = std::ranges::find_if(clip.empty, [&](const Interval& one) { return one.has(rest.index); });
+  if (interval == clip.empty.end()) {
+    for (int k = 0; k < kMost; ++k) (void)pipeline::learn_more(state, config, jpeg, sim::as_frame(rest));
+    return {};
+  }
+  auto opened = sim::Recording::open(clip.path);
+  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
+  auto& recording = std::get<sim::Recording>(opened);
+  sim::RecordedFrame frame;
+  const long first = std::max<long>(interval->from, rest.index - kMost);
+  while (recording.next(frame) == sim::Read::kFrame && interval->has(std::max<long>(frame.index, interval->from))) {
+    if (frame.index >= first && frame.index < first + kMost) {
+      (void)pipeline::learn_more(state, config, jpeg, sim::as_frame(frame));
+    }
+  }
+  return {};
+}
+
 Error read_clip(const LabelFile& file, const Clip& clip, const Params& params, Samples& samples) {
   auto opened = sim::Recording::open(clip.path);
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
@@ -288,6 +313,10 @@ Error read_clip(const LabelFile& file, const Clip& clip, const Params& params, S
     const ReasonInfo& why = info(s.reason);
     return file.error(clip.line, fmt::format("{}: no rest position: {}", clip.path.string(), why.what), why.cause,
                       why.next);
+  }
+
+  if (Error bad = learn_empty(clip, std::get<sim::RecordedFrame>(picture), config, jpeg.get(), *state)) {
+    return bad;
   }
 
   Trial trial = trial_of(clip);

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whether anything touches the gel: from the relief in the picture between the dots (imprint.hpp), and from dots that
+// left their rest position. Slip is never raised without contact, and losing it is an event of its own.
+//
+// Two witnesses, because each is blind to something: a smooth flat object presses no relief, a light one moves no dot.
+// Either is enough to begin, both must fall silent for the contact to end, and for longer: at the end of a grip the
+// gel creeps back. Thresholds of the dots: recorded grips move their third dot by 0.1 mm and more, an emptied gel comes
+// back to 0.05 mm of where it was.
+#pragma once
+
+#include <cstdint>
+
+#include "base/math.hpp"
+#include "tactile/types.hpp"
+
+namespace holdfast::contact {
+
+struct Config {
+  std::int32_t begin_patches = 5;
+  std::int32_t end_patches = 3;  // fewer
+  std::int32_t begin_um = 80;    // third largest displacement
+  std::int32_t end_um = 60;
+  Micros begin_after{40'000};   // so long one of the witnesses must have spoken,
+  Micros end_after{120'000};    // so long both must have been silent
+  Micros empty_after{500'000};  // and so long before the gel is taken for empty
+};
+
+enum class Event : std::uint8_t { kNone, kTouched, kLost };
+
+struct State {
+  bool touching = false;
+  bool known = false;  // a frame came before
+  Micros since{};      // the witnesses say since then what they say now
+  bool spoke = false;  // what they said last
+  bool empty = false;  // nothing has touched the gel for so long that its picture may be learned
+};
+
+struct Contact {
+  bool touching = false;
+  Event event = Event::kNone;
+};
+
+inline void forget(State& state) {
+  state = {};
+}
+
+// Three markers lie further than this from their rest position: two strays do not make a contact. Looks from the middle
+// of the lattice on, where objects are. Range: 2 * 65535^2 fits int64.
+[[nodiscard]] inline bool displaced(const DisplacementField& field, std::int32_t um) {
+  const std::int32_t count = field.grid.count();
+  std::int32_t wanted = 3;
+  for (std::int32_t k = 0, i = count / 2; k < count && wanted > 0; ++k, i = i + 1 == count ? 0 : i + 1) {
+    const MarkerDisplacement& d = field.markers[idx(i)];
+    wanted -= d.valid && square(d.dx.raw()) + square(d.dy.raw()) > square(um) ? 1 : 0;
+  }
+  return wanted == 0;
+}
+
+// `patches`: ImprintFeatures::patches; 0 where there is no picture. What the first frame says counts as having lasted:
+// a gripper that holds something when the sensor starts is in contact at once.
+[[nodiscard]] inline Contact update(State& state, const Config& config, const DisplacementField& field, Count patches,
+                                    Micros now) {
+  const bool speaks = state.touching ? patches.raw() >= config.end_patches || displaced(field, config.end_um)
+                                     : patches.raw() >= config.begin_patches || displaced(field, config.begin_um);
+  Contact out;
+  if (!state.known || speaks != state.spoke) {
+    state.since = state.known ? now : now - config.empty_after;
+    state.known = true;
+    state.spoke = speaks;
+  }
+  const Micros lasted = now - state.since;
+  if (speaks && !state.touching && lasted >= config.begin_after) {
+    state.touching = true;
+    out.event = Event::kTouched;
+  } else if (!speaks && state.touching && lasted >= config.end_after) {
+    state.touching = false;
+    state.since = now;
+    out.event = Event::kLost;
+  }
+  out.touching = state.touching;
+  state.empty = !state.touching && !speaks && lasted >= config.empty_after;
+  return out;
+}
+
+}  // namespace holdfast::contact
