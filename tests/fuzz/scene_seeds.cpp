@@ -34,7 +34,7 @@ int main(int argc, char** argv) {
   std::string dictionary;
   const auto add = [&](std::string_view word) { dictionary += "\"\\\"" + std::string(word) + "\\\"\"\n"; };
   for (const scene::FieldInfo& field : scene::scene_fields()) add(field.path.substr(field.path.rfind('.') + 1));
-  for (const auto section : {"level", "gel", "markers", "object", "texture", "effects", "picture", "expect"})
+  for (const auto section : {"level", "gel", "markers", "object", "texture", "effects", "picture", "expect", "goal"})
     add(section);
   for (const scene::Capability& capability : scene::kCapabilities) add(capability.name);
   for (const auto name : scene::kInjectNames) add(name);
