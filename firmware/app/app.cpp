@@ -6,8 +6,9 @@
 
 namespace holdfast {
 
-pipeline::Config pipeline_config(const Params& params, bool auto_size) {
+pipeline::Config pipeline_config(const Params& params, bool auto_size, const model::Tree* tree) {
   pipeline::Config config{};
+  config.classifier.loaded = tree;
   config.luma.scale = kModes[idx(params.mode)].scale;
   config.tracker.grid.size = {static_cast<std::uint8_t>(params.grid_rows), static_cast<std::uint8_t>(params.grid_cols)};
   config.tracker.grid.auto_size = auto_size;
@@ -18,8 +19,11 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size) {
   config.field.pitch_um = params.pitch_um;
   config.field.max_gap = config.features.max_gap;
   config.imprint.pitch_um = params.pitch_um;
-  config.with_field = config.with_field || params.all_features != 0;
-  config.with_imprint = config.with_imprint || params.all_features != 0;
+  const auto makes = [&](Stage stage) {
+    return params.all_features != 0 || classifier::needs(config.classifier, stage);
+  };
+  config.with_field = makes(Stage::kField);
+  config.with_imprint = makes(Stage::kImprint);
   config.decision.raise_frames = params.raise_frames;
   config.decision.hold = Micros{std::int64_t{params.hold_ms} * 1000};
   config.fault_markers_pct = params.fault_markers_pct;
@@ -42,15 +46,7 @@ EighthDecoder::Config jpeg_config(const Params& params) {
 
 Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
-  config_ = pipeline_config(params, auto_size);
-  config_.classifier.loaded = tree_;
-  if (tree_ != nullptr) {
-    const auto makes = [&](Stage stage) {
-      return params.all_features != 0 || classifier::needs(config_.classifier, stage);
-    };
-    config_.with_field = makes(Stage::kField);
-    config_.with_imprint = makes(Stage::kImprint);
-  }
+  config_ = pipeline_config(params, auto_size, tree_);
   supervisor_config_ = supervisor_config(params);
   if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
@@ -65,11 +61,7 @@ Status App::start(const Params& params, bool auto_size) {
 
 Status App::learn(const Params& params, const hal::Frame& frame, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
-  return pipeline::learn(state_, pipeline_config(params, auto_size), devices_.jpeg, frame);
-}
-
-Status App::learn_more(const Params& params, const hal::Frame& frame) {
-  return pipeline::learn_more(state_, pipeline_config(params), devices_.jpeg, frame);
+  return pipeline::learn(state_, pipeline_config(params, auto_size, tree_), devices_.jpeg, frame);
 }
 
 bool App::step() {

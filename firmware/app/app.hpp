@@ -31,7 +31,9 @@ struct Devices {
 
 // Settings of the stages from the one table of parameters. Range: validate(params) is ok.
 // `auto_size`: take whatever lattice is printed on the gel instead of grid_rows x grid_cols.
-[[nodiscard]] pipeline::Config pipeline_config(const Params& params, bool auto_size = false);
+// `tree`: decides in place of the compiled one; what no model in charge reads is not computed.
+[[nodiscard]] pipeline::Config pipeline_config(const Params& params, bool auto_size = false,
+                                               const model::Tree* tree = nullptr);
 [[nodiscard]] supervisor::Config supervisor_config(const Params& params);
 // For the board, which makes the decoder and its crew of `jpeg_threads`.
 [[nodiscard]] EighthDecoder::Config jpeg_config(const Params& params);
@@ -47,9 +49,6 @@ class App {
   // Takes `frame` as the picture of the empty gel; before or after start(). Without it the first still frames of
   // the camera are.
   [[nodiscard]] Status learn(const Params& params, const hal::Frame& frame, bool auto_size = false);
-
-  // After learn(): one more picture of the same gel, so that its noise is known.
-  [[nodiscard]] Status learn_more(const Params& params, const hal::Frame& frame);
 
   // Waits for one frame at most kFrameWait, decides, signals. false: the stream has ended.
   [[nodiscard]] bool step();

@@ -89,17 +89,17 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     out.features.imprint =
         imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
                         state.contact.empty, out.timestamp, state.saturations);
+    out.contact =
+        contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches, out.timestamp);
   }
-  out.contact =
-      contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches, out.timestamp);
-  out.features.contact = Count::from_raw(out.contact.touching ? 1 : 0);
   return judge(state, config, out);
 }
 
 // Judge: features to request. Nothing slips that does not touch.
 Result judge(State& state, const Config& config, Result out) {
   out.referenced = true;
-  const bool touching = out.features.contact.raw() != 0;
+  const bool touching = !out.contact.judged || out.contact.touching;
+  out.features.contact = Count::from_raw(touching ? 1 : 0);
   classifier::complete(config.classifier, out.features, state.saturations);
   out.verdict = touching ? classifier::classify(config.classifier, out.features) : Verdict::kHold;
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);

@@ -31,8 +31,8 @@ struct Config {
   imprint::Config imprint;
   contact::Config contact;
   // Compute Features::field and Features::imprint; price: see frame_cost.
-  bool with_field = reads(classifier::kCompiledSet, Stage::kField);
-  bool with_imprint = reads(classifier::kCompiledSet, Stage::kImprint);
+  bool with_field = classifier::needs({}, Stage::kField);
+  bool with_imprint = classifier::needs({}, Stage::kImprint);
   classifier::Config classifier;
   decision::Config decision;
   // Fewer valid markers than this share of the grid: the frame tells nothing about the grip.

@@ -4,8 +4,9 @@
 //
 // Two witnesses, because each is blind to something: a smooth flat object presses no relief, a light one moves no dot.
 // Either is enough to begin, both must fall silent for the contact to end, and for longer: at the end of a grip the
-// gel creeps back. Thresholds of the dots: recorded grips move their third dot by 0.1 mm and more, an emptied gel comes
-// back to 0.05 mm of where it was.
+// gel creeps back. The dots alone cannot tell: on the recordings the third largest displacement of the empty gel is
+// below 35 um in 99 of 100 frames, but below 70 in half of the held ones and below 42 in one of twenty that slip. So
+// there is a gate only where there is a picture.
 #pragma once
 
 #include <cstdint>
@@ -36,6 +37,7 @@ struct State {
 };
 
 struct Contact {
+  bool judged = false;  // false: no picture between the dots, and nobody can tell
   bool touching = false;
   Event event = Event::kNone;
 };
@@ -56,7 +58,7 @@ inline void forget(State& state) {
   return wanted == 0;
 }
 
-// `patches`: ImprintFeatures::patches; 0 where there is no picture. What the first frame says counts as having lasted:
+// `patches`: ImprintFeatures::patches. What the first frame says counts as having lasted:
 // a gripper that holds something when the sensor starts is in contact at once.
 [[nodiscard]] inline Contact update(State& state, const Config& config, const DisplacementField& field, Count patches,
                                     Micros now) {
@@ -77,6 +79,7 @@ inline void forget(State& state) {
     state.since = now;
     out.event = Event::kLost;
   }
+  out.judged = true;
   out.touching = state.touching;
   state.empty = !state.touching && !speaks && lasted >= config.empty_after;
   return out;

@@ -203,8 +203,7 @@ bool inside(const Reduced& picture, const Frame& f, std::int32_t dx_q12, std::in
   return true;
 }
 
-// Steps along a lattice link of the dot: towards the patch, or away from it at the lattice's edge. A step is at least
-// half a 16th of the pitch and at most twice: no registration is that crooked.
+// Steps along a lattice link of the dot: towards the patch, or away from it at the lattice's edge.
 Frame frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t patch) {
   const Corner corner = corner_of(rest.grid, patch);
   const Marker& own = rest.markers[idx(corner.own)];
@@ -318,7 +317,8 @@ std::int64_t threshold_of(const State& state, const Config& config) {
 constexpr std::int64_t kLeastRelief = std::int64_t{2} * kPairs * 256 * 12 / 10;
 constexpr std::int64_t kLeastReliefPerPatch = std::int64_t{2} * kPairs * 256 * 12 / 100;
 
-// log2 of motion in um. Range: 512 patches: change < 2^43, energy < 2^42; times 8 and 25 below 2^47.
+// log2 of motion in um: R = change / kFree^2, G = relief / (2 kPairs). Range, of 320 patches: change < 2^42, relief
+// < 2^41; times 34 and 625 below 2^51.
 std::int64_t motion_log2_q8(std::int64_t change, std::int64_t relief, std::int32_t pitch_um) {
   if (change <= 0) return 0;
   const std::int32_t ratio_q8 =
@@ -344,7 +344,8 @@ void learn(State& state, std::int32_t patch, const Samples& now) {
 void place(State& state, const LumaView& picture, const MarkerField& rest, PixelsQ8 pitch) {
   const bool placed = place_picture(state.picture, rest, pitch, picture);
   if (!placed) state.picture.width = 0;
-  state.grid = rest.grid;
+  state.width = picture.width;
+  state.height = picture.height;
   for (std::int32_t p = 0; p < patches_of(rest.grid); ++p) {
     state.frames[idx(p)] = placed ? frame_of(state.picture, rest, p) : Frame{};
   }
@@ -366,7 +367,9 @@ void forget(State& state) {
 ImprintFeatures update(State& state, const Config& config, const LumaView& picture, const MarkerField& markers,
                        const MarkerField& rest, PixelsQ8 pitch, bool empty, Micros now, Saturations& saturations) {
   ImprintFeatures out{};
-  if (!state.placed) place(state, picture, rest, pitch);
+  if (!state.placed || picture.width != state.width || picture.height != state.height) {
+    place(state, picture, rest, pitch);
+  }
   // Another stream may count its time from another start.
   if (state.count > 0 && now <= state.kept[idx(state.newest)].at) state.count = 0;
   Kept& last = state.last;

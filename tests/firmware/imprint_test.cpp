@@ -141,8 +141,8 @@ struct Bench {
   ImprintFeatures step(bool empty = false) { return step(gel.picture(random), empty); }
   ImprintFeatures step(const std::vector<std::uint8_t>& pixels, bool empty) {
     const LumaView view{pixels.data(), gel.width, gel.height, gel.width};
-    const MarkerField now = gel.field(gel.dots), rest = Gel(gel).field({});
-    MarkerField home = rest;
+    const MarkerField now = gel.field(gel.dots);
+    MarkerField home = gel.field({});
     for (Marker& marker : home.markers) marker.valid = true;
     time += Micros{std::llround(1e6 / fps)};
     if (compares) {
@@ -384,6 +384,24 @@ TEST(Imprint, ExtremesStayInRange) {
     }
   }
   LONGS_EQUAL(0, 0);
+}
+
+// A camera that changes its picture's size mid-stream: what was laid out for the larger one must not read beyond the
+// smaller one (sanitizers see to it).
+TEST(Imprint, SmallerPictureIsLaidOutAnew) {
+  Gel gel;
+  Bench bench(gel);
+  bench.gel.relief = grain(10.0);
+  CHECK(bench.wait(10).patches.raw() > 200);
+  for (const auto& [width, height] : {std::array{160, 120}, {8, 8}, {64, 240}, {1, 1}}) {
+    const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(width * height), 200);
+    const LumaView view{pixels.data(), width, height, width};
+    bench.time += Micros{40'000};
+    const ImprintFeatures seen = imprint::update(*bench.state, bench.config, view, gel.field({}), gel.field({}),
+                                                 gel.pitch(), false, bench.time, bench.saturations);
+    CHECK(seen.patches.raw() < 100);  // those that the smaller picture still shows
+  }
+  CHECK(bench.wait(2).patches.raw() > 200);
 }
 
 // Lattices up to the largest, in the smallest and largest pictures, crooked and out of the picture.

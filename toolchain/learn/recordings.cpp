@@ -19,7 +19,7 @@
 // frame: displacements then count from the grip as it was when the clip began, which leaves rates as they are and the
 // level of the entropy too low.
 //
-// The empty gel between the dots: the same picture and as many as there are beside it in that empty interval.
+// The empty gel between the dots: the same picture and up to 32 beside it in that empty interval.
 //
 // Object: the clip's name up to "__exp". The trial's seed is the number after "__exp_num_", to tell clips apart.
 #include <fmt/format.h>

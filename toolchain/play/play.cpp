@@ -102,8 +102,6 @@ void Player::step_features(App& app, const Params& params) {
   const pipeline::Config config = pipeline_config(params);
   Features now = features::update(features_, config.features, field, clock_.now(), saturations_);
   now.field = field_features::update(field_features_, config.field, field, clock_.now(), saturations_);
-  const contact::Contact contact = contact::update(contact_, config.contact, field, Count{}, clock_.now());
-  now.contact = Count::from_raw(contact.touching ? 1 : 0);
   app.step_features(now, field.grid, clock_.now(), static_cast<std::uint32_t>(snapshot().frame));
 }
 

@@ -52,7 +52,6 @@ class Player {
   std::vector<scene::SeenMarker> seen_;
   features::State features_;
   field_features::State field_features_;
-  contact::State contact_;
   Saturations saturations_;
 };
 
