@@ -328,6 +328,29 @@ TEST(Pipeline, KeepsTheRequestOverRejectedFrames) {
   }
 }
 
+// A tree that says slip to everything is not heard on the empty gel, where the picture can tell that it is empty.
+TEST(Pipeline, NothingSlipsWithoutContactWhereThePictureIsRead) {
+  const model::Tree always;
+  config.classifier.loaded = &always;
+  for (const bool reads : {false, true}) {
+    config.with_imprint = reads;
+    pipeline::tare(*state);
+    learn();
+    for (int k = 0; k < 5; ++k) {
+      const pipeline::Result result = show();
+      CHECK_EQUAL(reads, result.contact.judged);
+      CHECK_FALSE(result.contact.touching);
+      LONGS_EQUAL(reads ? 0 : 1, result.features.contact.raw());
+      LONGS_EQUAL(static_cast<int>(reads ? Verdict::kHold : Verdict::kSlip), static_cast<int>(result.verdict));
+    }
+  }
+  // Dots that moved are a contact, too.
+  for (int k = 0; k < 3; ++k) (void)show(shifted(0.2, 0.0));
+  const pipeline::Result touched = show(shifted(0.2, 0.0));
+  CHECK_TRUE(touched.contact.touching);
+  LONGS_EQUAL(static_cast<int>(Verdict::kSlip), static_cast<int>(touched.verdict));
+}
+
 TEST(Pipeline, TakesOneFrameForTheReference) {
   const Picture empty = picture();
   CHECK_TRUE(pipeline::learn(*state, config, jpeg, frame_of(empty)).ok());
