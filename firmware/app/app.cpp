@@ -24,6 +24,7 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size, const mod
   };
   config.with_field = makes(Stage::kField);
   config.with_imprint = makes(Stage::kImprint);
+  config.classifier.sensitivity = static_cast<Sensitivity>(params.sensitivity);
   config.decision.raise_frames = params.raise_frames;
   config.decision.hold = Micros{std::int64_t{params.hold_ms} * 1000};
   config.fault_markers_pct = params.fault_markers_pct;

@@ -5,6 +5,7 @@
 // drift apart. All values are int32 in the unit of the row; validate() runs once at start.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cstddef>
@@ -16,6 +17,7 @@
 #include "app/modes.hpp"
 #include "base/status.hpp"
 #include "hal/crew.hpp"
+#include "slip/tree_io.hpp"
 #include "vision/jpeg_fast.hpp"
 #include "vision/markers.hpp"
 
@@ -37,6 +39,7 @@ struct Params {
   std::int32_t jpeg_lanes = 3;
   std::int32_t jpeg_rows_pct = 100;
   std::int32_t all_features = 0;
+  std::int32_t sensitivity = static_cast<std::int32_t>(Sensitivity::kNormal);
   friend constexpr bool operator==(const Params&, const Params&) = default;
 };
 
@@ -51,7 +54,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 15> kParams{{
+inline constexpr std::array<ParamInfo, 16> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000,
      "displacement at which the last of the 15 histogram bins begins to overflow",
      "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
@@ -87,6 +90,9 @@ inline constexpr std::array<ParamInfo, 15> kParams{{
      "below 100: saves its share of the time, but pictures that lost data above are no longer refused (85: 9 of 10)"},
     {&Params::all_features, "all_features", "", 0, 1,
      "1: compute every feature, also those that the model does not read", "instructions only; for recording data"},
+    {&Params::sensitivity, "sensitivity", "", 0, static_cast<std::int32_t>(kSensitivityNames.size()) - 1,
+     "operating point of the model: 0 quiet, 1 normal, 2 sensitive",
+     "higher: weaker slips are told, and more that is none; a model may know one point only"},
 }};
 
 static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");
@@ -131,15 +137,18 @@ constexpr Status validate(const Params& params, ParamProblem* problem = nullptr)
 static_assert(validate(Params{}).ok(), "the defaults are valid");
 static_assert(kMaxMarkers == 128, "named in validate()");
 
-// Sets one parameter from its text, a decimal integer (or a mode's name for `mode`). Checks the row's own
+// Sets one parameter from its text, a decimal integer (or a name for `mode` and `sensitivity`). Checks the row's own
 // range only; validate() judges the whole. `params` changes only on success.
 inline Status parse(std::string_view name, std::string_view text, Params& params, ParamProblem* problem = nullptr) {
   using params_detail::refuse;
   const ParamInfo* row = find_param(name);
   if (row == nullptr) return refuse(problem, nullptr, "no parameter of that name");
   std::int32_t value = 0;
+  const auto* const point = std::ranges::find(kSensitivityNames, text);
   if (const auto mode = find_mode(text); row->member == &Params::mode && mode) {
     value = *mode;
+  } else if (row->member == &Params::sensitivity && point != kSensitivityNames.end()) {
+    value = static_cast<std::int32_t>(point - kSensitivityNames.begin());
   } else {
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error == std::errc::result_out_of_range) return refuse(problem, row, "outside its range");

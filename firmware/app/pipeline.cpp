@@ -89,19 +89,19 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     out.features.imprint =
         imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
                         state.contact.empty, out.timestamp, state.saturations);
-    out.contact =
-        contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches, out.timestamp);
+    out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,
+                                  state.opening, out.timestamp);
   }
   return judge(state, config, out);
 }
 
-// Judge: features to request. Nothing slips that does not touch.
+// Judge: features to request. Nothing slips that does not touch, or is being let go.
 Result judge(State& state, const Config& config, Result out) {
   out.referenced = true;
-  const bool touching = !out.contact.judged || out.contact.touching;
-  out.features.contact = Count::from_raw(touching ? 1 : 0);
+  const bool held = !state.opening && (!out.contact.judged || out.contact.settled);
+  out.features.contact = Count::from_raw(held ? 1 : 0);
   classifier::complete(config.classifier, out.features, state.saturations);
-  out.verdict = touching ? classifier::classify(config.classifier, out.features) : Verdict::kHold;
+  out.verdict = held ? classifier::classify(config.classifier, out.features) : Verdict::kHold;
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);
   return out;
 }
@@ -151,6 +151,10 @@ Status learn_more(State& state, const Config& config, JpegDecoder& jpeg, const h
   const MarkerField& rest = state.reference.rest;
   if (config.with_imprint) learn_empty(state, config, luma, rest, rest, frame.timestamp);
   return kOkStatus;
+}
+
+void opening(State& state, bool is_opening) {
+  state.opening = is_opening;
 }
 
 void tare(State& state) {

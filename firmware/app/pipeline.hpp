@@ -51,6 +51,7 @@ struct State {
   contact::State contact;
   decision::State decision;
   Saturations saturations;
+  bool opening = false;
   Micros last_timestamp{};
   bool any_frame = false;
 };
@@ -84,6 +85,10 @@ struct Result {
 // After learn(): one more picture of the same empty gel, in the order of time, so that its noise is known too. The rest
 // position stays.
 [[nodiscard]] Status learn_more(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
+
+// The gripper opens, until it says that it no longer does (OPENING): what moves now is let go, not lost. No verdict but
+// hold, and the end of the contact is a release.
+void opening(State& state, bool is_opening);
 
 // Forgets the rest position (TARE): the next still frames teach it anew.
 void tare(State& state);

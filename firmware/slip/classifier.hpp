@@ -38,14 +38,16 @@ using Inputs = std::array<std::int32_t, static_cast<std::size_t>(kCompiledSet.si
 
 // A loaded tree's set is known only now, so here it is the loop: one indirect call per feature. Not inlined, so that
 // the compiled tree's few compares need no stack for it.
-[[nodiscard, gnu::noinline]] constexpr Verdict classify_loaded(const model::Tree& tree, const Features& features) {
+[[nodiscard, gnu::noinline]] constexpr Verdict classify_loaded(const model::Tree& tree, const Features& features,
+                                                               Sensitivity sensitivity) {
   std::array<std::int32_t, kFeatureCount> x{};
   for (int i = 0; i < tree.set->size(); ++i) x[idx(i)] = input((*tree.set)[i], features);
-  return model::evaluate(tree, x);
+  return model::evaluate(tree, x, sensitivity);
 }
 
 struct Config {
   const model::Tree* loaded = nullptr;  // decides in place of the compiled tree; outlives the pipeline. nullptr: none
+  Sensitivity sensitivity = Sensitivity::kNormal;
 };
 
 static_assert(score::is_valid(slip_tree::kScore) &&
@@ -75,7 +77,8 @@ constexpr void complete(const Config& config, Features& features, Saturations& s
 }
 
 [[nodiscard]] constexpr Verdict classify(const Config& config, const Features& features) {
-  return config.loaded != nullptr ? classify_loaded(*config.loaded, features) : slip_tree::evaluate(inputs(features));
+  return config.loaded != nullptr ? classify_loaded(*config.loaded, features, config.sensitivity)
+                                  : slip_tree::evaluate(inputs(features), config.sensitivity);
 }
 
 }  // namespace holdfast::classifier

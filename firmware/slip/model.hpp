@@ -18,7 +18,7 @@
 namespace holdfast::model {
 
 inline constexpr int kMaxNodes = 511;  // a complete tree of depth 8, the deepest that `holdfast train` grows unasked
-inline constexpr int kMaxDepth = 16;   // predicates from the root to a leaf: bounds the work per frame
+inline constexpr int kMaxDepth = 20;   // predicates from the root to a leaf: bounds the work per frame
 inline constexpr int kNameBytes = 32;
 
 enum class Kind : std::uint8_t { kHold = 0, kSlip = 1, kSplit = 2 };  // leaves are numbered as their verdicts
@@ -28,7 +28,7 @@ static_assert(static_cast<int>(Kind::kSlip) == static_cast<int>(Verdict::kSlip))
 struct Node {
   std::int32_t threshold = 0;     // split: x <= threshold goes to the next node,
   std::uint16_t child_false = 0;  // all else to this one
-  std::uint8_t feature = 0;       // split: which of the set's features x is
+  std::uint8_t feature = 0;       // split: which of the set's features x is; leaf slip: from which Sensitivity on
   Kind kind = Kind::kSlip;
   friend constexpr bool operator==(const Node&, const Node&) = default;
 };
@@ -51,11 +51,13 @@ struct Tree {
 
 // `x`: the features of tree.set, in its order. At most kMaxDepth predicates; a longer path, which no checked tree has,
 // answers slip.
-[[nodiscard]] constexpr Verdict evaluate(const Tree& tree, std::span<const std::int32_t> x) {
+[[nodiscard]] constexpr Verdict evaluate(const Tree& tree, std::span<const std::int32_t> x,
+                                         Sensitivity sensitivity = Sensitivity::kNormal) {
   std::size_t at = 0;
   for (int step = 0; step <= kMaxDepth; ++step) {
     const Node& node = tree.nodes[at];
-    if (node.kind != Kind::kSplit) return static_cast<Verdict>(node.kind);
+    if (node.kind == Kind::kHold) return Verdict::kHold;
+    if (node.kind == Kind::kSlip) return slip_from(static_cast<Sensitivity>(node.feature), sensitivity);
     at = x[node.feature] <= node.threshold ? at + 1 : node.child_false;
   }
   return Verdict::kSlip;

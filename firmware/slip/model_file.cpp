@@ -131,8 +131,11 @@ Refusal check(const model::Tree& tree) {
       range.max = node.threshold;
       continue;
     }
-    const model::Node leaf{.kind = node.kind};
-    if (node != leaf || node.kind > model::Kind::kSplit) return Refusal::kNode;
+    const bool slips = node.kind == model::Kind::kSlip;
+    const model::Node leaf{.feature = slips ? node.feature : std::uint8_t{0}, .kind = node.kind};
+    if (node != leaf || node.kind > model::Kind::kSplit || leaf.feature >= kSensitivityNames.size()) {
+      return Refusal::kNode;
+    }
     answers[static_cast<std::size_t>(node.kind)] = true;
     // Back to the last split whose second child is still to come: that child is the next node.
     while (depth > 0 && path[idx(depth - 1)].is_false) {

@@ -28,6 +28,7 @@
 //                    0  4  split: threshold, signed. x <= threshold goes to the next node,
 //                    4  2         all else to the node of this number
 //                    6  1         which of the features above x is
+//                          leaf slip: 0 always, 1 not when quiet, 2 only when sensitive
 //                    7  1  0 leaf hold, 1 leaf slip, 2 split; of a leaf all else is zero
 //     5556     64  signature: room for Ed25519 over all bytes before it. All zero says unsigned, which is the only form
 //                  that this version reads: a signature that nobody checks would only look like one

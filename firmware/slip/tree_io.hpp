@@ -20,6 +20,14 @@ namespace holdfast {
 
 enum class Verdict : std::uint8_t { kHold = 0, kSlip = 1 };
 
+// Operating points: how easily slip is told. A leaf of a tree says slip from one of them on.
+enum class Sensitivity : std::uint8_t { kQuiet, kNormal, kSensitive };
+inline constexpr std::array<std::string_view, 3> kSensitivityNames{"quiet", "normal", "sensitive"};
+
+[[nodiscard]] constexpr Verdict slip_from(Sensitivity least, Sensitivity chosen) {
+  return chosen >= least ? Verdict::kSlip : Verdict::kHold;
+}
+
 // Which stage of pipeline.cpp makes a feature; all but the paper's and the contact are made only for who reads them.
 enum class Stage : std::uint8_t { kAlways, kField, kImprint, kScore };
 
@@ -119,6 +127,7 @@ inline constexpr std::array<std::uint8_t, 1> kScore{23};
 inline constexpr std::array<std::uint8_t, 5> kImprint{18, 19, 20, 21, 22};
 inline constexpr std::array<std::uint8_t, 19> kFused{5,  6,  7,  8,  9,  10, 11, 12, 13, 14,
                                                      15, 16, 17, 18, 19, 20, 21, 22, 23};
+inline constexpr std::array<std::uint8_t, 18> kTouch{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22};
 
 }  // namespace tree_io_detail
 
@@ -132,6 +141,7 @@ inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
     {"score", tree_io_detail::kScore},                // the linear score of the markers' features alone
     {"imprint", tree_io_detail::kImprint},            // the picture between the dots alone
     {"fused", tree_io_detail::kFused},                // field, score and imprint
+    {"touch", tree_io_detail::kTouch},                // field and imprint: what `holdfast fuse` puts together
 });
 
 // The set reads something that this stage makes.

@@ -7,6 +7,9 @@
 // gel creeps back. The dots alone cannot tell: on the recordings the third largest displacement of the empty gel is
 // below 35 um in 99 of 100 frames, but below 70 in half of the held ones and below 42 in one of twenty that slip. So
 // there is a gate only where there is a picture.
+//
+// While an object is pressed on, its imprint grows, which looks like motion: 90 to 215 um in simulated grasps, where a
+// slip begins at 110. So slip is not told in the first moments of a contact.
 #pragma once
 
 #include <cstdint>
@@ -24,21 +27,25 @@ struct Config {
   Micros begin_after{40'000};   // so long one of the witnesses must have spoken,
   Micros end_after{120'000};    // so long both must have been silent
   Micros empty_after{500'000};  // and so long before the gel is taken for empty
+  Micros settle{300'000};       // of a contact, before slip may be told
 };
 
-enum class Event : std::uint8_t { kNone, kTouched, kLost };
+// Released: the contact ended while the gripper said that it was opening, which is what it was meant to do.
+enum class Event : std::uint8_t { kNone, kTouched, kLost, kReleased };
 
 struct State {
   bool touching = false;
   bool known = false;  // a frame came before
   Micros since{};      // the witnesses say since then what they say now
   bool spoke = false;  // what they said last
+  Micros touched{};    // first word of the contact
   bool empty = false;  // nothing has touched the gel for so long that its picture may be learned
 };
 
 struct Contact {
   bool judged = false;  // false: no picture between the dots, and nobody can tell
   bool touching = false;
+  bool settled = false;  // touching for long enough that slip may be told
   Event event = Event::kNone;
 };
 
@@ -58,10 +65,10 @@ inline void forget(State& state) {
   return wanted == 0;
 }
 
-// `patches`: ImprintFeatures::patches. What the first frame says counts as having lasted:
-// a gripper that holds something when the sensor starts is in contact at once.
+// `patches`: ImprintFeatures::patches; `opening`: the gripper says that it is. What the first frame says counts as
+// having lasted: a gripper that holds something when the sensor starts is in contact at once, and settled.
 [[nodiscard]] inline Contact update(State& state, const Config& config, const DisplacementField& field, Count patches,
-                                    Micros now) {
+                                    bool opening, Micros now) {
   const bool speaks = state.touching ? patches.raw() >= config.end_patches || displaced(field, config.end_um)
                                      : patches.raw() >= config.begin_patches || displaced(field, config.begin_um);
   Contact out;
@@ -73,14 +80,16 @@ inline void forget(State& state) {
   const Micros lasted = now - state.since;
   if (speaks && !state.touching && lasted >= config.begin_after) {
     state.touching = true;
+    state.touched = state.since;
     out.event = Event::kTouched;
   } else if (!speaks && state.touching && lasted >= config.end_after) {
     state.touching = false;
     state.since = now;
-    out.event = Event::kLost;
+    out.event = opening ? Event::kReleased : Event::kLost;
   }
   out.judged = true;
   out.touching = state.touching;
+  out.settled = state.touching && now - state.touched >= config.settle;
   state.empty = !state.touching && !speaks && lasted >= config.empty_after;
   return out;
 }

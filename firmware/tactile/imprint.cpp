@@ -233,13 +233,17 @@ Frame frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t pat
   return out;
 }
 
-// Displacement of a patch's middle, a quarter of the way to each neighbour: 9, 3, 3 and 1 sixteenths. false: one of the
-// four is lost.
+// The four dots around a patch, and what each counts for at its middle, a quarter of the way to each neighbour.
+// Sixteenths.
+std::array<std::int32_t, 4> dots_of(const Corner& corner) {
+  return {corner.own, corner.beside, corner.over, corner.across};
+}
+constexpr std::array<std::int32_t, 4> kWeights{9, 3, 3, 1};
+
+// Displacement of a patch's middle. false: one of its dots is lost.
 bool displacement_q12(const MarkerField& now, const MarkerField& rest, std::int32_t patch, std::int32_t reduction_log2,
                       std::int32_t& dx_q12, std::int32_t& dy_q12) {
-  const Corner corner = corner_of(rest.grid, patch);
-  const std::array<std::int32_t, 4> dots{corner.own, corner.beside, corner.over, corner.across};
-  constexpr std::array<std::int32_t, 4> kWeights{9, 3, 3, 1};
+  const std::array<std::int32_t, 4> dots = dots_of(corner_of(rest.grid, patch));
   std::int32_t x = 0, y = 0;
   for (std::size_t k = 0; k < dots.size(); ++k) {
     const Marker& to = now.markers[idx(dots[k])];
@@ -290,6 +294,28 @@ std::int64_t change_of(const Samples& now, const Samples& then) {
 }
 
 // --- Motion ---
+
+// Mean square of how the motion of a patch's dots since then differs from its middle's: in steps between samples, Q12,
+// at most half a pitch's. Both pictures have shown the patch, so its dots are there. Range: coordinates of 2^20, so
+// squares of 2^42, times 2^7 of weights and 2^12 of Q12 below 2^62.
+constexpr int kBend_q = 12;
+constexpr std::int64_t kMostBend = square(kStepsPerPitch / 2) << kBend_q;
+std::int64_t bend(const MarkerField& now, const MarkerField& then, std::int32_t patch, std::int64_t pitch_q8) {
+  const std::array<std::int32_t, 4> dots = dots_of(corner_of(now.grid, patch));
+  std::int64_t x = 0, y = 0, squares = 0;
+  for (std::size_t k = 0; k < dots.size(); ++k) {
+    const Marker& to = now.markers[idx(dots[k])];
+    const Marker& from = then.markers[idx(dots[k])];
+    const std::int32_t dx = to.x.raw() - from.x.raw(), dy = to.y.raw() - from.y.raw();
+    x += std::int64_t{kWeights[k]} * dx;
+    y += std::int64_t{kWeights[k]} * dy;
+    squares += kWeights[k] * (square(dx) + square(dy));
+  }
+  // 256 times the mean square, by the square of 16 steps.
+  static_assert(kStepsPerPitch == 16);
+  const std::int64_t spread = 16 * squares - x * x - y * y;
+  return std::min(div_round(spread << kBend_q, pitch_q8 * pitch_q8), kMostBend);
+}
 
 const Kept* picture_before(const State& state, Micros now, Micros lag) {
   const Kept* best = nullptr;
@@ -374,6 +400,7 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
   if (state.count > 0 && now <= state.kept[idx(state.newest)].at) state.count = 0;
   Kept& last = state.last;
   last.at = now;
+  last.markers = markers;
   last.seen.fill(false);
   if (state.picture.width == 0) return out;
 
@@ -406,7 +433,7 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
   for (std::size_t k = 0; k < kLags.size(); ++k) {
     const Kept* const then = picture_before(state, now, kLags[k]);
     if (then == nullptr) continue;
-    std::int64_t change = 0, relief = 0, all = 0;
+    std::int64_t change = 0, relief = 0, bent = 0, all = 0;
     std::int32_t pressed = 0, seen = 0;
     for (std::int32_t p = 0; p < patches; ++p) {
       if (!last.seen[idx(p)] || !then->seen[idx(p)]) continue;
@@ -417,6 +444,7 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
       if (reliefs <= 2 * threshold) continue;
       change += r;
       relief += reliefs;
+      bent += reliefs * bend(markers, then->markers, p, pitch.raw());
       ++pressed;
     }
     if (empty && seen > 0) {
@@ -425,6 +453,8 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
     }
     if (pressed < config.least_patches) continue;
     change -= pressed * state.noise_motion[k];
+    // Range: reliefs of 2^32 times bends of 2^18, of 320 patches, stay below 2^59.
+    if (change <= bent / (std::int64_t{2} * kPairs << kBend_q) * (kFree * kFree)) continue;
     relief += kLeastRelief + pressed * (kLeastReliefPerPatch - 2 * state.noise_relief);
     *motions[k] = Log2Q8::saturate(motion_log2_q8(change, relief, config.pitch_um), saturations);
   }

@@ -22,7 +22,7 @@ DisplacementField field_of(int dots, int um) {
 struct Gate {
   contact::Contact see(int patches, int dots = 0, int um = 0) {
     now += Micros{40'000};
-    return contact::update(state, config, field_of(dots, um), Count::from_raw(patches), now);
+    return contact::update(state, config, field_of(dots, um), Count::from_raw(patches), opening, now);
   }
   contact::Contact wait(int frames, int patches, int dots = 0, int um = 0) {
     contact::Contact last;
@@ -32,6 +32,7 @@ struct Gate {
 
   contact::Config config;
   contact::State state;
+  bool opening = false;
   Micros now{0};
 };
 
@@ -85,6 +86,28 @@ TEST(Contact, EndsWhenBothHaveBeenSilentForLong) {
   CHECK(gate.see(0).event == contact::Event::kNone);
 }
 
+// 300 ms after its first word; 40 of them go by before there is a contact at all.
+TEST(Contact, SettlesAfterAWhile) {
+  Gate gate;
+  (void)gate.wait(20, 0);
+  for (int k = 0; k < 8; ++k) CHECK_FALSE(gate.see(100).settled);
+  CHECK(gate.see(100).settled);
+  CHECK(gate.wait(3, 0).settled);  // until it is lost
+  CHECK_FALSE(gate.see(0).settled);
+  CHECK_FALSE(gate.wait(3, 100).settled);
+}
+
+TEST(Contact, WhatIsLetGoIsNotLost) {
+  Gate gate;
+  (void)gate.wait(20, 100);
+  gate.opening = true;
+  CHECK(gate.see(100).touching);
+  CHECK(gate.wait(4, 0).event == contact::Event::kReleased);
+  gate.opening = false;
+  (void)gate.wait(20, 100);
+  CHECK(gate.wait(4, 0).event == contact::Event::kLost);
+}
+
 // The gel creeps back, and a hand may come again: half a second before its picture is learned.
 TEST(Contact, EmptyOnlyAfterHalfASecond) {
   Gate gate;
@@ -103,7 +126,7 @@ TEST(Contact, EmptyOnlyAfterHalfASecond) {
 
 TEST(Contact, WhatTheFirstFrameSaysCounts) {
   Gate gate;
-  CHECK(gate.see(100).touching);
+  CHECK(gate.see(100).settled);
   contact::forget(gate.state);
   CHECK_FALSE(gate.see(0).touching);
   CHECK(gate.state.empty);

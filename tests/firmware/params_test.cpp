@@ -47,7 +47,8 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"jpeg_threads", 1},
                       {"jpeg_lanes", 3},
                       {"jpeg_rows_pct", 100},
-                      {"all_features", 0}};
+                      {"all_features", 0},
+                      {"sensitivity", 1}};
   LONGS_EQUAL(std::size(want), kParams.size());
   for (const Row& row : want) {
     const auto* const info =
@@ -132,4 +133,13 @@ TEST(Params, ModesHaveNamesAndGrowMorePrecise) {
     if (i > 0) CHECK_TRUE(kModes[i].scale < kModes[i - 1].scale);
   }
   CHECK_FALSE(holdfast::find_mode("Fast").has_value());
+}
+
+TEST(Params, OperatingPointsHaveNames) {
+  for (std::size_t i = 0; i < holdfast::kSensitivityNames.size(); ++i) {
+    CHECK_TRUE(holdfast::parse("sensitivity", holdfast::kSensitivityNames[i], params).ok());
+    LONGS_EQUAL(i, params.sensitivity);
+  }
+  CHECK_FALSE(holdfast::parse("sensitivity", "loud", params).ok());
+  CHECK_FALSE(holdfast::parse("raise_frames", "quiet", params).ok());
 }

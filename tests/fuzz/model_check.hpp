@@ -134,7 +134,8 @@ class RandomNodes {
     const auto [min, max] = ranges[feature];
     const int most = static_cast<int>(at) + promised + 3;
     if (depth == max_depth_ || most > max_nodes_ || min >= max || (depth > 1 && random_() % 8 == 0)) {
-      nodes_.push_back({.kind = slip_ ? model::Kind::kSlip : model::Kind::kHold});
+      const auto least = static_cast<std::uint8_t>(slip_ ? random_() % 3 : 0);
+      nodes_.push_back({.feature = least, .kind = slip_ ? model::Kind::kSlip : model::Kind::kHold});
       slip_ = !slip_;
       return;
     }
@@ -168,10 +169,10 @@ class ModelOracle {
   [[nodiscard]] std::size_t count() const { return reached_.size(); }
   [[nodiscard]] const ScoreBlock& score() const { return score_; }
   // Of a valid model.
-  [[nodiscard]] Verdict answer(std::span<const std::int32_t> x) const {
+  [[nodiscard]] Verdict answer(std::span<const std::int32_t> x, std::size_t sensitivity) const {
     std::size_t at = 0;
     while (kind(at) == 2) at = x[feature(at)] <= threshold(at) ? at + 1 : child_false(at);
-    return kind(at) == 1 ? Verdict::kSlip : Verdict::kHold;
+    return kind(at) == 1 && feature(at) <= sensitivity ? Verdict::kSlip : Verdict::kHold;
   }
   [[nodiscard]] std::size_t kind(std::size_t node) const { return bytes_[1475 + 8 * node]; }
   [[nodiscard]] std::size_t feature(std::size_t node) const { return bytes_[1474 + 8 * node]; }
@@ -250,9 +251,9 @@ class ModelOracle {
     if (node >= reached_.size() || ++reached_[node] > 1) return false;
     if (kind(node) < 2) {
       (kind(node) == 0 ? holds_ : slips_) = true;
-      return is_zero(1468 + 8 * node, 1475 + 8 * node);
+      return is_zero(1468 + 8 * node, 1474 + 8 * node) && feature(node) <= (kind(node) == 1 ? 2 : 0);
     }
-    if (kind(node) > 2 || depth == 16 || feature(node) >= static_cast<std::size_t>(set_->size())) return false;
+    if (kind(node) > 2 || depth == 20 || feature(node) >= static_cast<std::size_t>(set_->size())) return false;
     const auto [min, max] = ranges[feature(node)];
     if (threshold(node) < min || threshold(node) >= max) return false;
     Ranges rest = ranges;
@@ -316,7 +317,12 @@ inline std::string check_model_bytes(std::span<const std::uint8_t> bytes) {
   }
   if (!is_score(tree.score, block)) return "another score";
   std::mt19937 random(1);
-  const auto differs = [&] { return model::evaluate(tree, x) != oracle.answer(x); };
+  const auto differs = [&] {
+    for (const std::size_t sensitivity : {0U, 1U, 2U}) {
+      if (model::evaluate(tree, x, static_cast<Sensitivity>(sensitivity)) != oracle.answer(x, sensitivity)) return true;
+    }
+    return false;
+  };
   for (std::size_t node = 0; node < oracle.count(); ++node) {
     if (oracle.kind(node) != 2) continue;
     for (int i = 0; i < oracle.set().size(); ++i) {
@@ -341,8 +347,8 @@ inline std::vector<ModelBytes> model_seeds() {
   std::vector<ModelBytes> seeds;
   std::uint32_t seed = 0;
   for (const FeatureSet& set : kFeatureSets) {
-    for (const int depth : {1, 4, 16}) {
-      seeds.push_back(model_bytes(set, RandomNodes(++seed, set, depth, depth < 16 ? 63 : 511).nodes()));
+    for (const int depth : {1, 4, 20}) {
+      seeds.push_back(model_bytes(set, RandomNodes(++seed, set, depth, depth < 20 ? 63 : 511).nodes()));
     }
   }
   const FeatureSet& set = kFeatureSets.front();

@@ -22,6 +22,7 @@ class ImprintReference {
   struct Seen {
     double motion_um[3] = {0, 0, 0};  // 0: not known
     int patches = 0;
+    bool close[3] = {false, false, false};  // the bend of the gel is so near to the motion that rounding decides
     double disputed = 0.0;  // largest distance from the threshold, as a share, at which `counted` disagrees
   };
 
@@ -36,6 +37,8 @@ class ImprintReference {
     reduce(picture, pitch.raw() / 256.0);
     Frame frame;
     frame.t_s = t_s;
+    frame.markers = now;
+    pitch_px_ = pitch.raw() / 256.0;
     const double floor = kPairs * config_.contact_floor_q8;
     double threshold = 2.0 * floor;
     if (empty_frames_ > 8) threshold = std::max(floor, noise_relief_ * config_.contact_over_noise_q4 / 16.0);
@@ -51,7 +54,7 @@ class ImprintReference {
                 static_cast<std::size_t>(4 * (row * rest.grid.cols + col) + (sx < 0 ? 1 : 0) + (sy < 0 ? 2 : 0));
             const auto samples = sample(now, rest, row, col, sx, sy);
             if (!samples) continue;
-            Patch patch{*samples, empty_[key] ? relief(*samples, *empty_[key]) : 0.0};
+            Patch patch{*samples, empty_[key] ? relief(*samples, *empty_[key]) : 0.0, row, col, sx, sy};
             ++patches;
             reliefs += patch.relief;
             if (patch.relief > threshold) ++out.patches;
@@ -76,9 +79,11 @@ class ImprintReference {
   struct Patch {
     Square samples{};
     double relief = 0.0;
+    int row = 0, col = 0, sx = 1, sy = 1;
   };
   struct Frame {
     double t_s = 0.0;
+    MarkerField markers;
     std::array<std::optional<Patch>, 4 * kMaxMarkers> patches;  // four to a dot
   };
 
@@ -189,6 +194,34 @@ class ImprintReference {
     for (std::size_t i = 0; i < now.size(); ++i) mean[i] += (now[i] - mean[i]) / empty_frames_;
   }
 
+  // Variance of the four dots' motion about the patch's own, in samples^2.
+  [[nodiscard]] double bend(const MarkerField& now, const MarkerField& then, const Patch& patch) const {
+    const int rows = now.grid.rows, cols = now.grid.cols;
+    const int nc = patch.col + patch.sx >= 0 && patch.col + patch.sx < cols ? patch.col + patch.sx : patch.col;
+    const int nr = patch.row + patch.sy >= 0 && patch.row + patch.sy < rows ? patch.row + patch.sy : patch.row;
+    const struct {
+      int r, c;
+      double weight;
+    } corners[] = {
+        {patch.row, patch.col, 9.0 / 16}, {patch.row, nc, 3.0 / 16}, {nr, patch.col, 3.0 / 16}, {nr, nc, 1.0 / 16}};
+    const auto moved = [&](int r, int c) {
+      const auto i = static_cast<std::size_t>(r * cols + c);
+      const double step = 256.0 * pitch_px_ / 16.0;
+      return std::pair((now.markers[i].x.raw() - then.markers[i].x.raw()) / step,
+                       (now.markers[i].y.raw() - then.markers[i].y.raw()) / step);
+    };
+    double x = 0, y = 0, sum = 0;
+    for (const auto& corner : corners) {
+      x += corner.weight * moved(corner.r, corner.c).first;
+      y += corner.weight * moved(corner.r, corner.c).second;
+    }
+    for (const auto& corner : corners) {
+      const auto [dx, dy] = moved(corner.r, corner.c);
+      sum += corner.weight * (std::pow(dx - x, 2) + std::pow(dy - y, 2));
+    }
+    return std::min(sum, 64.0);
+  }
+
   double motion(const Frame& now, int k, bool empty, double threshold, const Counted& counted, Seen& seen) {
     constexpr double kLags_s[] = {0.12, 0.24, 0.48};
     const Frame* then = nullptr;
@@ -200,7 +233,7 @@ class ImprintReference {
       then = &kept;
     }
     if (then == nullptr) return 0;
-    double change = 0, relief = 0, all = 0;
+    double change = 0, relief = 0, bent = 0, all = 0;
     int pressed = 0, both = 0;
     for (std::size_t key = 0; key < now.patches.size(); ++key) {
       if (!now.patches[key] || !then->patches[key]) continue;
@@ -223,6 +256,7 @@ class ImprintReference {
       if (!in_contact) continue;
       change += about_mean;
       relief += reliefs;
+      bent += reliefs * bend(now.markers, then->markers, patch);
       ++pressed;
     }
     if (empty && both > 0) {
@@ -231,6 +265,9 @@ class ImprintReference {
     }
     if (pressed < config_.least_patches) return 0;
     change -= pressed * noise_motion_[k];
+    const double told = kN * kN * bent / (2 * kPairs);
+    seen.close[k] = told > 0 && std::abs(change / told - 1) < 0.03;
+    if (change <= told) return 0;
     // 1.2 levels^2 and 0.12 a patch, in units of 16 levels and of the sum of two reliefs.
     relief += 2 * kPairs * 256 * (1.2 + 0.12 * pressed) - 2 * pressed * noise_relief_;
     if (change <= 0) return 0;
@@ -239,6 +276,7 @@ class ImprintReference {
 
   imprint::Config config_;
   int side_ = 1, width_ = 0, height_ = 0;
+  double pitch_px_ = 0;
   std::vector<double> pixels_;
   std::array<std::optional<Square>, 4 * kMaxMarkers> empty_;
   int empty_frames_ = 0;

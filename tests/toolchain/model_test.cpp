@@ -2,6 +2,7 @@
 // The slip tree: committed text, committed header, the file that the firmware loads and the compiler between them
 // agree; bad texts are refused with the line, the fault and the next step.
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <fstream>
 #include <iterator>
@@ -24,6 +25,7 @@
 
 namespace {
 
+using holdfast::Sensitivity;
 using holdfast::Verdict;
 namespace classifier = holdfast::classifier;
 namespace model_file = holdfast::model_file;
@@ -77,7 +79,7 @@ class TextTree {
     }
   }
 
-  [[nodiscard]] Verdict say(const Inputs& x) const {
+  [[nodiscard]] Verdict say(const Inputs& x, Sensitivity sensitivity = Sensitivity::kNormal) const {
     int id = 0;
     for (;;) {
       const std::string& line = lines_.at(id);
@@ -87,7 +89,10 @@ class TextTree {
       int child_false = 0;
       if (std::sscanf(line.c_str(), "node %d: %63s <= %lld ? %d : %d", &id, name, &threshold, &child_true,
                       &child_false) != 5) {
-        return line.find(": slip") != std::string::npos ? Verdict::kSlip : Verdict::kHold;
+        const bool slips = line.ends_with(": slip") ||
+                           (line.ends_with(": slip_normal") && sensitivity != Sensitivity::kQuiet) ||
+                           (line.ends_with(": slip_sensitive") && sensitivity == Sensitivity::kSensitive);
+        return slips ? Verdict::kSlip : Verdict::kHold;
       }
       id = x.at(columns_.at(name)) <= threshold ? child_true : child_false;
     }
@@ -99,15 +104,23 @@ class TextTree {
 };
 
 // Runs emitted C++: only the statement forms that the compiler may emit are understood, all else fails the test.
-Verdict run_emitted(const std::string& header, const Inputs& x) {
+Verdict run_emitted(const std::string& header, const Inputs& x, Sensitivity sensitivity) {
+  const auto answer = [&](std::string_view said) {
+    const bool slips =
+        said == "Verdict::kSlip" ||
+        (said == "slip_from(Sensitivity::kNormal, sensitivity)" && sensitivity != Sensitivity::kQuiet) ||
+        (said == "slip_from(Sensitivity::kSensitive, sensitivity)" && sensitivity == Sensitivity::kSensitive);
+    return slips ? Verdict::kSlip : Verdict::kHold;
+  };
   std::istringstream in(header.substr(header.find("evaluate(")));
   std::map<std::string, std::int32_t> locals;
   int skip_depth = 0;  // open braces of a branch not taken
   std::string line;
+  std::getline(in, line);  // the signature has two lines
   std::getline(in, line);
   while (std::getline(in, line)) {
     char name[64] = "";
-    char verdict[16] = "";
+    char said[64] = "";
     char tail[16] = "";
     long long number = 0;
     const char* text = line.c_str();
@@ -116,12 +129,12 @@ Verdict run_emitted(const std::string& header, const Inputs& x) {
       if (line.ends_with("}")) --skip_depth;
     } else if (std::sscanf(text, " const std::int32_t& %63s = x[%lld];", name, &number) == 2) {
       locals[name] = x.at(static_cast<std::size_t>(number));
-    } else if (std::sscanf(text, " if (%63s <= %lld) return Verdict::k%15[A-Za-z];", name, &number, verdict) == 3) {
-      if (locals.at(name) <= number) return verdict == std::string("Slip") ? Verdict::kSlip : Verdict::kHold;
+    } else if (std::sscanf(text, " if (%63s <= %lld) return %63[^;];", name, &number, said) == 3) {
+      if (locals.at(name) <= number) return answer(said);
     } else if (std::sscanf(text, " if (%63s <= %lld) %15s", name, &number, tail) == 3 && tail == std::string("{")) {
       if (locals.at(name) > number) skip_depth = 1;
-    } else if (std::sscanf(text, " return Verdict::k%15[A-Za-z];", verdict) == 1) {
-      return verdict == std::string("Slip") ? Verdict::kSlip : Verdict::kHold;
+    } else if (std::sscanf(text, " return %63[^;];", said) == 1) {
+      return answer(said);
     } else {
       FAIL(line.c_str());
     }
@@ -208,7 +221,7 @@ class RandomTree {
       const std::string id = std::to_string(o.id);
       if (o.level == max_depth_ || next + 2 > max_nodes_ || o.min[f] >= o.max[f] ||
           (o.level > 1 && random_() % 8 == 0)) {
-        lines_[static_cast<std::size_t>(o.id)] = "leaf " + id + ": " + (leaf_++ % 2 == 0 ? "hold" : "slip");
+        lines_[static_cast<std::size_t>(o.id)] = "leaf " + id + ": " + kLeaves[leaf_++ % 6];
         continue;
       }
       const std::int32_t t = std::uniform_int_distribution<std::int32_t>(o.min[f], o.max[f] - 1)(random_);
@@ -251,7 +264,8 @@ class RandomTree {
   const holdfast::FeatureSet& set_;
   int max_depth_;
   int max_nodes_;
-  int leaf_ = 0;
+  static constexpr std::array<const char*, 6> kLeaves{"hold", "slip", "hold", "slip_normal", "hold", "slip_sensitive"};
+  std::size_t leaf_ = 0;
   std::vector<std::string> lines_;
 };
 
@@ -355,12 +369,14 @@ TEST(SlipModel, HeaderTableAndFileAnswerAsTheTextSays) {
   const holdfast::model::Tree file = loaded(model);
   const TextTree oracle(text);
   for (const Inputs& x : probes(model, 100)) {
-    const Verdict want = oracle.say(x);
     classifier::Inputs fixed{};
     std::copy(x.begin(), x.end(), fixed.begin());
-    CHECK_TRUE(want == holdfast::slip_tree::evaluate(fixed));
-    CHECK_TRUE(want == holdfast::model::evaluate(table, x));
-    CHECK_TRUE(want == holdfast::model::evaluate(file, x));
+    for (const Sensitivity sensitivity : {Sensitivity::kQuiet, Sensitivity::kNormal, Sensitivity::kSensitive}) {
+      const Verdict want = oracle.say(x, sensitivity);
+      CHECK_TRUE(want == holdfast::slip_tree::evaluate(fixed, sensitivity));
+      CHECK_TRUE(want == holdfast::model::evaluate(table, x, sensitivity));
+      CHECK_TRUE(want == holdfast::model::evaluate(file, x, sensitivity));
+    }
   }
 }
 
@@ -380,10 +396,11 @@ TEST(SlipModel, RandomTreesOfEverySetUpToTheLimitsAnswerAsTheirText) {
       const TextTree oracle(random_text);
       // run_emitted reads the header anew for each input: of the many, some.
       for (std::size_t i = 0; i < all.size(); i += 1 + all.size() / 1500) {
-        const Verdict want = oracle.say(all[i]);
-        CHECK_TRUE(want == holdfast::model::evaluate(table, all[i]));
-        CHECK_TRUE(want == holdfast::model::evaluate(file, all[i]));
-        CHECK_TRUE(want == run_emitted(emitted, all[i]));
+        const auto sensitivity = static_cast<Sensitivity>(i % 3);
+        const Verdict want = oracle.say(all[i], sensitivity);
+        CHECK_TRUE(want == holdfast::model::evaluate(table, all[i], sensitivity));
+        CHECK_TRUE(want == holdfast::model::evaluate(file, all[i], sensitivity));
+        CHECK_TRUE(want == run_emitted(emitted, all[i], sensitivity));
       }
     }
   }
@@ -516,12 +533,12 @@ TEST(SlipModel, BadTextsAreRefusedWithLineAndReason) {
   const std::string h(kHeader);
   const std::string three = "node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n";
   std::string chain;  // one predicate deeper than allowed
-  for (int i = 0; i < 17; ++i) {
+  for (int i = 0; i < 21; ++i) {
     chain += "node " + std::to_string(2 * i) + ": vx_um_s <= " + std::to_string(100 - i) + " ? " +
              std::to_string(2 * i + 2) + " : " + std::to_string(2 * i + 1) + "\nleaf " + std::to_string(2 * i + 1) +
              ": slip\n";
   }
-  chain += "leaf 34: hold\n";
+  chain += "leaf 42: hold\n";
   std::string many;
   for (int i = 0; i < 512; ++i) many += "leaf " + std::to_string(i) + ": hold\n";
   const auto replaced = [&](std::string_view from, std::string_view to) {
@@ -584,7 +601,7 @@ TEST(SlipModel, BadTextsAreRefusedWithLineAndReason) {
       {h + "node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nnode 2: vx_um_s <= 5 ? 3 : 4\nleaf 3: hold\nleaf 4: "
            "slip\n",
        10, "decides nothing"},
-      {h + chain, 40, "deeper than 16"},
+      {h + chain, 48, "deeper than 20"},
       {h + many, 519, "more than 511 nodes"},
   };
   for (const Case& c : cases) {

@@ -22,6 +22,7 @@ struct CommonOptions {
   OutputPaths paths;
   std::string grid = "9x7";
   std::string mode = "fast";
+  std::string sensitivity = "normal";
   std::string model;
   std::string feature_set;  // empty = whatever the tree reads
   bool json = false;
@@ -97,6 +98,7 @@ void add_dataset(CLI::App& app, std::vector<Command>& commands);
 void add_train(CLI::App& app, std::vector<Command>& commands);
 void add_evaluate(CLI::App& app, std::vector<Command>& commands);
 void add_compile(CLI::App& app, std::vector<Command>& commands);
+void add_fuse(CLI::App& app, std::vector<Command>& commands);
 void add_calibrate(CLI::App& app, std::vector<Command>& commands);
 void add_study(CLI::App& app, std::vector<Command>& commands);
 

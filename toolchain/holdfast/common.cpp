@@ -128,6 +128,10 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
   command.add_option("--mode", options.mode, fmt::format("speed setting for JPEG pictures: {}", known_modes()))
       ->capture_default_str();
   command
+      .add_option("--sensitivity", options.sensitivity,
+                  fmt::format("operating point of the model: {}", fmt::join(kSensitivityNames, ", ")))
+      ->capture_default_str();
+  command
       .add_option("--model", options.model,
                   "model, text or compiled, to decide with instead of the tree that is compiled in")
       ->check(not_empty);
@@ -152,6 +156,12 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
   if (!parse("mode", options.mode, params).ok() || !find_mode(options.mode)) {
     return fmt::format("--mode '{}': no such mode. Likely cause: a typing error. Next: give one of {}", options.mode,
                        known_modes());
+  }
+  if (std::ranges::find(kSensitivityNames, options.sensitivity) == kSensitivityNames.end() ||
+      !parse("sensitivity", options.sensitivity, params).ok()) {
+    return fmt::format(
+        "--sensitivity '{}': no such operating point. Likely cause: a typing error. Next: give one of {}",
+        options.sensitivity, fmt::join(kSensitivityNames, ", "));
   }
   if (!options.feature_set.empty() && find_feature_set(options.feature_set) == nullptr) {
     return fmt::format("--feature-set '{}': no such set. Likely cause: a typing error. Next: give one of {}",

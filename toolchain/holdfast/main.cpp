@@ -136,6 +136,7 @@ int run(int argc, char** argv) {
   add_train(app, commands);
   add_evaluate(app, commands);
   add_compile(app, commands);
+  add_fuse(app, commands);
   add_calibrate(app, commands);
   add_study(app, commands);
 

@@ -148,7 +148,7 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     }
     fmt::print(features_->stream(), ",{},{},", outputs.slip ? 1 : 0, outputs.grip_ok ? 1 : 0);
     // Where the model does not read the picture, nothing of it is computed; what does not move has no figure either.
-    if (has_features && result.contact.judged) fmt::print(features_->stream(), "{}", f.contact.raw());
+    if (has_features && result.contact.judged) fmt::print(features_->stream(), "{}", result.contact.touching ? 1 : 0);
     if (has_features && f.imprint.patches.raw() > 0) {
       fmt::print(features_->stream(), ",{},", f.imprint.patches.raw());
       if (f.imprint.motion.raw() > 0)

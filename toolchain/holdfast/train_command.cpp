@@ -249,7 +249,14 @@ Error judge(const learn::Samples& samples, const Fold& fold, const Settings& set
                        *error);
   }
   learn::Confusion confusion;
-  const std::vector<std::uint8_t> said = learner->predict(fold.test);
+  const auto predict = [&](const learn::Matrix& rows) {
+    std::vector<std::uint8_t> said = learner->predict(rows);
+    for (std::size_t i = 0; i < said.size(); ++i) {
+      if (!learn::may_slip(*rows.set, samples.rows[idx(rows.row[i])])) said[i] = 0;
+    }
+    return said;
+  };
+  const std::vector<std::uint8_t> said = predict(fold.test);
   for (std::size_t i = 0; i < said.size(); ++i) confusion.add(fold.test.slip[i] != 0, said[i] != 0);
   figures.folds.push_back(confusion);
   if (!with_events) return {};
@@ -260,7 +267,7 @@ Error judge(const learn::Samples& samples, const Fold& fold, const Settings& set
   }
   for (const TestTrial& test : fold.trials) {
     const learn::Trial& trial = samples.trials[idx(test.trial)];
-    const std::vector<std::uint8_t> accepted = learner->predict(test.rows);
+    const std::vector<std::uint8_t> accepted = predict(test.rows);
     std::vector<std::uint8_t> verdicts(idx(trial.count));
     for (std::size_t i = 0; i < accepted.size(); ++i) verdicts[idx(test.rows.row[i] - trial.first)] = accepted[i];
     figures.events.push_back(learn::event_of(samples, test.trial, verdicts, decision::Config{}));

@@ -14,6 +14,7 @@
 
 #include "drivers/sim/scene/paper.hpp"
 #include "drivers/sim/scene/random.hpp"
+#include "toolchain/learn/detectors.hpp"
 #include "toolchain/learn/score.hpp"
 #include "toolchain/learn/splits.hpp"
 
@@ -161,21 +162,6 @@ PoissonInterval EventGroup::alarms_per_hour_interval() const {
 
 // --- work ---
 
-std::vector<std::uint8_t> requests_of(const Samples& samples, const Trial& trial,
-                                      std::span<const std::uint8_t> verdicts, const decision::Config& config) {
-  std::vector<std::uint8_t> raised;
-  decision::State state;
-  const std::span<const Row> rows = samples.of(trial);
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    if (rows[i].accepted) {
-      const auto now = Micros(std::llround(rows[i].t_s * 1e6));
-      (void)decision::update(state, config, verdicts[i] != 0 ? Verdict::kSlip : Verdict::kHold, now);
-    }
-    raised.push_back(state.raised ? 1 : 0);
-  }
-  return raised;
-}
-
 bool is_unseen(std::string_view object) {
   return std::any_of(scene::kPaperObjects.begin(), scene::kPaperObjects.end(),
                      [&](const scene::PaperObject& known) { return known.unseen && known.name == object; });
@@ -269,103 +255,14 @@ EventScore events_of(const Samples& samples, std::span<const int> trials, const 
 }
 
 constexpr std::array kRaiseFrames{1, 2, 3};
+constexpr int kRaise = decision::Config{}.raise_frames;
+constexpr std::array kAlarmBudgets{0, 1, 2, 4, 8, 16, 32, 64};  // of a detector, where it learns
 
 double thread_us() {
   timespec now{};
   ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
 }
-
-// --- recordings ---
-
-// "Shaken" as the label file's README has it: the arm shakes in these frames of every clip but one object's.
-bool shaken(const Trial& trial, const Row& row) {
-  return row.label == Label::kHold && row.frame >= 100 && row.frame <= 250 && trial.object != "artificial_strawberry";
-}
-
-constexpr int kLabelSlack = 3;  // frames
-
-class RecordedTally {
- public:
-  explicit RecordedTally(RecordedScore& score) : score_(score) {}
-
-  void add(const Samples& samples, const Trial& trial, std::span<const std::uint8_t> verdicts) {
-    const std::span<const Row> rows = samples.of(trial);
-    const int count = trial.count;
-    decision::Config config;
-    config.raise_frames = score_.raise_frames;
-    const std::vector<std::uint8_t> up = requests_of(samples, trial, verdicts, config);
-    const auto rises = [&](int i) {
-      return up[static_cast<std::size_t>(i)] != 0 && (i == 0 || up[static_cast<std::size_t>(i - 1)] == 0);
-    };
-    for (int i = 0; i < count; ++i) {
-      const Row& row = rows[static_cast<std::size_t>(i)];
-      if (judged(row)) score_.frames.add(row.label == Label::kSlip, verdicts[static_cast<std::size_t>(i)] != 0);
-      if (row.label != Label::kHold) continue;
-      const double dt_s = i > 0 ? row.t_s - rows[static_cast<std::size_t>(i - 1)].t_s : 0.0;
-      for (Exposure* exposure : {&score_.held, &score_.shaken}) {
-        if (exposure == &score_.shaken && !shaken(trial, row)) continue;
-        exposure->s += dt_s;
-        exposure->alarms += rises(i) ? 1 : 0;
-      }
-    }
-    const auto any_in = [&](int from, int to) {
-      for (int i = std::max(0, from); i <= to && i < count; ++i) {
-        if (up[static_cast<std::size_t>(i)] != 0) return true;
-      }
-      return false;
-    };
-    const auto fresh_in = [&](int from, int to) {
-      for (int i = std::max(0, from); i <= to && i < count; ++i) {
-        if (rises(i)) return true;
-      }
-      return false;
-    };
-    // Recorded onset: the first slip row, unless the clip begins with it.
-    int onset = 0;
-    while (onset < count && rows[static_cast<std::size_t>(onset)].label != Label::kSlip) ++onset;
-    if (onset > 0 && onset < count) {
-      ++score_.onsets;
-      for (auto [windows, length] : {std::pair(&score_.within_5, 5), std::pair(&score_.within_10, 10)}) {
-        windows->any += any_in(onset, onset + length) ? 1 : 0;
-        windows->fresh += fresh_in(onset - kLabelSlack, onset + length) ? 1 : 0;
-      }
-    }
-    // Sham windows, each as long as its counterpart, at every place where all rows hold.
-    for (std::size_t w = 0; w < sham_.size(); ++w) {
-      const bool fresh = w % 2 == 1;
-      const int length = (w < 2 ? 5 : 10) + (fresh ? kLabelSlack : 0);
-      for (int from = 0; from + length < count; ++from) {
-        const auto window = rows.subspan(static_cast<std::size_t>(from), static_cast<std::size_t>(length) + 1);
-        const auto all = [&](const auto& is) { return std::all_of(window.begin(), window.end(), is); };
-        if (!all([](const Row& row) { return row.label == Label::kHold && row.accepted; })) continue;
-        const bool hit = fresh ? fresh_in(from, from + length) : any_in(from, from + length);
-        ++sham_[w].held, sham_[w].held_hits += hit ? 1 : 0;
-        if (!all([&](const Row& row) { return shaken(trial, row); })) continue;
-        ++sham_[w].shaken, sham_[w].shaken_hits += hit ? 1 : 0;
-      }
-    }
-  }
-
-  // After the last add().
-  void settle() {
-    const auto share = [](long hits, long all) {
-      return all > 0 ? static_cast<double>(hits) / static_cast<double>(all) : 0.0;
-    };
-    for (std::size_t w = 0; w < sham_.size(); ++w) {
-      Windows& windows = w < 2 ? score_.within_5 : score_.within_10;
-      (w % 2 == 0 ? windows.sham_any : windows.sham_fresh) = share(sham_[w].held_hits, sham_[w].held);
-      (w % 2 == 0 ? windows.shaken_any : windows.shaken_fresh) = share(sham_[w].shaken_hits, sham_[w].shaken);
-    }
-  }
-
- private:
-  struct Sham {
-    long held = 0, held_hits = 0, shaken = 0, shaken_hits = 0;
-  };
-  RecordedScore& score_;
-  std::array<Sham, 4> sham_{};  // any and fresh within 5, then within 10
-};
 
 // --- the plan ---
 
@@ -450,6 +347,7 @@ class Work {
     for (const LoadedModel& model : options_.models) job(1, [this, &model] { return given(model); });
     if (recorded_ != nullptr) {
       for (const FeatureSet* set : options_.sets) job(10, [this, set] { return recordings(*set); });
+      if (!options_.slip_weights.empty()) job(5, [this] { return detectors(); });
     }
     job(10 + (has(Kind::kSvm) ? cost(Kind::kSvm) : 0), [this] { return timing(); });
     for (const std::string_view name : {"entropy", "velocity"}) {
@@ -531,7 +429,10 @@ class Work {
     Matrix rows = matrix_of_rows(samples, set, test);
     fill_score(samples, fitted.score, rows);
     const std::vector<std::uint8_t> said = fitted.learner->predict(rows);
-    for (std::size_t i = 0; i < test.size(); ++i) verdicts[static_cast<std::size_t>(test[i])] = said[i];
+    for (std::size_t i = 0; i < test.size(); ++i) {
+      const auto r = static_cast<std::size_t>(test[i]);
+      verdicts[r] = may_slip(set, samples.rows[r]) ? said[i] : std::uint8_t{0};
+    }
   }
 
   Outcome single() {
@@ -652,7 +553,8 @@ class Work {
       const Features seen = seen_by(model.tree.score, row.x);
       std::transform(model.tree.set->members.begin(), model.tree.set->members.end(), x.begin(),
                      [&](std::uint8_t member) { return seen[member]; });
-      verdicts.push_back(model::evaluate(model.tree, x) == Verdict::kSlip ? 1 : 0);
+      const bool slips = may_slip(*model.tree.set, row) && model::evaluate(model.tree, x) == Verdict::kSlip;
+      verdicts.push_back(slips ? 1 : 0);
     }
     return verdicts;
   }
@@ -671,17 +573,9 @@ class Work {
 
   void add_recorded(const std::string& name, const std::string& trained, const Verdicts& verdicts) {
     for (const int raise : kRaiseFrames) {
-      RecordedScore score;
+      RecordedScore score = score_recordings(*recorded_, verdicts, raise);
       score.name = name;
       score.trained = trained;
-      score.raise_frames = raise;
-      RecordedTally tally(score);
-      for (const Trial& trial : recorded_->trials) {
-        tally.add(
-            *recorded_, trial,
-            std::span(verdicts).subspan(static_cast<std::size_t>(trial.first), static_cast<std::size_t>(trial.count)));
-      }
-      tally.settle();
       out_.recorded.push_back(score);
     }
   }
@@ -692,12 +586,38 @@ class Work {
       return "recordings, " + *error;
     }
     add_recorded(std::string(set.name), "recordings of the other objects", verdicts);
+    for (const double weight : options_.slip_weights) {
+      Settings changed = settings(Kind::kTree, 1);
+      changed.slip_weight *= weight;
+      if (auto error = leave_out(*recorded_, clips_, set, changed, true, verdicts)) return "recordings, " + *error;
+      add_point(std::string(set.name), changed.slip_weight, score_recordings(*recorded_, verdicts, kRaise));
+    }
     Fitted fitted;
     if (auto error = fit(samples_, set, settings(Kind::kTree, 1), rows_of(samples_, known_, true), fitted)) {
       return error;
     }
     judge(*recorded_, set, fitted, rows_of(*recorded_, clips_, false), verdicts);
     add_recorded(std::string(set.name), "the data set", verdicts);
+    return std::nullopt;
+  }
+
+  void add_point(const std::string& name, double setting, RecordedScore score) {
+    score.name = name;
+    out_.recorded_curve.push_back({name, setting, std::move(score)});
+  }
+
+  // Detectors of one number, for comparison.
+  Outcome detectors() {
+    for (const Detector& detector : kDetectors) {
+      for (const int alarms : kAlarmBudgets) {
+        if (!go_on()) return std::nullopt;
+        RecordedScore score;
+        if (auto error = leave_one_out(*recorded_, detector, {alarms, 0.0}, kRaise, score)) {
+          return std::string(detector.name) + ": " + *error;
+        }
+        add_point(std::string(detector.name), alarms, std::move(score));
+      }
+    }
     return std::nullopt;
   }
 

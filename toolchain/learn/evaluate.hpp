@@ -19,6 +19,7 @@
 #include "slip/model.hpp"
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
+#include "toolchain/learn/recorded.hpp"
 #include "toolchain/learn/samples.hpp"
 #include "toolchain/learn/tsne.hpp"
 
@@ -121,37 +122,17 @@ struct CurvePoint {
   double within_10 = 0.0;
 };
 
+// A detector of recordings at one of its settings, which has not seen the object.
+struct RecordedPoint {
+  std::string name;
+  double setting = 0.0;  // trees: slip_weight; detectors of one number: alarms that it may raise where it learns
+  RecordedScore score;
+};
+
 struct ModelScore {
   std::string name;
   const FeatureSet* set = nullptr;
   std::vector<ObjectScore> objects;
-};
-
-// Recordings: windows begin at the onset (any alarm: up at all; new alarm: rises, from 3 frames before the onset on,
-// which is how well the labels are placed) and end 5 or 10 frames after it. Sham: share of such windows that lie wholly
-// in silent held contact and show the same: what chance gives.
-struct Windows {
-  int any = 0;  // onsets
-  int fresh = 0;
-  double sham_any = 0.0;  // shares of all windows in held contact
-  double sham_fresh = 0.0;
-  double shaken_any = 0.0;  // likewise in shaken contact
-  double shaken_fresh = 0.0;
-};
-struct Exposure {
-  int alarms = 0;
-  double s = 0.0;
-};
-struct RecordedScore {
-  std::string name;
-  std::string trained;  // on what
-  int raise_frames = 2;
-  Confusion frames;
-  int onsets = 0;
-  Windows within_5;
-  Windows within_10;
-  Exposure held;
-  Exposure shaken;
 };
 
 struct TimingScore {
@@ -175,6 +156,7 @@ struct Evaluation {
   std::vector<ModelScore> models;
   std::vector<EventScore> model_events;
   std::vector<RecordedScore> recorded;
+  std::vector<RecordedPoint> recorded_curve;  // by detector, then from few alarms to many
   std::vector<TimingScore> timing;
   std::string timing_set;
   std::vector<TsnePanel> tsne;
@@ -204,11 +186,6 @@ struct Options {
   int tsne_iterations = 500;
   std::function<bool(long, long)> progress;  // units of work done, of all; false stops
 };
-
-// The request after each row of a trial: update() of slip/decision.hpp; rows not accepted keep it.
-[[nodiscard]] std::vector<std::uint8_t> requests_of(const Samples& samples, const Trial& trial,
-                                                    std::span<const std::uint8_t> verdicts,
-                                                    const decision::Config& config);
 
 // Whether the paper keeps this object out of training.
 [[nodiscard]] bool is_unseen(std::string_view object);

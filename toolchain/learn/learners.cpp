@@ -333,6 +333,11 @@ std::vector<double> row_weights(const Settings& settings, const Matrix& rows) {
   return out;
 }
 
+bool may_slip(const FeatureSet& set, const Row& row) {
+  static const std::uint8_t contact = score::index_of("contact");
+  return !reads(set, Stage::kImprint) || row.x[contact] != 0;
+}
+
 Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials, double recorded_weight,
                  bool with_empty) {
   Matrix matrix;

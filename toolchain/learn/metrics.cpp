@@ -139,4 +139,19 @@ GraspEvent event_of(const Samples& samples, int trial, std::span<const std::uint
   return event;
 }
 
+std::vector<std::uint8_t> requests_of(const Samples& samples, const Trial& trial,
+                                      std::span<const std::uint8_t> verdicts, const decision::Config& config) {
+  std::vector<std::uint8_t> raised;
+  decision::State state;
+  const std::span<const Row> rows = samples.of(trial);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (rows[i].accepted) {
+      const auto now = Micros(std::llround(rows[i].t_s * 1e6));
+      (void)decision::update(state, config, verdicts[i] != 0 ? Verdict::kSlip : Verdict::kHold, now);
+    }
+    raised.push_back(state.raised ? 1 : 0);
+  }
+  return raised;
+}
+
 }  // namespace holdfast::learn

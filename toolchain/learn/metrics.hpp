@@ -54,4 +54,9 @@ struct GraspEvent {
 [[nodiscard]] GraspEvent event_of(const Samples& samples, int trial, std::span<const std::uint8_t> verdicts,
                                   const decision::Config& config);
 
+// The request after each row of a trial: update() of slip/decision.hpp; rows not accepted keep it.
+[[nodiscard]] std::vector<std::uint8_t> requests_of(const Samples& samples, const Trial& trial,
+                                                    std::span<const std::uint8_t> verdicts,
+                                                    const decision::Config& config);
+
 }  // namespace holdfast::learn

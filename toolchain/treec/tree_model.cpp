@@ -19,7 +19,21 @@ constexpr std::size_t kMaxNameLength = model::kNameBytes;
 constexpr std::string_view kNodeForm = "write `node ID: FEATURE <= INTEGER ? ID : ID`";
 constexpr std::string_view kScoreForm =
     "write `score bias_q8 INTEGER`, then `score FEATURE weight_q8 INTEGER offset INTEGER` for each term";
-constexpr std::string_view kLeafForm = "write `leaf ID: hold` or `leaf ID: slip`";
+constexpr std::string_view kLeafForm = "write `leaf ID: hold`, slip, slip_normal or slip_sensitive";
+
+// What a leaf may say: in a model text, and in the header that is made of it.
+struct Leaf {
+  std::string_view text;
+  Verdict verdict;
+  Sensitivity least;
+  std::string_view literal;
+};
+constexpr std::array<Leaf, 4> kLeaves{{
+    {"hold", Verdict::kHold, Sensitivity::kQuiet, "Verdict::kHold"},
+    {"slip", Verdict::kSlip, Sensitivity::kQuiet, "Verdict::kSlip"},
+    {"slip_normal", Verdict::kSlip, Sensitivity::kNormal, "slip_from(Sensitivity::kNormal, sensitivity)"},
+    {"slip_sensitive", Verdict::kSlip, Sensitivity::kSensitive, "slip_from(Sensitivity::kSensitive, sensitivity)"},
+}};
 
 std::string quoted(std::string_view text) {
   return "'" + std::string(text) + "'";
@@ -190,10 +204,10 @@ class Parser {
   }
 
   std::optional<Problem> leaf_body(const Words& words, Node& node) const {
-    if (words.size() != 4 || (words[3] != "hold" && words[3] != "slip")) {
-      return problem("the leaf's class is neither hold nor slip", kLeafForm);
-    }
-    node.verdict = words[3] == "slip" ? Verdict::kSlip : Verdict::kHold;
+    const auto* const found = words.size() == 4 ? std::ranges::find(kLeaves, words[3], &Leaf::text) : kLeaves.end();
+    if (found == kLeaves.end()) return problem("the leaf's class is neither hold nor slip", kLeafForm);
+    node.verdict = found->verdict;
+    node.least = found->least;
     return std::nullopt;
   }
 
@@ -402,6 +416,7 @@ void fill_table(const Model& model, int id, model::Tree& table) {
   model::Node& to = table.nodes[static_cast<std::size_t>(table.count++)];
   if (from.is_leaf) {
     to.kind = from.verdict == Verdict::kSlip ? model::Kind::kSlip : model::Kind::kHold;
+    to.feature = static_cast<std::uint8_t>(from.least);
     return;
   }
   to.kind = model::Kind::kSplit;
@@ -412,8 +427,9 @@ void fill_table(const Model& model, int id, model::Tree& table) {
   fill_table(model, from.child_false, table);
 }
 
-std::string_view literal(Verdict verdict) {
-  return verdict == Verdict::kSlip ? "Verdict::kSlip" : "Verdict::kHold";
+const Leaf& leaf_of(const Node& node) {
+  return *std::ranges::find_if(
+      kLeaves, [&](const Leaf& leaf) { return leaf.verdict == node.verdict && leaf.least == node.least; });
 }
 
 // Each branch returns, so the false side needs no else and no further indent.
@@ -422,14 +438,14 @@ void emit_node(const Model& model, int id, int level, std::string& out) {
   const std::string indent(static_cast<std::size_t>(2 * level), ' ');
   const std::string return_word = "return ";
   if (node.is_leaf) {
-    out += indent + return_word + std::string(literal(node.verdict)) + ";\n";
+    out += indent + return_word + std::string(leaf_of(node).literal) + ";\n";
     return;
   }
   out += indent + "if (" + model.features[static_cast<std::size_t>(node.feature)].name +
          " <= " + std::to_string(node.threshold) + ") ";
   const Node& low = model.nodes[static_cast<std::size_t>(node.child_true)];
   if (low.is_leaf) {
-    out += return_word + std::string(literal(low.verdict)) + ";\n";
+    out += return_word + std::string(leaf_of(low).literal) + ";\n";
   } else {
     out += "{\n";
     emit_node(model, node.child_true, level + 1, out);
@@ -503,7 +519,8 @@ std::string emit(const Model& model, std::string_view space) {
   out += "inline constexpr std::uint32_t kModelCrc32 = " + std::string(crc) + ";  // of the model's text\n" +
          emit_score(model) + "\n";
   out += "[[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, " +
-         std::to_string(model.features.size()) + ">& x) {\n";
+         std::to_string(model.features.size()) + ">& x,\n" + std::string(41, ' ') +
+         "[[maybe_unused]] Sensitivity sensitivity = Sensitivity::kNormal) {\n";
   for (std::size_t i = 0; i < model.features.size(); ++i) {
     const bool is_read = std::any_of(model.nodes.begin(), model.nodes.end(), [&](const Node& node) {
       return !node.is_leaf && node.feature == static_cast<int>(i);
@@ -544,7 +561,7 @@ std::string to_text(const Model& model, std::string_view comment) {
   for (const Node& node : model.nodes) {
     const std::string id = std::to_string(node.id);
     if (node.is_leaf) {
-      out += "leaf " + id + (node.verdict == Verdict::kSlip ? ": slip\n" : ": hold\n");
+      out += "leaf " + id + ": " + std::string(leaf_of(node).text) + "\n";
     } else {
       out += "node " + id + ": " + model.features[static_cast<std::size_t>(node.feature)].name +
              " <= " + std::to_string(node.threshold) + " ? " + std::to_string(node.child_true) + " : " +

@@ -5,7 +5,8 @@
 // Text, format 1 (comments from # to the end of the line; see toolchain/model/slip_v2.tree):
 //   format 1 | name NAME | feature_set SET | feature NAME UNIT Qn (one line each, in the set's order)
 //   score bias_q8 N | score FEATURE weight_q8 W offset O (one line a term), when the set reads marker_score (score.hpp)
-//   node ID: FEATURE <= T ? ID_TRUE : ID_FALSE | leaf ID: hold|slip
+//   node ID: FEATURE <= T ? ID_TRUE : ID_FALSE | leaf ID: hold|slip|slip_normal|slip_sensitive
+// slip_normal: slip unless quiet is asked for; slip_sensitive: slip only when sensitive is.
 // The first problem found ends the work; it says where, what and what to do next.
 #pragma once
 
@@ -32,15 +33,16 @@ struct Node {
   int id = 0;
   int line = 0;  // of the text, from 1
   bool is_leaf = false;
-  Verdict verdict = Verdict::kHold;  // leaf
-  int feature = 0;                   // index into Model::features
-  std::int32_t threshold = 0;        // x <= threshold goes to child_true
+  Verdict verdict = Verdict::kHold;         // leaf
+  Sensitivity least = Sensitivity::kQuiet;  // leaf slip: from here on
+  int feature = 0;                          // index into Model::features
+  std::int32_t threshold = 0;               // x <= threshold goes to child_true
   int child_true = 0;
   int child_false = 0;
 
   friend bool operator==(const Node& a, const Node& b) {
     const auto said = [](const Node& n) {
-      return std::tuple(n.id, n.is_leaf, n.verdict, n.feature, n.threshold, n.child_true, n.child_false);
+      return std::tuple(n.id, n.is_leaf, n.verdict, n.least, n.feature, n.threshold, n.child_true, n.child_false);
     };
     return said(a) == said(b);
   }
