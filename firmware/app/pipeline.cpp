@@ -91,6 +91,7 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
                         state.contact.empty, out.timestamp, state.saturations);
     out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,
                                   state.opening, out.timestamp);
+    if (!out.contact.settled) imprint::disbelieve(out.features.imprint);
   }
   return judge(state, config, out);
 }
@@ -98,7 +99,7 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
 // Judge: features to request. Nothing slips that does not touch, or is being let go.
 Result judge(State& state, const Config& config, Result out) {
   out.referenced = true;
-  const bool held = !state.opening && (!out.contact.judged || out.contact.settled);
+  const bool held = !state.opening && (!out.contact.judged || out.contact.touching);
   out.features.contact = Count::from_raw(held ? 1 : 0);
   classifier::complete(config.classifier, out.features, state.saturations);
   out.verdict = held ? classifier::classify(config.classifier, out.features) : Verdict::kHold;

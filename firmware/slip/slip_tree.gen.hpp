@@ -15,7 +15,7 @@ inline constexpr std::string_view kName = "slip_v3";
 inline constexpr std::string_view kFeatureSet = "touch";
 inline constexpr int kDepth = 18;
 inline constexpr int kNodes = 433;
-inline constexpr std::uint32_t kModelCrc32 = 0xA0A884A5;  // of the model's text
+inline constexpr std::uint32_t kModelCrc32 = 0xC155A513;  // of the model's text
 inline constexpr score::Score kScore{};
 
 [[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, 18>& x,
@@ -35,8 +35,8 @@ inline constexpr score::Score kScore{};
   const std::int32_t& easing_ppm_s = x[12];
   const std::int32_t& imprint_short_log2_um_q8 = x[13];
   const std::int32_t& imprint_patches = x[16];
-  if (imprint_short_log2_um_q8 <= 1680) {
-    if (imprint_patches <= 4) {
+  if (imprint_short_log2_um_q8 <= 1683) {
+    if (imprint_patches <= 9) {
       if (octave_entropy_nat_q16 <= 120473) {
         if (octave_entropy_nat_q16 <= 107942) return Verdict::kHold;
         if (evenness_q10 <= 754) {
@@ -48,22 +48,22 @@ inline constexpr score::Score kScore{};
                   if (evenness_q10 <= 722) {
                     if (flow_steady_q10 <= -388) {
                       if (unevenness_log2_q8 <= 11) return Verdict::kHold;
-                      return Verdict::kSlip;
+                      return slip_from(Sensitivity::kNormal, sensitivity);
                     }
-                    return Verdict::kSlip;
+                    return slip_from(Sensitivity::kNormal, sensitivity);
                   }
                   return Verdict::kHold;
                 }
-                return Verdict::kSlip;
+                return slip_from(Sensitivity::kNormal, sensitivity);
               }
-              if (flow_evenness_q10 <= 555) return Verdict::kSlip;
+              if (flow_evenness_q10 <= 555) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             return Verdict::kHold;
           }
           if (evenness_q10 <= 599) {
             if (flow_spread_um_s <= 54) return Verdict::kHold;
-            return Verdict::kSlip;
+            return slip_from(Sensitivity::kNormal, sensitivity);
           }
           return Verdict::kHold;
         }
@@ -72,11 +72,11 @@ inline constexpr score::Score kScore{};
         if (dilation_rate_ppm_s <= 371) return Verdict::kHold;
         if (flow_evenness_q10 <= 739) {
           if (unevenness_log2_q8 <= -100) {
-            if (flow_spread_um_s <= 422) return Verdict::kSlip;
+            if (flow_spread_um_s <= 422) return slip_from(Sensitivity::kNormal, sensitivity);
             return Verdict::kHold;
           }
           if (residual_um_q4 <= 3317) return Verdict::kHold;
-          return Verdict::kSlip;
+          return slip_from(Sensitivity::kNormal, sensitivity);
         }
         return Verdict::kHold;
       }
@@ -86,9 +86,9 @@ inline constexpr score::Score kScore{};
             if (flow_evenness_q10 <= 332) return Verdict::kHold;
             if (evenness_q10 <= 709) {
               if (flow_spread_um_s <= 108) return Verdict::kHold;
-              if (flow_evenness_q10 <= 477) return Verdict::kSlip;
+              if (flow_evenness_q10 <= 477) return slip_from(Sensitivity::kNormal, sensitivity);
               if (residual_rate_um_s <= -79) return Verdict::kHold;
-              if (residual_um_q4 <= 658) return Verdict::kSlip;
+              if (residual_um_q4 <= 658) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             return Verdict::kHold;
@@ -100,22 +100,22 @@ inline constexpr score::Score kScore{};
             if (flow_residual_um_s <= 64) return Verdict::kHold;
             if (flow_spread_um_s <= 734) {
               if (dilation_rate_ppm_s <= -2963) {
-                if (flow_along_q10 <= -815) return Verdict::kSlip;
+                if (flow_along_q10 <= -815) return slip_from(Sensitivity::kNormal, sensitivity);
                 if (flow_along_q10 <= -47) return Verdict::kHold;
                 if (flow_evenness_q10 <= 410) {
                   if (flow_spread_um_s <= 160) return Verdict::kHold;
-                  return Verdict::kSlip;
+                  return slip_from(Sensitivity::kNormal, sensitivity);
                 }
                 return Verdict::kHold;
               }
               if (evenness_q10 <= 675) {
-                if (unevenness_log2_q8 <= -28) return Verdict::kSlip;
+                if (unevenness_log2_q8 <= -28) return slip_from(Sensitivity::kNormal, sensitivity);
                 if (unevenness_log2_q8 <= 301) {
                   if (flow_along_q10 <= 315) {
                     if (dilation_rate_ppm_s <= -413) return Verdict::kHold;
-                    return Verdict::kSlip;
+                    return slip_from(Sensitivity::kNormal, sensitivity);
                   }
-                  return Verdict::kSlip;
+                  return slip_from(Sensitivity::kNormal, sensitivity);
                 }
                 return Verdict::kHold;
               }
@@ -127,35 +127,35 @@ inline constexpr score::Score kScore{};
             if (flow_evenness_q10 <= 436) {
               if (flow_residual_um_s <= 8) return Verdict::kHold;
               if (reach_um <= 392) {
-                if (flow_along_q10 <= 387) return Verdict::kSlip;
+                if (flow_along_q10 <= 387) return slip_from(Sensitivity::kNormal, sensitivity);
                 if (unevenness_log2_q8 <= 210) {
                   if (easing_ppm_s <= 10718) {
-                    if (flow_evenness_q10 <= 399) return Verdict::kSlip;
+                    if (flow_evenness_q10 <= 399) return slip_from(Sensitivity::kNormal, sensitivity);
                     if (dilation_rate_ppm_s <= -304) return Verdict::kHold;
-                    return Verdict::kSlip;
+                    return slip_from(Sensitivity::kNormal, sensitivity);
                   }
                   return Verdict::kHold;
                 }
                 return Verdict::kHold;
               }
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             if (unevenness_log2_q8 <= 31) {
               if (dilation_rate_ppm_s <= -2371) return Verdict::kHold;
               if (flow_residual_um_s <= 10) return Verdict::kHold;
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
-            if (evenness_q10 <= 421) return Verdict::kSlip;
+            if (evenness_q10 <= 421) return slip_from(Sensitivity::kNormal, sensitivity);
             if (flow_along_q10 <= 978) {
               if (residual_um_q4 <= 1862) return Verdict::kHold;
               if (flow_residual_um_s <= 38) return Verdict::kHold;
               if (dilation_rate_ppm_s <= -1267) return Verdict::kHold;
-              if (unevenness_log2_q8 <= 230) return Verdict::kSlip;
+              if (unevenness_log2_q8 <= 230) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             return Verdict::kHold;
           }
-          if (evenness_q10 <= 434) return Verdict::kSlip;
+          if (evenness_q10 <= 434) return slip_from(Sensitivity::kNormal, sensitivity);
           return Verdict::kHold;
         }
         if (flow_along_q10 <= 192) {
@@ -164,14 +164,14 @@ inline constexpr score::Score kScore{};
             if (unevenness_log2_q8 <= 249) {
               if (flow_residual_um_s <= 11) {
                 if (dilation_rate_ppm_s <= 112) return Verdict::kHold;
-                return Verdict::kSlip;
+                return slip_from(Sensitivity::kNormal, sensitivity);
               }
               if (flow_spread_um_s <= 28) {
-                if (reach_um <= 289) return Verdict::kSlip;
-                if (easing_ppm_s <= 53) return Verdict::kSlip;
+                if (reach_um <= 289) return slip_from(Sensitivity::kNormal, sensitivity);
+                if (easing_ppm_s <= 53) return slip_from(Sensitivity::kNormal, sensitivity);
                 return Verdict::kHold;
               }
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             return Verdict::kHold;
           }
@@ -179,7 +179,7 @@ inline constexpr score::Score kScore{};
             if (evenness_q10 <= 731) {
               if (flow_steady_q10 <= 109) {
                 if (flow_along_q10 <= -970) {
-                  if (dilation_rate_ppm_s <= -2550) return Verdict::kSlip;
+                  if (dilation_rate_ppm_s <= -2550) return slip_from(Sensitivity::kNormal, sensitivity);
                   return Verdict::kHold;
                 }
                 return Verdict::kHold;
@@ -188,7 +188,7 @@ inline constexpr score::Score kScore{};
                 if (flow_steady_q10 <= 963) {
                   if (flow_along_q10 <= -986) {
                     if (dilation_rate_ppm_s <= -3829) {
-                      if (flow_steady_q10 <= 766) return Verdict::kSlip;
+                      if (flow_steady_q10 <= 766) return slip_from(Sensitivity::kNormal, sensitivity);
                       return Verdict::kHold;
                     }
                     return Verdict::kHold;
@@ -200,9 +200,9 @@ inline constexpr score::Score kScore{};
               if (easing_ppm_s <= 1956) {
                 if (unevenness_log2_q8 <= 15) {
                   if (flow_spread_um_s <= 13) return Verdict::kHold;
-                  if (flow_evenness_q10 <= 665) return Verdict::kSlip;
+                  if (flow_evenness_q10 <= 665) return slip_from(Sensitivity::kNormal, sensitivity);
                   if (flow_spread_um_s <= 74) {
-                    if (flow_evenness_q10 <= 777) return Verdict::kSlip;
+                    if (flow_evenness_q10 <= 777) return slip_from(Sensitivity::kNormal, sensitivity);
                     return Verdict::kHold;
                   }
                   return Verdict::kHold;
@@ -211,7 +211,7 @@ inline constexpr score::Score kScore{};
                   if (residual_rate_um_s <= -17) return Verdict::kHold;
                   if (flow_along_q10 <= 53) {
                     if (flow_residual_um_s <= 39) return Verdict::kHold;
-                    return Verdict::kSlip;
+                    return slip_from(Sensitivity::kNormal, sensitivity);
                   }
                   return Verdict::kHold;
                 }
@@ -221,7 +221,7 @@ inline constexpr score::Score kScore{};
                 if (flow_residual_um_s <= 34) return Verdict::kHold;
                 if (residual_rate_um_s <= -49) return Verdict::kHold;
                 if (flow_steady_q10 <= 447) return Verdict::kHold;
-                return Verdict::kSlip;
+                return slip_from(Sensitivity::kNormal, sensitivity);
               }
               return Verdict::kHold;
             }
@@ -235,13 +235,13 @@ inline constexpr score::Score kScore{};
             if (flow_evenness_q10 <= 708) {
               if (flow_evenness_q10 <= 615) {
                 if (dilation_rate_ppm_s <= -4796) return Verdict::kHold;
-                return Verdict::kSlip;
+                return slip_from(Sensitivity::kNormal, sensitivity);
               }
               if (flow_steady_q10 <= 1008) {
                 if (flow_along_q10 <= 940) return Verdict::kHold;
                 if (unevenness_log2_q8 <= -142) {
                   if (dilation_rate_ppm_s <= -6130) return Verdict::kHold;
-                  return Verdict::kSlip;
+                  return slip_from(Sensitivity::kNormal, sensitivity);
                 }
                 return Verdict::kHold;
               }
@@ -257,11 +257,11 @@ inline constexpr score::Score kScore{};
         if (flow_steady_q10 <= -160) {
           if (easing_ppm_s <= 170) {
             if (flow_along_q10 <= -169) {
-              if (flow_evenness_q10 <= 510) return Verdict::kSlip;
+              if (flow_evenness_q10 <= 510) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             if (flow_along_q10 <= 198) {
-              if (unevenness_log2_q8 <= 168) return Verdict::kSlip;
+              if (unevenness_log2_q8 <= 168) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             return Verdict::kHold;
@@ -271,21 +271,21 @@ inline constexpr score::Score kScore{};
             if (flow_steady_q10 <= -380) return Verdict::kHold;
             if (unevenness_log2_q8 <= 205) {
               if (unevenness_log2_q8 <= -85) {
-                if (reach_um <= 226) return Verdict::kSlip;
+                if (reach_um <= 226) return slip_from(Sensitivity::kNormal, sensitivity);
                 if (dilation_rate_ppm_s <= 933) return Verdict::kHold;
-                return Verdict::kSlip;
+                return slip_from(Sensitivity::kNormal, sensitivity);
               }
               return Verdict::kHold;
             }
             return Verdict::kHold;
           }
-          if (flow_evenness_q10 <= 494) return Verdict::kSlip;
+          if (flow_evenness_q10 <= 494) return slip_from(Sensitivity::kNormal, sensitivity);
           if (flow_along_q10 <= -848) return Verdict::kHold;
           if (easing_ppm_s <= 3426) {
             if (unevenness_log2_q8 <= 95) {
               if (flow_along_q10 <= 249) {
                 if (flow_along_q10 <= -550) return Verdict::kHold;
-                return Verdict::kSlip;
+                return slip_from(Sensitivity::kNormal, sensitivity);
               }
               return Verdict::kHold;
             }
@@ -298,12 +298,12 @@ inline constexpr score::Score kScore{};
             if (flow_evenness_q10 <= 526) {
               if (flow_along_q10 <= -585) return Verdict::kHold;
               if (reach_um <= 312) return Verdict::kHold;
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             return Verdict::kHold;
           }
           if (unevenness_log2_q8 <= 199) {
-            if (easing_ppm_s <= 141) return Verdict::kSlip;
+            if (easing_ppm_s <= 141) return slip_from(Sensitivity::kNormal, sensitivity);
             if (flow_steady_q10 <= 179) {
               if (dilation_rate_ppm_s <= 796) {
                 if (flow_evenness_q10 <= 509) return Verdict::kHold;
@@ -311,10 +311,10 @@ inline constexpr score::Score kScore{};
                   if (easing_ppm_s <= 1968) {
                     if (flow_along_q10 <= 137) {
                       if (unevenness_log2_q8 <= 32) {
-                        if (octave_entropy_nat_q16 <= 141775) return Verdict::kSlip;
+                        if (octave_entropy_nat_q16 <= 141775) return slip_from(Sensitivity::kNormal, sensitivity);
                         return Verdict::kHold;
                       }
-                      return Verdict::kSlip;
+                      return slip_from(Sensitivity::kNormal, sensitivity);
                     }
                     return Verdict::kHold;
                   }
@@ -323,80 +323,80 @@ inline constexpr score::Score kScore{};
                 return Verdict::kHold;
               }
               if (residual_um_q4 <= 1422) {
-                if (unevenness_log2_q8 <= -86) return Verdict::kSlip;
+                if (unevenness_log2_q8 <= -86) return slip_from(Sensitivity::kNormal, sensitivity);
                 if (residual_rate_um_s <= -1) return Verdict::kHold;
-                if (reach_um <= 222) return Verdict::kSlip;
+                if (reach_um <= 222) return slip_from(Sensitivity::kNormal, sensitivity);
                 return Verdict::kHold;
               }
-              if (flow_evenness_q10 <= 788) return Verdict::kSlip;
+              if (flow_evenness_q10 <= 788) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             if (residual_rate_um_s <= -4) {
               if (octave_entropy_nat_q16 <= 154090) {
                 if (unevenness_log2_q8 <= -83) {
                   if (residual_um_q4 <= 1011) return Verdict::kHold;
-                  return Verdict::kSlip;
+                  return slip_from(Sensitivity::kNormal, sensitivity);
                 }
                 if (evenness_q10 <= 663) {
                   if (easing_ppm_s <= 1757) {
-                    if (flow_evenness_q10 <= 467) return Verdict::kSlip;
+                    if (flow_evenness_q10 <= 467) return slip_from(Sensitivity::kNormal, sensitivity);
                     if (residual_rate_um_s <= -15) return Verdict::kHold;
-                    return Verdict::kSlip;
+                    return slip_from(Sensitivity::kNormal, sensitivity);
                   }
                   return Verdict::kHold;
                 }
                 return Verdict::kHold;
               }
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             if (flow_along_q10 <= 125) {
               if (dilation_rate_ppm_s <= 754) {
-                if (residual_um_q4 <= 4129) return Verdict::kSlip;
+                if (residual_um_q4 <= 4129) return slip_from(Sensitivity::kNormal, sensitivity);
                 return Verdict::kHold;
               }
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             if (flow_spread_um_s <= 142) {
               if (dilation_rate_ppm_s <= 1237) {
                 if (residual_um_q4 <= 3555) {
                   if (reach_um <= 163) return Verdict::kHold;
-                  return Verdict::kSlip;
+                  return slip_from(Sensitivity::kNormal, sensitivity);
                 }
                 return Verdict::kHold;
               }
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             if (reach_um <= 599) {
-              if (flow_evenness_q10 <= 459) return Verdict::kSlip;
+              if (flow_evenness_q10 <= 459) return slip_from(Sensitivity::kNormal, sensitivity);
               if (unevenness_log2_q8 <= -44) {
-                if (flow_evenness_q10 <= 647) return Verdict::kSlip;
+                if (flow_evenness_q10 <= 647) return slip_from(Sensitivity::kNormal, sensitivity);
                 return Verdict::kHold;
               }
               return Verdict::kHold;
             }
-            return Verdict::kSlip;
+            return slip_from(Sensitivity::kNormal, sensitivity);
           }
           if (reach_um <= 218) return Verdict::kHold;
-          if (flow_evenness_q10 <= 472) return Verdict::kSlip;
-          if (unevenness_log2_q8 <= 264) return Verdict::kSlip;
+          if (flow_evenness_q10 <= 472) return slip_from(Sensitivity::kNormal, sensitivity);
+          if (unevenness_log2_q8 <= 264) return slip_from(Sensitivity::kNormal, sensitivity);
           return Verdict::kHold;
         }
         if (flow_evenness_q10 <= 482) {
           if (reach_um <= 383) {
             if (unevenness_log2_q8 <= 121) {
-              if (flow_evenness_q10 <= 441) return Verdict::kSlip;
+              if (flow_evenness_q10 <= 441) return slip_from(Sensitivity::kNormal, sensitivity);
               if (evenness_q10 <= 603) return Verdict::kHold;
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             return Verdict::kHold;
           }
-          return Verdict::kSlip;
+          return slip_from(Sensitivity::kNormal, sensitivity);
         }
         if (reach_um <= 315) {
           if (unevenness_log2_q8 <= -42) {
             if (flow_evenness_q10 <= 692) {
-              if (unevenness_log2_q8 <= -84) return Verdict::kSlip;
-              if (flow_evenness_q10 <= 603) return Verdict::kSlip;
+              if (unevenness_log2_q8 <= -84) return slip_from(Sensitivity::kNormal, sensitivity);
+              if (flow_evenness_q10 <= 603) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             return Verdict::kHold;
@@ -404,20 +404,20 @@ inline constexpr score::Score kScore{};
           return Verdict::kHold;
         }
         if (unevenness_log2_q8 <= -73) {
-          if (flow_evenness_q10 <= 690) return Verdict::kSlip;
+          if (flow_evenness_q10 <= 690) return slip_from(Sensitivity::kNormal, sensitivity);
           return Verdict::kHold;
         }
         if (flow_evenness_q10 <= 572) {
           if (flow_along_q10 <= 968) {
             if (reach_um <= 440) {
-              if (unevenness_log2_q8 <= -13) return Verdict::kSlip;
-              if (residual_rate_um_s <= 51) return Verdict::kSlip;
+              if (unevenness_log2_q8 <= -13) return slip_from(Sensitivity::kNormal, sensitivity);
+              if (residual_rate_um_s <= 51) return slip_from(Sensitivity::kNormal, sensitivity);
               return Verdict::kHold;
             }
             if (evenness_q10 <= 432) return Verdict::kHold;
-            if (flow_along_q10 <= 660) return Verdict::kSlip;
+            if (flow_along_q10 <= 660) return slip_from(Sensitivity::kNormal, sensitivity);
             if (evenness_q10 <= 545) return Verdict::kHold;
-            return Verdict::kSlip;
+            return slip_from(Sensitivity::kNormal, sensitivity);
           }
           return Verdict::kHold;
         }
@@ -425,10 +425,10 @@ inline constexpr score::Score kScore{};
           if (flow_evenness_q10 <= 717) {
             if (flow_spread_um_s <= 197) {
               if (dilation_rate_ppm_s <= 2275) {
-                if (residual_um_q4 <= 3169) return Verdict::kSlip;
+                if (residual_um_q4 <= 3169) return slip_from(Sensitivity::kNormal, sensitivity);
                 return Verdict::kHold;
               }
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             return Verdict::kHold;
           }
@@ -438,33 +438,33 @@ inline constexpr score::Score kScore{};
       }
       if (easing_ppm_s <= 6174) {
         if (evenness_q10 <= 457) {
-          if (flow_along_q10 <= 419) return Verdict::kSlip;
+          if (flow_along_q10 <= 419) return slip_from(Sensitivity::kNormal, sensitivity);
           return Verdict::kHold;
         }
         if (residual_rate_um_s <= -225) return Verdict::kHold;
         if (flow_along_q10 <= 196) {
           if (dilation_rate_ppm_s <= 13154) {
-            if (evenness_q10 <= 555) return Verdict::kSlip;
+            if (evenness_q10 <= 555) return slip_from(Sensitivity::kNormal, sensitivity);
             return Verdict::kHold;
           }
-          return Verdict::kSlip;
+          return slip_from(Sensitivity::kNormal, sensitivity);
         }
         if (dilation_rate_ppm_s <= 24496) {
           if (flow_evenness_q10 <= 484) {
             if (flow_spread_um_s <= 990) {
               if (residual_um_q4 <= 2182) return Verdict::kHold;
-              return Verdict::kSlip;
+              return slip_from(Sensitivity::kNormal, sensitivity);
             }
             return Verdict::kHold;
           }
           return Verdict::kHold;
         }
-        if (flow_residual_um_s <= 1421) return Verdict::kSlip;
+        if (flow_residual_um_s <= 1421) return slip_from(Sensitivity::kNormal, sensitivity);
         return Verdict::kHold;
       }
       if (flow_evenness_q10 <= 466) {
         if (flow_spread_um_s <= 957) {
-          if (flow_along_q10 <= 220) return Verdict::kSlip;
+          if (flow_along_q10 <= 220) return slip_from(Sensitivity::kNormal, sensitivity);
           return Verdict::kHold;
         }
         return Verdict::kHold;
@@ -472,7 +472,7 @@ inline constexpr score::Score kScore{};
       if (evenness_q10 <= 574) {
         if (flow_along_q10 <= 881) {
           if (residual_rate_um_s <= -278) return Verdict::kHold;
-          if (flow_along_q10 <= 243) return Verdict::kSlip;
+          if (flow_along_q10 <= 243) return slip_from(Sensitivity::kNormal, sensitivity);
           return Verdict::kHold;
         }
         return Verdict::kHold;

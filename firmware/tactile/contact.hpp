@@ -9,7 +9,7 @@
 // there is a gate only where there is a picture.
 //
 // While an object is pressed on, its imprint grows, which looks like motion: 90 to 215 um in simulated grasps, where a
-// slip begins at 110. So slip is not told in the first moments of a contact.
+// slip begins at 110. So the imprint is not believed in its first moments; the markers are.
 #pragma once
 
 #include <cstdint>
@@ -27,7 +27,7 @@ struct Config {
   Micros begin_after{40'000};   // so long one of the witnesses must have spoken,
   Micros end_after{120'000};    // so long both must have been silent
   Micros empty_after{500'000};  // and so long before the gel is taken for empty
-  Micros settle{300'000};       // of a contact, before slip may be told
+  Micros settle{300'000};       // that the patches have been in contact, before their motion is believed
 };
 
 // Released: the contact ended while the gripper said that it was opening, which is what it was meant to do.
@@ -35,17 +35,18 @@ enum class Event : std::uint8_t { kNone, kTouched, kLost, kReleased };
 
 struct State {
   bool touching = false;
-  bool known = false;  // a frame came before
-  Micros since{};      // the witnesses say since then what they say now
-  bool spoke = false;  // what they said last
-  Micros touched{};    // first word of the contact
+  bool known = false;    // a frame came before
+  Micros since{};        // the witnesses say since then what they say now
+  bool spoke = false;    // what they said last
+  bool pressed = false;  // the patches alone
+  Micros pressed_since{};
   bool empty = false;  // nothing has touched the gel for so long that its picture may be learned
 };
 
 struct Contact {
   bool judged = false;  // false: no picture between the dots, and nobody can tell
   bool touching = false;
-  bool settled = false;  // touching for long enough that slip may be told
+  bool settled = false;  // the imprint's motion may be believed
   Event event = Event::kNone;
 };
 
@@ -66,9 +67,12 @@ inline void forget(State& state) {
 }
 
 // `patches`: ImprintFeatures::patches; `opening`: the gripper says that it is. What the first frame says counts as
-// having lasted: a gripper that holds something when the sensor starts is in contact at once, and settled.
+// having lasted: a gripper that holds something when the sensor starts is in contact at once, and its imprint believed.
 [[nodiscard]] inline Contact update(State& state, const Config& config, const DisplacementField& field, Count patches,
                                     bool opening, Micros now) {
+  const bool pressed = patches.raw() >= (state.pressed ? config.end_patches : config.begin_patches);
+  if (pressed && !state.pressed) state.pressed_since = state.known ? now : now - config.settle;
+  state.pressed = pressed;
   const bool speaks = state.touching ? patches.raw() >= config.end_patches || displaced(field, config.end_um)
                                      : patches.raw() >= config.begin_patches || displaced(field, config.begin_um);
   Contact out;
@@ -80,7 +84,6 @@ inline void forget(State& state) {
   const Micros lasted = now - state.since;
   if (speaks && !state.touching && lasted >= config.begin_after) {
     state.touching = true;
-    state.touched = state.since;
     out.event = Event::kTouched;
   } else if (!speaks && state.touching && lasted >= config.end_after) {
     state.touching = false;
@@ -89,7 +92,7 @@ inline void forget(State& state) {
   }
   out.judged = true;
   out.touching = state.touching;
-  out.settled = state.touching && now - state.touched >= config.settle;
+  out.settled = state.touching && pressed && now - state.pressed_since >= config.settle;
   state.empty = !state.touching && !speaks && lasted >= config.empty_after;
   return out;
 }

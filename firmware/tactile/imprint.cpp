@@ -282,6 +282,14 @@ std::uint32_t relief_of(const Samples& now, const std::array<std::uint16_t, kFre
   return sum;
 }
 
+// The empty gel shows so much of its own that a little less than perfect tracking would pass for a relief. Range:
+// slopes of 16 bits and a sign, twice 17 of them.
+bool is_marked(const std::array<std::uint16_t, kFree>& empty_q4, const Config& config) {
+  std::int64_t sum = 0;
+  for (const Pair& pair : kNeighbours) sum += square(empty_q4[pair.second] - empty_q4[pair.first]);
+  return sum > std::int64_t{kPairs} * config.most_print * 256 * 256;
+}
+
 // Mean square about the mean, kFree^2 times. Range: 25 * 25 * 4080^2 = 1.1e10.
 std::int64_t change_of(const Samples& now, const Samples& then) {
   std::int32_t sum = 0, squares = 0;
@@ -383,6 +391,7 @@ void place(State& state, const LumaView& picture, const MarkerField& rest, Pixel
 void forget(State& state) {
   place_again(state);
   state.learned.fill(false);
+  state.marked.fill(false);
   state.empty_frames = 0;
   state.noise_relief = 0;
   state.noise_motion.fill(0);
@@ -415,14 +424,18 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
     std::int32_t dx_q12 = 0, dy_q12 = 0;
     if (!frame.usable || !displacement_q12(markers, rest, p, state.picture.reduction_log2, dx_q12, dy_q12)) continue;
     if (!inside(state.picture, frame, dx_q12, dy_q12)) continue;
-    last.seen[idx(p)] = true;
     Samples& samples = last.samples[idx(p)];
     sample(state.picture, frame, dx_q12, dy_q12, samples);
     last.relief[idx(p)] = state.learned[idx(p)] ? relief_of(samples, state.empty_q4[idx(p)]) : 0;
+    if (empty) {
+      learn(state, p, samples);
+      state.marked[idx(p)] = is_marked(state.empty_q4[idx(p)], config);
+    }
+    if (state.marked[idx(p)]) continue;
+    last.seen[idx(p)] = true;
     if (last.relief[idx(p)] > threshold) ++in_contact;
     reliefs_seen += last.relief[idx(p)];
     ++patches_seen;
-    if (empty) learn(state, p, samples);
   }
   if (empty && patches_seen > 0 && state.empty_frames > kNoiseAfter) {
     state.noise_relief += div_round(reliefs_seen / patches_seen - state.noise_relief, state.empty_frames - kNoiseAfter);

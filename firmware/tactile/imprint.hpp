@@ -48,6 +48,9 @@ struct Config {
   std::int32_t contact_floor_q8 = 120;      // 0.47
   std::int32_t contact_over_noise_q4 = 40;  // 2.5
   std::int32_t least_patches = 5;           // fewer: no texture
+  // A patch whose empty gel shows more gradient energy than this is left out: a dot printed beside another, a scratch,
+  // dirt. Levels^2. A clean gel's patches have 1 to 1.5 on the recordings, 1 to 3 in a hundred more than this.
+  std::int32_t most_print = 8;
 };
 
 // Lags of the three motions. A picture counts for a lag when its age is within a quarter of it.
@@ -128,6 +131,7 @@ struct State {
   std::array<Frame, kMaxPatches> frames{};
   std::array<std::array<std::uint16_t, kFree>, kMaxPatches> empty_q4{};  // samples of the empty gel, in Q4
   std::array<bool, kMaxPatches> learned{};                               // the patch was seen on the empty gel
+  std::array<bool, kMaxPatches> marked{};                                // and shows too much there
   int empty_frames = 0;
   std::int64_t noise_relief = 0;                          // kPairs * G of a patch of the empty gel
   std::array<std::int64_t, kLags.size()> noise_motion{};  // kFree^2 * R of a patch of the empty gel
@@ -144,6 +148,11 @@ void forget(State& state);
 // The rest position has changed, the gel has not: the patches are laid out anew with the next frame.
 inline void place_again(State& state) {
   state.placed = false;
+}
+
+// The motions as without relief: what was seen is no motion against the gel.
+inline void disbelieve(ImprintFeatures& features) {
+  features.motion_short = features.motion = features.motion_long = {};
 }
 
 // One frame. `rest`: the learned rest position; `markers`: now; both in pixels of `picture`. `empty`: nothing touches

@@ -362,7 +362,7 @@ TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
   refuse(in("m.tree"), "m.tree:");
   changed("\nformat 1", "\nformat 7");
   refuse(in("m.tree"), "m.tree:");
-  changed("? 1 : 2", "? 1 : 1");  // every line can be read, but it is no tree
+  changed("? 1 : ", "? 0 : ");  // every line can be read, but it is no tree
   refuse(in("m.tree"), "child");
   fs::resize_file(dir / "m.tree", 3'000'000);
   refuse(in("m.tree"), "larger than any model");
@@ -391,6 +391,10 @@ TEST(Tool, DecidesWithAModelOfAnySetInEitherForm) {
       (void)succeed(named);
     }
   }
+  // The paper's tree needs no file.
+  (void)succeed({"replay", in("gel.avi"), "--feature-set", "paper", "--features", in("f.csv")});
+  CHECK(read_csv(dir / "f.csv").rows.back()[11].empty());  // which does not read the picture
+  refused({"replay", in("gel.avi"), "--sensitivity", "loud"}, "--sensitivity 'loud'", "quiet, normal, sensitive");
   const std::string model = in("always_" + kFirstSet + ".model");
   refused({"replay", in("gel.avi"), "--model", model, "--feature-set", std::string(kFeatureSets[1].name)}, model,
           "reads the set " + kFirstSet);
@@ -548,7 +552,8 @@ TEST(Tool, FeaturesHaveARowForEachFrame) {
     for (std::size_t figure = 4; figure < 9; ++figure) LONGS_EQUAL(i == 2, row[figure].empty());
     STRCMP_EQUAL(i == 2 ? "jpeg_damaged" : row[9] == "1" ? "slip" : "none", row[3].c_str());
     for (const std::size_t bit : {9U, 10U}) CHECK(row[bit] == "0" || row[bit] == "1");
-    for (const std::size_t of_the_picture : {11U, 12U, 13U}) CHECK(row[of_the_picture].empty());  // which it reads not
+    STRCMP_EQUAL(i == 2 ? "" : i == 0 ? "0" : "1", row[11].c_str());  // the dots move, and show no relief
+    for (const std::size_t of_the_imprint : {12U, 13U}) CHECK(row[of_the_imprint].empty());
   }
   // All rows of markers too; those of the rejected frame say nothing.
   const Table markers = read_csv(dir / "m.csv");

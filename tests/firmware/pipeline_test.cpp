@@ -349,6 +349,13 @@ TEST(Pipeline, NothingSlipsWithoutContactWhereThePictureIsRead) {
   const pipeline::Result touched = show(shifted(0.2, 0.0));
   CHECK_TRUE(touched.contact.touching);
   LONGS_EQUAL(static_cast<int>(Verdict::kSlip), static_cast<int>(touched.verdict));
+  // What the gripper lets go does not slip, and its contact is not lost but released.
+  pipeline::opening(*state, true);
+  LONGS_EQUAL(static_cast<int>(Verdict::kHold), static_cast<int>(show(shifted(0.2, 0.0)).verdict));
+  contact::Event last = contact::Event::kNone;
+  for (int k = 0; k < 8 && last == contact::Event::kNone; ++k) last = show().contact.event;
+  LONGS_EQUAL(static_cast<int>(contact::Event::kReleased), static_cast<int>(last));
+  pipeline::opening(*state, false);
 }
 
 TEST(Pipeline, TakesOneFrameForTheReference) {

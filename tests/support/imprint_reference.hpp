@@ -55,10 +55,11 @@ class ImprintReference {
             const auto samples = sample(now, rest, row, col, sx, sy);
             if (!samples) continue;
             Patch patch{*samples, empty_[key] ? relief(*samples, *empty_[key]) : 0.0, row, col, sx, sy};
+            if (empty) learn(key, *samples);
+            if (empty_[key] && relief(*empty_[key], Square{}) > kPairs * 8.0 * 256) continue;
             ++patches;
             reliefs += patch.relief;
             if (patch.relief > threshold) ++out.patches;
-            if (empty) learn(key, *samples);
             frame.patches[key] = patch;
           }
         }

@@ -372,6 +372,10 @@ TEST(Evaluate, RecordingsAreCountedBesideTheirSham) {
   DOUBLES_EQUAL(any / (275.0 + 195.0 + 295.0), r.within_5.sham_any, 1e-9);
   DOUBLES_EQUAL((9.0 + 9.0 + 3.0 + 9.0) / (272.0 + 192.0 + 292.0), r.within_5.sham_fresh, 1e-9);
 
+  LONGS_EQUAL(2, r.within_15.fresh);
+  LONGS_EQUAL(1, r.hits);  // the ball: on the box the alarm of 197 is up
+  LONGS_EQUAL(0, r.empty.alarms);
+
   const RecordedScore& twice = e.recorded[1];
   LONGS_EQUAL(2, twice.raise_frames);
   LONGS_EQUAL(1, twice.held.alarms);  // only 150 and 151 follow each other
@@ -571,9 +575,10 @@ TEST(Evaluate, CommandWritesEverythingTwiceTheSame) {
     std::string all;
     int count = 0;
     for (const char* name_of_file :
-         {"goals.csv", "single.csv", "table1.csv", "table2.csv", "table2_accuracy.csv", "table2_summary.csv",
-          "table3.csv", "events.csv", "events_all.csv", "events_by_kind.csv", "curve.csv", "models.csv",
-          "model_events.csv", "recorded.csv", "objects.svg", "delays.svg", "curve.svg", "tsne.svg"}) {
+         {"goals.csv",          "single.csv",  "table1.csv",       "table2.csv",     "table2_accuracy.csv",
+          "table2_summary.csv", "table3.csv",  "events.csv",       "events_all.csv", "events_by_kind.csv",
+          "curve.csv",          "models.csv",  "model_events.csv", "recorded.csv",   "recorded_curve.csv",
+          "recorded_curve.svg", "objects.svg", "delays.svg",       "curve.svg",      "tsne.svg"}) {
       const std::string bytes = test::read_file(folder.path() / name / name_of_file);
       CHECK_TEXT(!bytes.empty(), name_of_file);
       all += bytes;

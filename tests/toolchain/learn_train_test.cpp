@@ -352,7 +352,7 @@ TEST(Train, RefusesWhatMakesNoSense) {
   check_fails({data, at("copy.csv"), "--set", "paper"}, "copy.csv: holds the same bytes as grasps.csv");
   check_fails({data, "--set", "papers"}, "no such set");
   check_fails({data, "--set", "paper", "--kind", "oracle"}, "oracle");
-  check_fails({data, "--set", "paper", "--depth", "17"}, "17");
+  check_fails({data, "--set", "paper", "--depth", "21"}, "21");
   check_fails({data, "--set", "paper", "--prune", "nan"}, "nan");
   check_fails({data, "--set", "paper", "--slip-weight", "0"}, "0");
   check_fails({data, "--set", "paper", "--folds", "1"}, "1");

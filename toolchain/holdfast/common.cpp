@@ -14,6 +14,7 @@
 #include "base/math.hpp"
 #include "slip/model_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/learn/calibrate.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {
@@ -137,7 +138,9 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
       ->check(not_empty);
   command
       .add_option("--feature-set", options.feature_set,
-                  fmt::format("make sure that the model reads this set: {}", known_feature_sets()))
+                  fmt::format("make sure that the model reads this set (paper without --model: a tree of the paper's "
+                              "four features): {}",
+                              known_feature_sets()))
       ->check(not_empty);
   command.add_option("--features", options.paths.features, "write one row per frame: CSV")->check(not_empty);
   command.add_option("--markers", options.paths.markers, "write one row per marker and frame: CSV")->check(not_empty);
@@ -174,6 +177,13 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
     if (std::string error = load_model(options.model, *tree); !error.empty()) return error;
     reads = tree->set->name;
     model_text = fmt::format("{} ({})", model::name_of(*tree), options.model);
+  }
+  if (options.model.empty() && options.feature_set == "paper") {
+    treec::Model paper;
+    if (std::string error = parse_model("slip_v1", learn::paper_model_text(), paper); !error.empty()) return error;
+    tree = std::make_unique<model::Tree>(treec::to_table(paper));
+    model_text = fmt::format("{} (the paper's features)", paper.name);
+    return {};
   }
   if (options.feature_set.empty() || options.feature_set == reads) return {};
   return fmt::format(

@@ -114,5 +114,7 @@ struct ModelCheck {
 
 // The text of the tree that is compiled into this build.
 [[nodiscard]] std::string_view compiled_model_text();
+// A tree of the paper's four features, which stays at hand beside it.
+[[nodiscard]] std::string_view paper_model_text();
 
 }  // namespace holdfast::learn

@@ -19,7 +19,7 @@ namespace holdfast::learn {
 // slip. An error line, or nothing.
 struct Detector {
   std::string_view name;
-  bool in_contact = false;  // only where contact has settled
+  bool in_contact = false;  // only where there is contact
   std::optional<std::string> (*values)(const Samples& samples, std::span<const int> trials,
                                        std::vector<double>& values);
 };

@@ -12,7 +12,6 @@
 
 #include "base/math.hpp"
 #include "slip/decision.hpp"
-#include "tactile/imprint.hpp"
 
 namespace holdfast::learn {
 namespace {
@@ -21,7 +20,6 @@ using Error = std::optional<std::string>;
 
 constexpr int kRaise = decision::Config{}.raise_frames;
 constexpr std::string_view kSet = "touch";
-static_assert(kLeastPatches == imprint::Config{}.least_patches);
 
 Error points_of(const Samples& recordings, std::array<Point, 3>& points) {
   const Detector& detector = imprint_detector();
@@ -65,10 +63,10 @@ class Builder {
     model_.nodes[idx(id)].child_true = child_true;
     model_.nodes[idx(id)].child_false = child_false;
   }
-  // The subtree of `from` in another model, whose features are all here.
+  // The subtree of `from` in another model, whose features are all here. It is not heard when quiet is asked for.
   int graft(const treec::Model& other, int from) {
     const treec::Node& node = other.nodes[idx(from)];
-    if (node.is_leaf) return leaf(node.verdict, node.least);
+    if (node.is_leaf) return leaf(node.verdict, node.verdict == Verdict::kSlip ? Sensitivity::kNormal : node.least);
     const int id = split(other.features[idx(node.feature)].name, node.threshold);
     const int child_true = graft(other, node.child_true);
     const int child_false = graft(other, node.child_false);

@@ -47,7 +47,7 @@ struct Matrix {
 [[nodiscard]] Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials,
                                double recorded_weight = 1.0, bool with_empty = false);
 
-// As judge() of pipeline.cpp: where the picture is read, nothing slips without a settled contact.
+// As judge() of pipeline.cpp: where the picture is read, nothing slips without contact.
 [[nodiscard]] bool may_slip(const FeatureSet& set, const Row& row);
 
 enum class Kind : std::uint8_t { kTreeCv, kForest, kSvm, kKnn, kTree };

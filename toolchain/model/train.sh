@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Makes the slip tree again from nothing: the samples, the tree, its header. About ten minutes on two cores.
+# Makes the slip model again from nothing: the samples, the tree of the markers, the imprint's thresholds above it, the
+# header of both. About ten minutes on two cores.
 #   toolchain/model/train.sh WORK_FOLDER LABELS_CSV     LABELS_CSV: of the recorded clips (holdfast dataset --help)
-# Writes WORK_FOLDER/*.csv, toolchain/model/slip_v2.tree and firmware/slip/slip_tree.gen.hpp.
+# Writes WORK_FOLDER/*.csv, toolchain/model/slip_v2.tree, slip_v3.tree and firmware/slip/slip_tree.gen.hpp.
 set -euo pipefail
 top=$(cd "$(dirname "$0")/../.." && pwd)
 holdfast=${HOLDFAST:-$top/build/sim/bin/holdfast}
@@ -30,4 +31,5 @@ awk 'FNR > 1 || NR == 1' "$work/a1.csv" "$work/a2.csv" >"$work/grasps.csv"
 cd "$work"
 "$holdfast" train grasps.csv quiet.csv calm.csv soft.csv soft_quiet.csv soft_calm.csv clips.csv --set field --depth 16 \
   --min-leaf 80 --prune 0.00002 --slip-weight 0.1 --recorded-weight 10 --model "$top/toolchain/model/slip_v2.tree"
-"$holdfast" compile "$top/toolchain/model/slip_v2.tree" --header "$top/firmware/slip/slip_tree.gen.hpp"
+"$holdfast" fuse clips.csv --markers "$top/toolchain/model/slip_v2.tree" --model "$top/toolchain/model/slip_v3.tree"
+"$holdfast" compile "$top/toolchain/model/slip_v3.tree" --header "$top/firmware/slip/slip_tree.gen.hpp"

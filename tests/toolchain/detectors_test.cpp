@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// Thresholds, and the model that is made of them, on made-up recordings whose answers are known.
+#include "toolchain/learn/detectors.hpp"
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "slip/model.hpp"
+#include "slip/score.hpp"
+#include "toolchain/learn/fuse.hpp"
+#include "toolchain/treec/tree_model.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace holdfast::learn;
+
+namespace {
+
+const std::size_t kMotion = score::index_of("imprint_short_log2_um_q8");
+const std::size_t kPatches = score::index_of("imprint_patches");
+const std::size_t kContact = score::index_of("contact");
+constexpr int kRaise = 2;
+
+// A clip of 100 frames: empty to 20, held to 60, slip to 80, open; the imprint moves by `still` and by `slips`.
+void add_clip(Samples& samples, const std::string& object, int still, int slips) {
+  Trial trial;
+  trial.source = Source::kRecorded;
+  trial.object = object;
+  trial.kind = "clip";
+  trial.seed = samples.trials.size();
+  trial.first = static_cast<int>(samples.rows.size());
+  trial.count = 100;
+  for (int k = 0; k < trial.count; ++k) {
+    Row row;
+    row.trial = static_cast<int>(samples.trials.size());
+    row.frame = k;
+    row.t_s = 0.04 * k;
+    row.label = k < 20 ? Label::kEmpty : k < 60 ? Label::kHold : k < 80 ? Label::kSlip : Label::kOpen;
+    row.x[kContact] = k < 20 ? 0 : 1;
+    row.x[kPatches] = k < 20 ? 0 : 40;
+    // The empty gel's noise is larger than any motion, a single held frame is larger still.
+    row.x[kMotion] = k < 20 ? 3000 : k == 40 ? 2500 : k < 60 ? still - (k % 10 == 1 ? 0 : 300) : slips;
+    if (k % 10 == 2 && k > 20 && k < 60) row.x[kMotion] = still;  // two in a row: 31 and 32, and so on
+    samples.rows.push_back(row);
+  }
+  samples.trials.push_back(trial);
+}
+
+Samples three() {
+  Samples samples;
+  add_clip(samples, "cup", 1500, 1800);
+  add_clip(samples, "pen", 1600, 1800);
+  add_clip(samples, "box", 1400, 1550);
+  return samples;
+}
+
+double lowest(const Samples& samples, const Budget& budget, std::vector<int> trials = {0, 1, 2}) {
+  std::vector<double> values;
+  CHECK(!imprint_detector().values(samples, trials, values));
+  return threshold_of(samples, imprint_detector(), trials, values, budget, kRaise);
+}
+
+treec::Model marker_tree() {
+  treec::Model model;
+  model.name = "markers";
+  model.feature_set = "field";
+  const FeatureSet& set = *find_feature_set("field");
+  for (int i = 0; i < set.size(); ++i) {
+    model.features.push_back({std::string(set[i].name), std::string(set[i].unit), set[i].q, 0});
+  }
+  model.nodes.resize(3);
+  model.nodes[0] = {.id = 0, .feature = 0, .threshold = 500, .child_true = 1, .child_false = 2};
+  model.nodes[1] = {.id = 1, .is_leaf = true, .verdict = Verdict::kHold};
+  model.nodes[2] = {.id = 2, .is_leaf = true, .verdict = Verdict::kSlip};
+  CHECK(!treec::check(model));
+  return model;
+}
+
+}  // namespace
+
+TEST_GROUP(Detectors){};
+
+// R: binom.test(12, 14), (0, 10), (10, 10).
+TEST(Detectors, ShareIntervalIsClopperAndPearsons) {
+  DOUBLES_EQUAL(0.5718709, share_interval(12, 14).low, 1e-6);
+  DOUBLES_EQUAL(0.9822055, share_interval(12, 14).high, 1e-6);
+  DOUBLES_EQUAL(0.0, share_interval(0, 10).low, 0.0);
+  DOUBLES_EQUAL(0.3084971, share_interval(0, 10).high, 1e-6);
+  DOUBLES_EQUAL(0.6915029, share_interval(10, 10).low, 1e-6);
+  DOUBLES_EQUAL(1.0, share_interval(10, 10).high, 0.0);
+}
+
+// A single frame raises nothing, the empty gel is not in contact: the largest value that comes twice in a row decides.
+TEST(Detectors, ThresholdIsTheLowestThatStaysSilent) {
+  const Samples samples = three();
+  DOUBLES_EQUAL(1600, lowest(samples, {0, 0.0}), 0.0);
+  DOUBLES_EQUAL(1616, lowest(samples, {0, 16.0}), 0.0);
+  DOUBLES_EQUAL(1500, lowest(samples, {0, 0.0}, {0, 2}), 0.0);
+  // The pen alarms at 22, 32, 41 and 52, which is as often as it may; the cup would add four.
+  DOUBLES_EQUAL(1500, lowest(samples, {4, 0.0}), 0.0);
+}
+
+TEST(Detectors, EachObjectIsJudgedByTheOthers) {
+  const Samples samples = three();
+  RecordedScore score;
+  CHECK(!leave_one_out(samples, imprint_detector(), {0, 0.0}, kRaise, score));
+  LONGS_EQUAL(3, score.onsets);
+  LONGS_EQUAL(2, score.within_10.fresh);  // the box moves by 1550, the others hold at 1600
+  LONGS_EQUAL(1, score.hits);             // the pen's last false alarm is up until just before its slip
+  LONGS_EQUAL(4, score.held.alarms);      // the pen by the threshold of the cup
+  LONGS_EQUAL(0, score.empty.alarms);
+  DOUBLES_EQUAL(3 * 19 * 0.04, score.empty.s, 1e-9);
+}
+
+TEST(Detectors, SpeedIsTheLengthOfBothParts) {
+  Samples samples = three();
+  samples.rows[7].x[score::index_of("vx_um_s")] = -300;
+  samples.rows[7].x[score::index_of("vy_um_s")] = 400;
+  std::vector<double> values;
+  const std::vector<int> none;
+  CHECK(!kDetectors[0].values(samples, none, values));
+  LONGS_EQUAL(samples.rows.size(), values.size());
+  DOUBLES_EQUAL(500.0, values[7], 1e-9);
+}
+
+TEST_GROUP(Fuse){};
+
+TEST(Fuse, ImprintDecidesWhereThereIsReliefAndMarkersWhereThereIsNone) {
+  Fused fused;
+  CHECK(!fuse(three(), marker_tree(), "both", fused));
+  LONGS_EQUAL(1632, fused.points[0].threshold);
+  LONGS_EQUAL(1616, fused.points[1].threshold);
+  CHECK(fused.points[2].threshold < 1600);
+  const model::Tree tree = treec::to_table(fused.model);
+  const auto says = [&](int motion, int patches, int reach, Sensitivity sensitivity) {
+    std::vector<std::int32_t> x(static_cast<std::size_t>(tree.set->size()));
+    for (int i = 0; i < tree.set->size(); ++i) {
+      const std::string_view name = (*tree.set)[i].name;
+      if (name == "imprint_short_log2_um_q8") x[static_cast<std::size_t>(i)] = motion;
+      if (name == "imprint_patches") x[static_cast<std::size_t>(i)] = patches;
+      if (name == "reach_um") x[static_cast<std::size_t>(i)] = reach;
+    }
+    return model::evaluate(tree, x, sensitivity) == Verdict::kSlip;
+  };
+  for (const Sensitivity s : {Sensitivity::kQuiet, Sensitivity::kNormal, Sensitivity::kSensitive}) {
+    CHECK(says(1633, 40, 0, s));
+    CHECK_FALSE(says(1000, kLeastPatches, 2000, s));  // relief that stands still, whatever the markers do
+    LONGS_EQUAL(s != Sensitivity::kQuiet, says(0, kLeastPatches - 1, 501, s));
+    CHECK_FALSE(says(0, kLeastPatches - 1, 500, s));
+    LONGS_EQUAL(s != Sensitivity::kQuiet, says(1617, 40, 0, s));
+    LONGS_EQUAL(s == Sensitivity::kSensitive, says(1616, 40, 0, s));
+  }
+}
+
+TEST(Fuse, WhatCannotBePutTogetherIsRefusedInOneLine) {
+  Fused fused;
+  Samples simulated = three();
+  for (Trial& trial : simulated.trials) trial.source = Source::kSimulated;
+  STRCMP_CONTAINS("no recordings", fuse(simulated, marker_tree(), "x", fused).value_or("").c_str());
+  treec::Model scored = marker_tree();
+  scored.score.bias_q8 = 5;
+  STRCMP_CONTAINS("reads a score", fuse(three(), scored, "x", fused).value_or("").c_str());
+  treec::Model paper = marker_tree();
+  paper.features[0].name = "vx_um_s";
+  STRCMP_CONTAINS("reads vx_um_s", fuse(three(), paper, "x", fused).value_or("").c_str());
+}
