@@ -526,6 +526,12 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"scene", "make", "bal", "translate_x", "slip"}, "'bal'", "ball");
   refuse({"scene", "make", "ball", "wave", "slip"}, "'wave'", "rotate_z");
   refuse({"scene", "make", "ball", "rotate_z", "drop"}, "'drop'", "static, slip, matched");
+  const std::string markers = HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v2.tree";
+  write_file(dir / "no.csv", "source\n");
+  refuse({"fuse", in("none.csv"), "--markers", markers, "--model", in("x.tree")}, "none.csv", "dataset --recordings");
+  refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("x.tree")}, "no.csv", "Next:");
+  refuse({"fuse", in("no.csv"), "--markers", in("none.tree"), "--model", in("x.tree")}, "none.tree", "model text");
+  refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("no.csv")}, "no.csv", "overwrite an input");
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
   refuse({"trade", "sim", kScene, "--csv", in("x"), "--svg", in("x")}, "x", "--csv and --svg");

@@ -671,12 +671,13 @@ Chart recorded_curve_chart(const Evaluation& e) {
   chart.panels = {{"within 5 frames, %", 0, 100}, {"within 10 frames, %", 0, 100}, {"within 15 frames, %", 0, 100}};
   constexpr std::size_t kMostSeries = 7;
   const auto is_tree = [](const RecordedPoint& point) { return find_feature_set(point.name) != nullptr; };
-  const auto is_lag = [](const RecordedPoint& point) {
-    return point.name.starts_with("imprint,") && point.name != imprint_detector().name;
+  // Of the detectors of one number the two that say most: motion alone, and the imprint. The table has the others.
+  const auto is_left_out = [&](const RecordedPoint& point) {
+    return !is_tree(point) && point.name != kDetectors.front().name && point.name != imprint_detector().name;
   };
   for (const bool trees : {false, true}) {
     for (const RecordedPoint& point : e.recorded_curve) {
-      if (is_tree(point) != trees || is_lag(point) || point.score.onsets == 0) continue;
+      if (is_tree(point) != trees || is_left_out(point) || point.score.onsets == 0) continue;
       auto at = std::find_if(chart.series.begin(), chart.series.end(),
                              [&](const charts::Curves::Series& s) { return s.name == point.name; });
       if (at == chart.series.end()) {
