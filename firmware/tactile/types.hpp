@@ -64,7 +64,7 @@ struct Features {
   std::array<std::uint8_t, kHistogramBins> histogram{};
   FieldFeatures field;      // all 0 unless the pipeline was told to compute them
   ImprintFeatures imprint;  // likewise
-  Count contact;            // 1: something touches the gel (contact.hpp), or nobody can tell
+  Count contact;            // 1: something touches the gel (contact.hpp) and is not let go, or nobody can tell
   Log2Q8 marker_score;      // log-odds of slip by the model's linear score (slip/score.hpp); 0 without one
 };
 
