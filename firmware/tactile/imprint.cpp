@@ -304,8 +304,8 @@ std::int64_t change_of(const Samples& now, const Samples& then) {
 // --- Motion ---
 
 // Mean square of how the motion of a patch's dots since then differs from its middle's: in steps between samples, Q12,
-// at most half a pitch's. Both pictures have shown the patch, so its dots are there. Range: coordinates of 2^20, so
-// squares of 2^42, times 2^7 of weights and 2^12 of Q12 below 2^62.
+// at most half a pitch's. Both pictures have shown the patch, so its dots are there. Range: dots 2^21 apart, so squares
+// of 2^43 and a spread below 2^51; what is shifted is below 64 pitches squared, 2^46.
 constexpr int kBend_q = 12;
 constexpr std::int64_t kMostBend = square(kStepsPerPitch / 2) << kBend_q;
 std::int64_t bend(const MarkerField& now, const MarkerField& then, std::int32_t patch, std::int64_t pitch_q8) {
@@ -322,7 +322,8 @@ std::int64_t bend(const MarkerField& now, const MarkerField& then, std::int32_t 
   // 256 times the mean square, by the square of 16 steps.
   static_assert(kStepsPerPitch == 16);
   const std::int64_t spread = 16 * squares - x * x - y * y;
-  return std::min(div_round(spread << kBend_q, pitch_q8 * pitch_q8), kMostBend);
+  const std::int64_t pitch2 = pitch_q8 * pitch_q8;
+  return spread >= pitch2 * (kMostBend >> kBend_q) ? kMostBend : div_round(spread << kBend_q, pitch2);
 }
 
 const Kept* picture_before(const State& state, Micros now, Micros lag) {
