@@ -9,7 +9,8 @@
 // there is a gate only where there is a picture.
 //
 // While an object is pressed on, its imprint grows, which looks like motion: 90 to 215 um in simulated grasps, where a
-// slip begins at 110. So the imprint is not believed in its first moments; the markers are.
+// slip begins at 110. So the imprint is not believed in its first moments. Whether the markers are heard then is up to
+// the model: slip_v3 hears them only where fewer than 10 patches show relief.
 #pragma once
 
 #include <cstdint>
