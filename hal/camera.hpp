@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 namespace holdfast::hal {
 
@@ -46,12 +47,20 @@ class Camera {
     if (running_) do_stop();
     running_ = false;
   }
+  // Which sensor this is, its serial number: another one has another gel. Valid after start(), until the next; empty:
+  // the driver cannot tell.
+  [[nodiscard]] std::string_view identity() const { return do_identity(); }
+  // A sensor that sends pictures now: no two are alike, because they have noise, and their rate tells of its health.
+  // Not so a recording, or a scene that is drawn without noise.
+  [[nodiscard]] bool live() const { return do_live(); }
 
  private:
   [[nodiscard]] virtual bool do_start() = 0;
   [[nodiscard]] virtual Capture do_next(Frame& frame, std::chrono::microseconds timeout) = 0;
   virtual void do_release(const Frame& frame) = 0;
   virtual void do_stop() = 0;
+  [[nodiscard]] virtual std::string_view do_identity() const { return {}; }
+  [[nodiscard]] virtual bool do_live() const { return true; }
   bool running_ = false;
 };
 

@@ -11,9 +11,12 @@ class Clock {
  public:
   virtual ~Clock() = default;
   [[nodiscard]] std::chrono::microseconds now() const { return do_now(); }
+  // Lets so much time pass: for a loop that has no device to wait for.
+  void wait(std::chrono::microseconds time) { do_wait(time); }
 
  private:
   [[nodiscard]] virtual std::chrono::microseconds do_now() const = 0;
+  virtual void do_wait(std::chrono::microseconds time) = 0;
 };
 
 }  // namespace holdfast::hal

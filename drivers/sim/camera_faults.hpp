@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -51,6 +52,8 @@ class FaultyCamera final : public hal::Camera {
   [[nodiscard]] hal::Capture do_next(hal::Frame& frame, std::chrono::microseconds timeout) override;
   void do_release(const hal::Frame& frame) override;
   void do_stop() override;
+  [[nodiscard]] std::string_view do_identity() const override { return inside_.identity(); }
+  [[nodiscard]] bool do_live() const override { return inside_.live(); }
 
   [[nodiscard]] const FaultSpan& fault_at(std::uint64_t index) const;
   [[nodiscard]] hal::Capture hand_out(hal::Frame& frame, std::chrono::microseconds deadline);

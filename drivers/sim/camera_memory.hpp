@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -22,6 +23,8 @@ class CameraMemory final : public hal::Camera {
     std::chrono::microseconds period{40'000};   // exposure to exposure: 25 fps
     std::chrono::microseconds latency{40'000};  // start of exposure to arrival: one period at least
     std::uint64_t cycles = 1;                   // how often the whole list is shown
+    bool live = false;                          // a sensor: neighbours in the list differ by noise
+    std::string_view identity{};
   };
 
   // `pictures` point at memory of the caller, which outlives the camera.
@@ -37,6 +40,8 @@ class CameraMemory final : public hal::Camera {
   [[nodiscard]] hal::Capture do_next(hal::Frame& frame, std::chrono::microseconds timeout) override;
   void do_release(const hal::Frame& /*frame*/) override { --borrowed_; }
   void do_stop() override {}
+  [[nodiscard]] std::string_view do_identity() const override { return config_.identity; }
+  [[nodiscard]] bool do_live() const override { return config_.live; }
 
   Clock& clock_;
   std::vector<LumaView> pictures_;

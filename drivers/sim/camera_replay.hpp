@@ -29,6 +29,7 @@ class CameraReplay final : public hal::Camera {
   [[nodiscard]] hal::Capture do_next(hal::Frame& frame, std::chrono::microseconds timeout) override;
   void do_release(const hal::Frame&) override {}
   void do_stop() override {}
+  [[nodiscard]] bool do_live() const override { return false; }
 
   Recording recording_;
   Clock& clock_;

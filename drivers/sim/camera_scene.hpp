@@ -49,6 +49,7 @@ class SceneCamera final : public hal::Camera {
   [[nodiscard]] hal::Capture do_next(hal::Frame& frame, std::chrono::microseconds timeout) override;
   void do_release(const hal::Frame&) override {}
   void do_stop() override {}
+  [[nodiscard]] bool do_live() const override { return false; }
 
   [[nodiscard]] std::chrono::microseconds due() const;
   void film(const scene::ContactState& contact_before);

@@ -18,6 +18,7 @@ class Clock final : public hal::Clock {
 
  private:
   [[nodiscard]] std::chrono::microseconds do_now() const override { return now_; }
+  void do_wait(std::chrono::microseconds time) override { advance(time); }
   std::chrono::microseconds now_{};
 };
 

@@ -170,6 +170,7 @@ class GridContact::Solver {
   Solver(const GridSetup& setup, std::span<const Vec2> markers_mm);
 
   const ContactState& go(std::optional<double> force_n, double depth_mm, Vec2 at_mm, double twist_rad);
+  void scale_friction(double factor) { friction_scale_ = std::max(factor, 0.0); }
   void field(std::span<Vec2> motion_mm) const;
   [[nodiscard]] const GridStats& stats() const { return stats_; }
   [[nodiscard]] Traction traction_at(Vec2 gel_mm) const;
@@ -235,6 +236,7 @@ class GridContact::Solver {
   Shape shape_;
   double static_friction_;
   double kinetic_friction_;
+  double friction_scale_ = 1.0;
   double tolerance_;
   double cell_ = 1.0;
   int nx_ = 0, ny_ = 0;
@@ -837,7 +839,8 @@ void GridContact::Solver::solve_shear() {
   const bool drops = kinetic_friction_ < static_friction_;
   for (int round = 0; round < kMostLetGo; ++round) {
     for (const Cell& c : cells_) {
-      bound_[c.i] = (drops && now_.slips[c.i] != 0 ? kinetic_friction_ : static_friction_) * now_.p[c.i];
+      bound_[c.i] =
+          friction_scale_ * (drops && now_.slips[c.i] != 0 ? kinetic_friction_ : static_friction_) * now_.p[c.i];
     }
     descend_shear();
     unsettled_ = unsettled_ || stats_.shear_residual > tolerance_;
@@ -1088,6 +1091,9 @@ const ContactState& GridContact::move_to(const ObjectPose& pose) {
 }
 const ContactState& GridContact::press_to(double force_n, Vec2 at_mm, double twist_rad) {
   return solver_->go(force_n, 0.0, at_mm, twist_rad);
+}
+void GridContact::scale_friction(double factor) {
+  solver_->scale_friction(factor);
 }
 void GridContact::field(std::span<Vec2> motion_mm) {
   solver_->field(motion_mm);

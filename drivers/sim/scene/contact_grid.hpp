@@ -97,6 +97,7 @@ class GridContact final : public Contact {
 
   const ContactState& move_to(const ObjectPose& pose) override;
   const ContactState& press_to(double force_n, Vec2 at_mm, double twist_rad) override;
+  void scale_friction(double factor) override;
   void field(std::span<Vec2> motion_mm) override;
 
   [[nodiscard]] const GridStats& stats() const;

@@ -97,7 +97,8 @@ Drive between(const Drive& from, const Drive& to, double share) {
           between(from.closing_mm, to.closing_mm, share),
           between(from.at_mm, to.at_mm, share),
           from.twist_rad + share * (to.twist_rad - from.twist_rad),
-          between(from.pull_n, to.pull_n, share)};
+          between(from.pull_n, to.pull_n, share),
+          from.friction + share * (to.friction - from.friction)};
 }
 
 // Force of a gripper that has closed so far, by the depth of gel and the give of the object in series. A table over the
@@ -208,6 +209,7 @@ struct Simulation::State {
 // Object where the drive (or its own mass) has it, pressed as the drive says.
 void Simulation::State::place(const Drive& to) {
   const Vec2 at{scene.object.touch_mm.x + snapshot.object_mm.x, scene.object.touch_mm.y + snapshot.object_mm.y};
+  contact->scale_friction(to.friction);
   if (to.closing_mm) {
     if (!closing) closing.emplace(scene);
     touch = contact->press_to(closing->force_n(*to.closing_mm), at, to.twist_rad);

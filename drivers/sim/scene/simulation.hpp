@@ -36,7 +36,8 @@ struct Drive {
   std::optional<double> closing_mm{};
   Vec2 at_mm{};  // of the object, or of the arm that moves it through a spring; 0 = where it touches first
   double twist_rad = 0.0;
-  Vec2 pull_n{};  // on an object with mass
+  Vec2 pull_n{};          // on an object with mass
+  double friction = 1.0;  // times the object's; level `grid`
 };
 
 // What the script says at a time.

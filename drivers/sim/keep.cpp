@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "drivers/sim/keep.hpp"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+
+namespace holdfast::sim {
+
+FileKeep::FileKeep(const std::filesystem::path& path, std::size_t bytes) {
+  const int fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+  void* memory = MAP_FAILED;
+  if (fd >= 0 && ::ftruncate(fd, static_cast<off_t>(bytes)) == 0) {
+    memory = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+  }
+  if (memory == MAP_FAILED) {
+    error_ = path.string() + ": " + std::strerror(errno) + "; the reference is not kept; look at its folder";
+  } else {
+    memory_ = {static_cast<std::uint8_t*>(memory), bytes};
+  }
+  if (fd >= 0) ::close(fd);
+}
+
+FileKeep::~FileKeep() {
+  if (!memory_.empty()) ::munmap(memory_.data(), memory_.size());
+}
+
+}  // namespace holdfast::sim
