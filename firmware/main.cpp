@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <optional>
 #include <span>
 #include <string_view>
+#include <type_traits>
 
-#include "app/app.hpp"
+#include "app/daemon.hpp"
 #include "base/status.hpp"
 #include "board/board.hpp"
 
@@ -23,19 +25,24 @@ void say_state(holdfast::DeviceState state, holdfast::Reason reason) {
 
 }  // namespace
 
-int main() {
-  static holdfast::App app(holdfast::board::devices());
-  if (const holdfast::Status status = app.start(holdfast::board::params()); !status.ok()) {
+int main(int argc, char** argv) {
+  if (const std::optional<int> status = holdfast::board::make(argc, argv)) return *status;
+  static holdfast::Daemon daemon(holdfast::board::devices(), holdfast::board::periphery());
+  static_assert(std::is_trivially_destructible_v<holdfast::Daemon>, "the board's threads end after it");
+  if (!holdfast::board::watch(daemon.app().watchdog())) return 1;
+  if (const holdfast::Status status = daemon.start(holdfast::board::params()); !status.ok()) {
     say_state(holdfast::DeviceState::kFault, status.reason);
     return 1;
   }
   holdfast::DeviceState shown = holdfast::DeviceState::kBoot;
   say_state(shown, holdfast::Reason::kNone);
-  while (app.step()) {
-    if (app.outputs().state == shown) continue;
-    shown = app.outputs().state;
-    say_state(shown, app.outputs().reason);
+  while (!holdfast::board::over()) {
+    daemon.poll();
+    const holdfast::supervisor::Outputs& outputs = daemon.app().outputs();
+    if (outputs.state == shown) continue;
+    shown = outputs.state;
+    say_state(shown, outputs.reason);
   }
-  app.stop();
+  daemon.stop();
   return 0;
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "app/app.hpp"
 
+#include <algorithm>
+
 #include "app/modes.hpp"
 #include "base/math.hpp"
 
@@ -34,6 +36,7 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size, const mod
 supervisor::Config supervisor_config(const Params& params) {
   supervisor::Config config{};
   config.degraded_markers_pct = params.degraded_markers_pct;
+  config.latch = params.latch != 0;
   return config;
 }
 
@@ -48,16 +51,26 @@ EighthDecoder::Config jpeg_config(const Params& params) {
 Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   config_ = pipeline_config(params, auto_size, tree_);
+  config_.follow_drift = devices_.camera.live();
   supervisor_config_ = supervisor_config(params);
+  if (!devices_.camera.live()) supervisor_config_.recover_frames = 1;  // a recording may have five frames a second
   if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
     return {Reason::kGpioFailed};
   }
   alive_high_ = false;
+  distrusted_ = 0;
+  last_rejection_ = Reason::kNone;
   supervisor_ = {};  // what held before the restart vouches for nothing now
   outputs_ = {};
   state_.any_frame = false;  // another stream may count its time from another start
-  return devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
+  health_ = {};
+  strain_ = beside_ = strain_beside_ = Reason::kNone;
+  force_limit_ = false;
+  waiting_since_ = devices_.clock.now();
+  if (!devices_.camera.start()) return {Reason::kCameraGone};
+  sensor_ = keepsake::identity_of(devices_.camera.identity());
+  return kOkStatus;
 }
 
 Status App::learn(const Params& params, const hal::Frame& frame, bool auto_size) {
@@ -66,33 +79,120 @@ Status App::learn(const Params& params, const hal::Frame& frame, bool auto_size)
 }
 
 bool App::step() {
-  hal::Frame frame;
-  const hal::Capture capture = devices_.camera.next(frame, kFrameWait);
-  if (capture == hal::Capture::kFrame) {
-    take(frame);
-    devices_.camera.release(frame);
-    conclude();
-  } else {
-    result_.quality = {capture == hal::Capture::kGone  ? Reason::kCameraGone
-                       : capture == hal::Capture::kBad ? Reason::kJpegDamaged
-                                                       : Reason::kNoFrame};
-    signal(supervisor::reject(supervisor_, supervisor_config_, result_.quality.reason, result_.request,
-                              devices_.clock.now()));
-    report();
+  while (true) {
+    const Micros left = waiting_since_ + kFrameWait - devices_.clock.now();
+    const Polled polled = poll(std::max(left, Micros{0}));
+    if (polled != Polled::kWaiting) return polled == Polled::kSignalled;
   }
-  return capture != hal::Capture::kGone;
+}
+
+App::Polled App::poll(Micros wait) {
+  hal::Frame frame;
+  switch (devices_.camera.next(frame, wait)) {
+    case hal::Capture::kFrame:
+      take(frame);
+      devices_.camera.release(frame);
+      conclude();
+      return Polled::kSignalled;
+    case hal::Capture::kBad:
+      nothing_came(Reason::kJpegDamaged);
+      return Polled::kSignalled;
+    case hal::Capture::kGone:
+      nothing_came(Reason::kCameraGone);
+      return Polled::kGone;
+    case hal::Capture::kTimeout:
+      break;
+  }
+  const Micros now = devices_.clock.now();
+  const bool overdue = supervisor_.any_accepted && supervisor_.device != DeviceState::kFault &&
+                       supervisor::is_silent(supervisor_, supervisor_config_, now);
+  if (!overdue && now - waiting_since_ < kFrameWait) return Polled::kWaiting;
+  nothing_came(Reason::kNoFrame);
+  return Polled::kSignalled;
+}
+
+// Frames that were refused say more than the silence after them.
+void App::nothing_came(Reason why) {
+  if (why == Reason::kNoFrame && last_rejection_ != Reason::kNone) why = last_rejection_;
+  if (why != Reason::kNoFrame) last_rejection_ = why;
+  result_.quality = {why};
+  signal(supervisor::reject(supervisor_, supervisor_config_, why, result_.request, devices_.clock.now(), health_now()));
+  report();
+}
+
+void App::absent(Reason why) {
+  if (devices_.clock.now() - waiting_since_ >= kFrameWait) nothing_came(why);
+}
+
+Status App::restart_camera() {
+  devices_.camera.stop();
+  health::restart(health_);
+  state_.any_frame = false;  // another stream may count its time from another start
+  Status status = devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
+  const bool known = sensor_ != keepsake::Identity{};
+  if (status.ok() && known && keepsake::identity_of(devices_.camera.identity()) != sensor_) {
+    devices_.camera.stop();
+    status = {Reason::kCameraWrong};
+  }
+  if (!status.ok()) absent(status.reason);
+  return status;
+}
+
+void App::opening(bool is_opening) {
+  pipeline::opening(state_, is_opening);
+}
+
+void App::beside(Reason fault, Reason strain, bool force_limit) {
+  strain_beside_ = strain;
+  force_limit_ = force_limit;
+  const bool began = fault != Reason::kNone && beside_ == Reason::kNone;
+  beside_ = fault;
+  if (!began) return;
+  supervisor::fail(supervisor_, fault);
+  signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
+}
+
+bool App::resume(const keepsake::Contents& contents) {
+  if (contents.sensor != sensor_ || sensor_ == keepsake::Identity{}) return false;
+  if (contents.pitch_um != config_.displacement.pitch_um) return false;
+  pipeline::resume(state_, contents);
+  return true;
+}
+
+void App::remember(keepsake::Contents& contents) const {
+  contents.sensor = sensor_;
+  pipeline::remember(state_, config_, contents);
+}
+
+supervisor::Health App::health_now() const {
+  return {.fault = beside_,
+          .strain = strain_ != Reason::kNone ? strain_ : strain_beside_,
+          .opening = state_.opening,
+          .force_limit = force_limit_};
+}
+
+bool App::is_stale() const {
+  return devices_.clock.now() - result_.timestamp > kOldestFrame;
 }
 
 // A frame that tells of long ago vouches for nothing; one from the future would lock out all that follow it.
 void App::take(const hal::Frame& frame) {
   const Micros age = devices_.clock.now() - frame.timestamp;
-  if (age >= -kClockSlack && age <= kOldestFrame) {
+  Status news = age > kOldestFrame   ? Status{Reason::kFrameStale}
+                : age < -kClockSlack ? Status{Reason::kTimeNotForward}
+                                     : kOkStatus;
+  if (news.ok() && devices_.camera.live()) news = health::fresh(health_, frame);
+  if (news.ok()) {
     result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
-    return;
+    if (result_.quality.ok() && is_stale()) result_.quality = {Reason::kFrameStale};  // decided too late
+  } else {
+    result_.timestamp = frame.timestamp;
+    result_.sequence = frame.sequence;
+    result_.quality = news;
   }
-  result_.timestamp = frame.timestamp;
-  result_.sequence = frame.sequence;
-  result_.quality = {age > kOldestFrame ? Reason::kFrameStale : Reason::kTimeNotForward};
+  if (!result_.quality.ok() || !devices_.camera.live()) return;
+  const Micros decided_after = devices_.clock.now() - frame.timestamp;
+  strain_ = health::strain(health_, health_config_, frame.timestamp, frame.sequence, decided_after);
 }
 
 void App::step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence) {
@@ -106,36 +206,64 @@ void App::step_features(const Features& features, GridSize grid, Micros timestam
 }
 
 void App::conclude() {
-  signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now()));
+  if (watchdog_.trips() != trips_seen_) {  // this thread was away for long, and GRIP_OK was lowered meanwhile
+    trips_seen_ = watchdog_.trips();
+    supervisor::fail(supervisor_, Reason::kCaptureHung);
+    outputs_ = supervisor::outputs_of(supervisor_, outputs_.slip, false);
+    report();
+  }
+  last_rejection_ = result_.quality.reason;
+  signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now(), health_now()));
   report();
 }
 
 void App::stop() {
   devices_.camera.stop();
   outputs_.grip_ok = false;
+  watchdog_.rest();
   // Nothing is left to be done about a line that refuses now; a receiver sees ALIVE stand still.
   (void)devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
 }
 
 // ALIVE vouches for GRIP_OK, so it moves only after GRIP_OK has taken its level. The one exception is a rise, which
 // goes out after ALIVE: no receiver may pair a new HIGH with the edge of the frame before. Whatever line refuses,
-// GRIP_OK is tried LOW and ALIVE stands still until GRIP_OK obeys again. It rises with an accepted frame only: after a
-// refusal the supervisor may hold OK over rejected frames, whose ALIVE edge is an old one.
+// GRIP_OK is tried LOW and ALIVE stands still until GRIP_OK has obeyed for kLineTrust frames. It rises with an accepted
+// frame only: the supervisor may hold OK over rejected frames, whose ALIVE edge is an old one. A process that was
+// stopped for long just here (SIGSTOP, a debugger) finds its frame stale and leaves ALIVE as it is.
 void App::signal(const supervisor::Outputs& outputs) {
+  waiting_since_ = devices_.clock.now();
+  if (distrusts(outputs)) return;
   const bool rises = outputs.grip_ok && !outputs_.grip_ok;
   const auto grip_ok = static_cast<hal::Level>(outputs.grip_ok && !rises);
   bool obeyed = devices_.gpio.set(hal::Line::kGripOk, grip_ok) && (outputs.accepted || !rises);
   if (obeyed && outputs.accepted) {
+    if (is_stale()) return (void)give_up(outputs, Reason::kFrameStale);
     obeyed = devices_.gpio.set(hal::Line::kAlive, static_cast<hal::Level>(!alive_high_));
     if (obeyed) alive_high_ = !alive_high_;
+    // Stopped between the look at the clock and the edge (30 ns wide): what the edge says is taken back at once.
+    if (obeyed && is_stale()) return (void)give_up(outputs, Reason::kFrameStale);
+    if (obeyed) watchdog_.vouch(devices_.clock.now());
   }
   if (obeyed && rises) obeyed = devices_.gpio.set(hal::Line::kGripOk, hal::Level::kHigh);
   outputs_ = outputs;
   if (obeyed) return;
-  (void)devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
-  outputs_.state = DeviceState::kFault;
-  outputs_.reason = Reason::kGpioFailed;
-  outputs_.grip_ok = false;
+  distrusted_ = kLineTrust;
+  (void)give_up(outputs, Reason::kGpioFailed);
+}
+
+bool App::give_up(const supervisor::Outputs& outputs, Reason why) {
+  const bool obeyed = devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
+  supervisor::fail(supervisor_, why);
+  outputs_ = {.state = DeviceState::kFault, .reason = why, .slip = outputs.slip, .accepted = outputs.accepted};
+  return obeyed;
+}
+
+bool App::distrusts(const supervisor::Outputs& outputs) {
+  if (distrusted_ == 0) return false;
+  const bool obeyed = give_up(outputs, Reason::kGpioFailed);
+  if (!obeyed) distrusted_ = kLineTrust;
+  if (obeyed && outputs.accepted) --distrusted_;
+  return true;
 }
 
 void App::report() {

@@ -7,10 +7,12 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "app/health.hpp"
 #include "app/params.hpp"
 #include "app/pipeline.hpp"
 #include "app/status_frame.hpp"
 #include "app/supervisor.hpp"
+#include "app/watchdog.hpp"
 #include "hal/camera.hpp"
 #include "hal/clock.hpp"
 #include "hal/gpio.hpp"
@@ -53,6 +55,26 @@ class App {
   // Waits for one frame at most kFrameWait, decides, signals. false: the stream has ended.
   [[nodiscard]] bool step();
 
+  // The same for a loop that has more to do: waits at most `wait`. What came is signalled; nothing is signalled at once
+  // when the frames are overdue, and otherwise every kFrameWait.
+  enum class Polled : std::uint8_t { kWaiting, kSignalled, kGone };
+  [[nodiscard]] Polled poll(Micros wait);
+  // The camera ends and starts anew; lattice, rest position and the device's state stay. kCameraGone, kCameraWrong: it
+  // is not streaming then, and this is signalled.
+  [[nodiscard]] Status restart_camera();
+  // Time passes without a camera.
+  void absent(Reason why);
+
+  void clock_stepped_back() { waiting_since_ = devices_.clock.now(); }
+  void tare() { pipeline::tare(state_); }
+  void arm() { supervisor::arm(supervisor_); }
+  void opening(bool is_opening);
+  // What the devices beside the camera say; counts from the next frame on, a fault at once.
+  void beside(Reason fault, Reason strain, bool force_limit);
+  // Goes on with an earlier process's rest position, when this sensor is that one. After start().
+  [[nodiscard]] bool resume(const keepsake::Contents& contents);
+  void remember(keepsake::Contents& contents) const;
+
   // One step without the camera: markers, or features, from a simulation that leaves the picture out.
   void step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence);
   void step_features(const Features& features, GridSize grid, Micros timestamp, std::uint32_t sequence);
@@ -64,6 +86,10 @@ class App {
   [[nodiscard]] const supervisor::Outputs& outputs() const { return outputs_; }
   [[nodiscard]] const pipeline::State& state() const { return state_; }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
+  [[nodiscard]] const supervisor::State& supervisor() const { return supervisor_; }
+  [[nodiscard]] const health::State& health() const { return health_; }
+  // For a thread of its own (app/watchdog.hpp).
+  [[nodiscard]] OutputWatchdog& watchdog() { return watchdog_; }
 
   // One period at 15 fps and a half: a camera that takes longer is late.
   static constexpr Micros kFrameWait{100'000};
@@ -71,11 +97,19 @@ class App {
   // frames are rejected; so are those that claim to be from the future by more than the clocks' slack.
   static constexpr Micros kOldestFrame{150'000};
   static constexpr Micros kClockSlack{5'000};
+  // Accepted frames for which GRIP_OK must have obeyed after a refusal before ALIVE moves again: 1 s at 25 fps. A line
+  // that somebody else drives as well obeys now and then; by chance it does so 25 times in 3e7.
+  static constexpr int kLineTrust = 25;
 
  private:
   void take(const hal::Frame& frame);
   void conclude();
+  void nothing_came(Reason why);
+  [[nodiscard]] bool is_stale() const;
+  [[nodiscard]] supervisor::Health health_now() const;
   void signal(const supervisor::Outputs& outputs);
+  bool give_up(const supervisor::Outputs& outputs, Reason why);
+  [[nodiscard]] bool distrusts(const supervisor::Outputs& outputs);
   void report();
 
   Devices devices_;
@@ -84,8 +118,20 @@ class App {
   supervisor::Config supervisor_config_{};
   pipeline::State state_{};
   supervisor::State supervisor_{};
+  health::Config health_config_{};
+  health::State health_{};
+  OutputWatchdog watchdog_;
+  std::uint32_t trips_seen_ = 0;
+  keepsake::Identity sensor_{};  // that this run began with
+  Micros waiting_since_{};
+  Reason last_rejection_ = Reason::kNone;  // of the frame seen last
+  Reason strain_ = Reason::kNone;
+  Reason beside_ = Reason::kNone;
+  Reason strain_beside_ = Reason::kNone;
+  bool force_limit_ = false;
   pipeline::Result result_{};
   supervisor::Outputs outputs_{};
+  int distrusted_ = 0;       // accepted frames to go until the lines are trusted again
   bool alive_high_ = false;  // level that the line ALIVE took last
   std::uint16_t report_sequence_ = 0;
   std::uint32_t link_refused_ = 0;  // status frames that the serial line did not take

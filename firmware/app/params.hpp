@@ -40,6 +40,16 @@ struct Params {
   std::int32_t jpeg_rows_pct = 100;
   std::int32_t all_features = 0;
   std::int32_t sensitivity = static_cast<std::int32_t>(Sensitivity::kNormal);
+  std::int32_t latch = 0;
+  std::int32_t opening_max_ms = 5000;
+  std::int32_t gripper = 0;
+  std::int32_t start_force = 20;
+  std::int32_t force_step = 3;
+  std::int32_t grow_pct = 3;
+  std::int32_t max_force = 255;
+  std::int32_t position_step = 0;
+  std::int32_t release_step = 6;
+  std::int32_t grip_speed = 128;
   friend constexpr bool operator==(const Params&, const Params&) = default;
 };
 
@@ -54,7 +64,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 16> kParams{{
+inline constexpr std::array<ParamInfo, 26> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000,
      "displacement at which the last of the 15 histogram bins begins to overflow",
      "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
@@ -93,6 +103,26 @@ inline constexpr std::array<ParamInfo, 16> kParams{{
     {&Params::sensitivity, "sensitivity", "", 0, static_cast<std::int32_t>(kSensitivityNames.size()) - 1,
      "operating point of the model: 0 quiet, 1 normal, 2 sensitive",
      "higher: weaker slips are told, and more that is none; a model may know one point only"},
+    {&Params::latch, "latch", "", 0, 1, "1: after a FAULT wait for the command ARM",
+     "1: a cable that was loose for a moment stops the robot until somebody has looked"},
+    {&Params::opening_max_ms, "opening_max_ms", "ms", 100, 60'000, "OPENING and RELEASE mask slip for so long at most",
+     "longer: a forgotten OPENING hides slip for longer; shorter: a slow release ends in a false slip"},
+    {&Params::gripper, "gripper", "", 0, 2, "what holds: 0 the robot itself, 1 Robotiq Hand-E, 2 a pair of step lines",
+     "1 and 2: a gripper that does not answer is a FAULT"},
+    {&Params::start_force, "start_force", "counts", 0, 255, "force of GRIP before anything slips",
+     "higher: fewer slips, and soft objects suffer; lower: more is left to the regulator"},
+    {&Params::force_step, "force_step", "counts", 1, 64, "force added per step while the object slips",
+     "larger: stops a slip sooner and overshoots further"},
+    {&Params::grow_pct, "grow_pct", "%", 0, 50, "and this share of the present force",
+     "larger: heavy objects are held sooner and squeezed harder"},
+    {&Params::max_force, "max_force", "counts", 0, 255, "force that is never exceeded",
+     "higher: heavier objects are held, weaker ones crushed"},
+    {&Params::position_step, "position_step", "counts", 0, 16, "fingers close by this with every step of force",
+     "0 suits grippers that hold by force; more squeezes soft objects flat"},
+    {&Params::release_step, "release_step", "counts", 1, 64, "force taken off per 40 ms by RELEASE",
+     "larger: lets go sooner, and less gently"},
+    {&Params::grip_speed, "grip_speed", "counts", 0, 255, "speed of the fingers (Hand-E's rSP)",
+     "higher: hits the object harder"},
 }};
 
 static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");
@@ -127,6 +157,9 @@ constexpr Status validate(const Params& params, ParamProblem* problem = nullptr)
   }
   if (params.fault_markers_pct > params.degraded_markers_pct) {
     return refuse(problem, find_param("fault_markers_pct"), "above degraded_markers_pct");
+  }
+  if (params.start_force > params.max_force) {
+    return refuse(problem, find_param("start_force"), "above max_force");
   }
   if (params.grid_rows * params.grid_cols > kMaxMarkers) {
     return refuse(problem, find_param("grid_cols"), "times grid_rows is more than the 128 markers of the fixed memory");

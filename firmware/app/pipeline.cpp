@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "app/pipeline.hpp"
 
+#include <cstdlib>
+
+#include "base/math.hpp"
+#include "vision/exposure.hpp"
+
 namespace holdfast::pipeline {
 namespace {
 
@@ -15,6 +20,11 @@ Status in_order(State& state, Micros timestamp) {
 Status enough(const MarkerField& field, int least_pct) {
   const bool few = field.valid_count() * 100 < field.grid.count() * least_pct;
   return few ? Status{Reason::kMarkersLost} : kOkStatus;
+}
+
+// Why no markers were found: the light, or what the search says.
+Status lit(const LumaView& luma, Status why) {
+  return exposure::is_bad(luma) ? Status{Reason::kExposure} : why;
 }
 
 Result stamped(Micros timestamp, std::uint32_t sequence) {
@@ -43,7 +53,14 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
   if (const Status s = luma_input::update(state.luma, config.luma, jpeg, frame, luma); !s.ok()) {
     return rejected(state, out, s);
   }
-  if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) return rejected(state, out, s);
+  if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) {
+    return rejected(state, out, lit(luma, s));
+  }
+  out.grid = state.tracker.field.grid;
+  out.markers = state.tracker.field.valid_count();
+  if (const Status s = enough(state.tracker.field, config.fault_markers_pct); !s.ok()) {
+    return rejected(state, out, lit(luma, s));
+  }
   return feel(state, config, config.with_imprint ? &luma : nullptr, out);
 }
 
@@ -56,6 +73,46 @@ void learn_empty(State& state, const Config& config, const LumaView& luma, const
                         state.saturations);
 }
 
+// Only while there is provably no contact.
+void follow_drift(State& state, const Config& config) {
+  if (!config.follow_drift || !state.contact.empty) return reference::pause(state.reference);
+  if (!reference::follow(state.reference, config.reference, state.tracker.field)) return;
+  tracker::set_home(state.tracker, state.reference.rest);
+  imprint::place_again(state.imprint);
+}
+
+// A kept rest position is that of this lattice when the pitch is the same within a tenth and every marker lies within
+// one and a half pitches of its place: a gel that is pressed and sheared hard stays within (24 px of 320 is 1.1
+// pitches, the most on the recordings), another sensor or another crop does not.
+bool fits(const State& state, const MarkerField& now, const LumaView* luma) {
+  const reference::State& kept = state.reference;
+  if (kept.rest.grid != now.grid) return false;
+  if (luma != nullptr && (luma->width != state.kept_width || luma->height != state.kept_height)) return false;
+  const std::int64_t pitch = reference::pitch_of(now).raw();
+  if (std::abs(pitch - kept.pitch.raw()) * 10 > kept.pitch.raw()) return false;
+  const std::int64_t most = std::int64_t{kept.pitch.raw()} * 3 / 2;
+  for (std::int32_t i = 0; i < now.grid.count(); ++i) {
+    const Marker& a = kept.rest.markers[idx(i)];
+    const Marker& b = now.markers[idx(i)];
+    if (a.valid && b.valid && square(b.x.raw() - a.x.raw()) + square(b.y.raw() - a.y.raw()) > square(most)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+// The first picture after resume() decides.
+void end_resuming(State& state, const LumaView* luma) {
+  state.resuming = false;
+  state.reference.known = fits(state, state.tracker.field, luma);
+  if (state.reference.known) {
+    tracker::set_home(state.tracker, state.reference.rest);
+  } else {
+    reference::forget(state.reference);
+    imprint::forget(state.imprint);
+  }
+}
+
 // Feel: markers, and the picture between them where there is one, to features.
 Result feel(State& state, const Config& config, const LumaView* luma, Result out) {
   const MarkerField& field = state.tracker.field;
@@ -63,6 +120,7 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
   out.markers = field.valid_count();
   if (const Status s = enough(field, config.fault_markers_pct); !s.ok()) return rejected(state, out, s);
 
+  if (state.resuming) end_resuming(state, luma);
   if (reference::update(state.reference, config.reference, field)) {
     tracker::set_home(state.tracker, state.reference.rest);
     features::forget(state.features);
@@ -92,6 +150,8 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,
                                   state.opening, out.timestamp);
     if (!out.contact.settled) imprint::disbelieve(out.features.imprint);
+    out.empty = state.contact.empty;
+    follow_drift(state, config);
   }
   return judge(state, config, out);
 }
@@ -158,7 +218,27 @@ void opening(State& state, bool is_opening) {
   state.opening = is_opening;
 }
 
+void remember(const State& state, const Config& config, keepsake::Contents& contents) {
+  contents.width = state.luma.width;
+  contents.height = state.luma.height;
+  contents.pitch_um = config.displacement.pitch_um;
+  contents.pitch = state.reference.pitch;
+  contents.rest = state.reference.rest;
+  contents.empty = state.imprint.empty;
+}
+
+void resume(State& state, const keepsake::Contents& contents) {
+  tare(state);
+  state.resuming = true;
+  state.kept_width = contents.width;
+  state.kept_height = contents.height;
+  state.reference.rest = state.reference.first = contents.rest;
+  state.reference.pitch = contents.pitch;
+  state.imprint.empty = contents.empty;
+}
+
 void tare(State& state) {
+  state.resuming = false;
   reference::forget(state.reference);
   features::forget(state.features);
   field_features::forget(state.field);

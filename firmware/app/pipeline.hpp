@@ -3,6 +3,7 @@
 // feel, judge.
 #pragma once
 
+#include "app/keepsake.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
 #include "hal/camera.hpp"
@@ -35,6 +36,9 @@ struct Config {
   bool with_imprint = classifier::needs({}, Stage::kImprint);
   classifier::Config classifier;
   decision::Config decision;
+  // Let the rest position follow a gel that nobody touches (reference::follow). Not in a recording, whose reference
+  // somebody has chosen.
+  bool follow_drift = false;
   // Fewer valid markers than this share of the grid: the frame tells nothing about the grip.
   int fault_markers_pct = 71;  // 45 of 63
 };
@@ -52,6 +56,8 @@ struct State {
   decision::State decision;
   Saturations saturations;
   bool opening = false;
+  std::int32_t kept_width = 0, kept_height = 0;  // of the picture that it was learned from
+  bool resuming = false;  // reference.rest is an earlier process's and waits for a picture that fits it
   Micros last_timestamp{};
   bool any_frame = false;
 };
@@ -66,6 +72,7 @@ struct Result {
   GridSize grid;
   Features features;
   contact::Contact contact;
+  bool empty = false;  // nothing touches the gel, and has not for half a second; false where nobody can tell
   Verdict verdict = Verdict::kHold;
   GripRequest request = GripRequest::kHold;  // kept from the frame before when this one is rejected
 };
@@ -89,6 +96,12 @@ struct Result {
 // The gripper opens, until it says that it no longer does (OPENING): what moves now is let go, not lost. No verdict but
 // hold, and the end of the contact is a release.
 void opening(State& state, bool is_opening);
+
+// What another process needs to go on with this one's rest position and empty gel. Range: a rest position is known.
+void remember(const State& state, const Config& config, keepsake::Contents& contents);
+// Goes on with what an earlier process learned, once a picture shows the same lattice not far from there; the first one
+// that does not ends the attempt, and the rest position is learned.
+void resume(State& state, const keepsake::Contents& contents);
 
 // Forgets the rest position (TARE): the next still frames teach it anew.
 void tare(State& state);

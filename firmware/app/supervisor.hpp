@@ -4,8 +4,16 @@
 // GRIP_OK is HIGH in OK only. ALIVE toggles once per accepted frame, so that a receiver can tell a level that is
 // still meant from one that a dead process left behind (DESIGN.md, receiver's rule).
 // A single rejected frame changes neither state nor lines: ALIVE stands still and the receiver counts its age. After
-// `hold` without an accepted frame the state is FAULT with the reason of the last rejection.
+// `hold` without an accepted frame the state is FAULT with the reason of the last rejection, and a few good frames in a
+// row must follow before anything else is said.
+//
+// kRules is the whole behaviour: the first row that applies decides. STATES.md is written from it.
 #pragma once
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <string_view>
 
 #include "app/pipeline.hpp"
 #include "base/status.hpp"
@@ -18,6 +26,23 @@ struct Config {
   Micros hold{150'000};
   // Fewer valid markers than this share of the grid: DEGRADED.
   int degraded_markers_pct = 87;  // 55 of 63
+  // Accepted frames in a row that end a FAULT. Price: 40 ms each at 25 fps; 1 lets a line or a camera that comes and
+  // goes flicker between FAULT and OK.
+  int recover_frames = 3;
+  // More rejected ones of the last kHistory frames: DEGRADED.
+  int most_rejected = 3;
+  // After a FAULT wait for the command ARM.
+  bool latch = false;
+};
+
+inline constexpr int kHistory = 10;
+
+// What is known beside the frame. kNone: all is well.
+struct Health {
+  Reason fault = Reason::kNone;   // gripper, line or camera: nothing may be vouched for
+  Reason strain = Reason::kNone;  // frame rate, deadlines: measuring, but not well
+  bool opening = false;           // OPENING is in force
+  bool force_limit = false;       // the regulator may not grip harder
 };
 
 struct State {
@@ -26,6 +51,10 @@ struct State {
   bool any_accepted = false;
   Micros last_accepted{};  // or of the start, before the first one
   bool started = false;
+  int good_frames = 0;        // accepted ones in a row since the last rejection or fault
+  std::uint32_t history = 0;  // of the last kHistory frames, newest in bit 0: 1 = rejected
+  bool armed = false;         // ARM came since the fault
+  std::uint32_t faults = 0;   // how often FAULT was entered since the first accepted frame
 };
 
 // What the lines have to say now.
@@ -37,42 +66,164 @@ struct Outputs {
   bool accepted = false;  // ALIVE has to change its level
 };
 
+// What one frame, or its absence, comes to.
+struct Seen {
+  bool silent = false;
+  bool rejected = false;
+  bool fault = false;
+  bool needs_arm = false;
+  bool recovering = false;
+  bool learning = false;
+  bool slip = false;
+  bool force_limit = false;
+  bool strained = false;
+  bool many_rejected = false;
+  bool few_markers = false;
+  bool opening = false;
+  bool gap = false;
+  bool always = true;
+};
+
+// Where the reason comes from when the row names none.
+enum class Why : std::uint8_t { kRow, kRejection, kHealthFault, kHealthStrain };
+
+struct Rule {
+  std::string_view when;  // in words, for STATES.md
+  bool Seen::*seen;
+  bool only_in_fault;  // false: from any state
+  bool stays;          // true: the state remains what it was, and `to` says nothing
+  DeviceState to;
+  Why why;
+  Reason reason;
+};
+
+// clang-format off
+inline constexpr std::array<Rule, 14> kRules{{
+    {"the gripper, an output line or the sensor's identity is at fault",
+     &Seen::fault, false, false, DeviceState::kFault, Why::kHealthFault, Reason::kNone},
+    {"no frame was accepted for 150 ms or ever, or the camera is gone",
+     &Seen::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
+    {"this frame was rejected, or none came",
+     &Seen::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},
+    {"the setting `latch` is on and ARM has not come since the fault",
+     &Seen::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
+    {"fewer than `recover_frames` accepted frames in a row since the fault",
+     &Seen::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
+    {"no rest position is known",
+     &Seen::learning, false, false, DeviceState::kReference, Why::kRow, Reason::kLearning},
+    {"the object slips and the grip force is at its limit",
+     &Seen::force_limit, false, false, DeviceState::kSlip, Why::kRow, Reason::kForceLimit},
+    {"the object slips",
+     &Seen::slip, false, false, DeviceState::kSlip, Why::kRow, Reason::kSlipDetected},
+    {"frame rate or deadlines are not kept",
+     &Seen::strained, false, false, DeviceState::kDegraded, Why::kHealthStrain, Reason::kNone},
+    {"more than 3 of the last 10 frames were rejected",
+     &Seen::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},
+    {"fewer markers than `degraded_markers_pct`",
+     &Seen::few_markers, false, false, DeviceState::kDegraded, Why::kRow, Reason::kFewMarkers},
+    {"OPENING is in force",
+     &Seen::opening, false, false, DeviceState::kOk, Why::kRow, Reason::kOpening},
+    {"too long since the frame before",
+     &Seen::gap, false, false, DeviceState::kOk, Why::kRow, Reason::kTimeGap},
+    {"otherwise",
+     &Seen::always, false, false, DeviceState::kOk, Why::kRow, Reason::kNone},
+}};
+// clang-format on
+
 [[nodiscard]] inline Outputs outputs_of(const State& state, bool slip, bool accepted) {
   return {state.device, state.reason, slip, state.device == DeviceState::kOk, accepted};
 }
 
+namespace detail {
+
+inline void follow_rules(State& state, const Seen& seen, Reason rejection, const Health& health) {
+  for (const Rule& rule : kRules) {
+    if (!(seen.*rule.seen) || (rule.only_in_fault && state.device != DeviceState::kFault)) continue;
+    state.reason = rule.why == Why::kRejection      ? rejection
+                   : rule.why == Why::kHealthFault  ? health.fault
+                   : rule.why == Why::kHealthStrain ? health.strain
+                                                    : rule.reason;
+    if (rule.stays) return;
+    if (rule.to == DeviceState::kFault && state.device != DeviceState::kFault && state.any_accepted) {
+      ++state.faults;  // what was never well has nothing to recover
+      state.armed = false;
+    }
+    state.device = rule.to;
+    return;
+  }
+}
+
+// What went wrong before or in a FAULT is over when it ends: the frames in a row that end it say more.
+inline void remember(State& state, bool rejected) {
+  const std::uint32_t before = state.device == DeviceState::kFault ? 0 : state.history;
+  state.history = ((before << 1) | (rejected ? 1U : 0U)) & ((1U << kHistory) - 1);
+  state.good_frames = rejected ? 0 : state.good_frames + (state.good_frames < 1000 ? 1 : 0);
+}
+
+}  // namespace detail
+
+// A device beside the camera failed between frames: `why` until update() says otherwise.
+inline void fail(State& state, Reason why) {
+  Seen seen;
+  seen.fault = true;
+  state.good_frames = 0;
+  detail::follow_rules(state, seen, Reason::kNone, {.fault = why});
+}
+
+// ARM: leaves a latched FAULT once its cause is gone.
+inline void arm(State& state) {
+  state.armed = true;
+}
+
+// Too long since an accepted frame. Range: a clock that stepped back (its contract says never) counts as too long.
+[[nodiscard]] inline bool is_silent(const State& state, const Config& config, Micros now) {
+  const Micros age = now - state.last_accepted;
+  return !state.any_accepted || age > config.hold || age < Micros{0};
+}
+
 // Nothing usable came: rejected frame, timeout or a stream that ended. `why` is kept as the reason.
-[[nodiscard]] inline Outputs reject(State& state, const Config& config, Reason why, GripRequest request, Micros now) {
+[[nodiscard]] inline Outputs reject(State& state, const Config& config, Reason why, GripRequest request, Micros now,
+                                    const Health& health = {}) {
   if (!state.started) {
     state.started = true;
     state.last_accepted = now;
   }
-  if (!state.any_accepted || now - state.last_accepted > config.hold || why == Reason::kCameraGone) {
-    state.device = DeviceState::kFault;
-  }
-  state.reason = why;
+  detail::remember(state, true);
+  Seen seen;
+  seen.fault = health.fault != Reason::kNone;
+  seen.rejected = true;
+  seen.silent = is_silent(state, config, now) || why == Reason::kCameraGone || why == Reason::kCameraWrong;
+  detail::follow_rules(state, seen, why, health);
   return outputs_of(state, request == GripRequest::kTighten, false);
 }
 
-[[nodiscard]] inline Outputs update(State& state, const Config& config, const pipeline::Result& result, Micros now) {
-  if (!result.quality.ok()) return reject(state, config, result.quality.reason, result.request, now);
+[[nodiscard]] inline Outputs update(State& state, const Config& config, const pipeline::Result& result, Micros now,
+                                    const Health& health = {}) {
+  if (!result.quality.ok()) return reject(state, config, result.quality.reason, result.request, now, health);
+  // A process that was away for long finds a fresh frame first: the silence before it counts all the same.
+  if (state.any_accepted && is_silent(state, config, now)) {
+    detail::follow_rules(state, {.silent = true}, Reason::kNoFrame, health);
+    state.good_frames = 0;
+  }
   state.started = true;
   state.any_accepted = true;
   state.last_accepted = now;
-  if (!result.referenced) {
-    state.device = DeviceState::kReference;
-    state.reason = Reason::kLearning;
-  } else if (result.request == GripRequest::kTighten) {
-    state.device = DeviceState::kSlip;
-    state.reason = Reason::kSlipDetected;
-  } else if (result.features.markers * 100 < result.grid.count() * config.degraded_markers_pct) {
-    state.device = DeviceState::kDegraded;
-    state.reason = Reason::kFewMarkers;
-  } else {
-    state.device = DeviceState::kOk;
-    state.reason = result.features.gap ? Reason::kTimeGap : Reason::kNone;
-  }
-  return outputs_of(state, result.request == GripRequest::kTighten, true);
+  detail::remember(state, false);
+  Seen seen;
+  seen.fault = health.fault != Reason::kNone;
+  if (seen.fault) state.good_frames = 0;
+  seen.needs_arm = config.latch && !state.armed && state.faults > 0;
+  seen.recovering = state.faults > 0 && state.good_frames < config.recover_frames;
+  seen.learning = !result.referenced;
+  seen.slip = result.request == GripRequest::kTighten;
+  seen.force_limit = seen.slip && health.force_limit;
+  seen.strained = health.strain != Reason::kNone;
+  seen.many_rejected = std::popcount(state.history) > config.most_rejected;
+  seen.few_markers = result.features.markers * 100 < result.grid.count() * config.degraded_markers_pct;
+  seen.opening = health.opening;
+  seen.gap = result.features.gap;
+  detail::follow_rules(state, seen, Reason::kNone, health);
+  return outputs_of(state, seen.slip, true);
 }
 
 }  // namespace holdfast::supervisor

@@ -343,8 +343,8 @@ const Kept* picture_before(const State& state, Micros now, Micros lag) {
 // Relief of a patch above which something is pressed into it.
 std::int64_t threshold_of(const State& state, const Config& config) {
   const std::int64_t floor = std::int64_t{kPairs} * config.contact_floor_q8;
-  if (state.empty_frames <= kNoiseAfter) return 2 * floor;
-  return std::max(floor, state.noise_relief * config.contact_over_noise_q4 / 16);
+  if (state.empty.frames <= kNoiseAfter) return 2 * floor;
+  return std::max(floor, state.empty.noise_relief * config.contact_over_noise_q4 / 16);
 }
 
 // What keeps a few weak patches from showing noise as motion: of the whole contact as much as a relief of 1.2 levels^2
@@ -366,14 +366,14 @@ std::int64_t motion_log2_q8(std::int64_t change, std::int64_t relief, std::int32
 
 // Into the mean of the empty gel: of all frames up to kEmptyMean, then fading.
 void learn(State& state, std::int32_t patch, const Samples& now) {
-  std::array<std::uint16_t, kFree>& mean_q4 = state.empty_q4[idx(patch)];
-  const bool first = !state.learned[idx(patch)];
+  std::array<std::uint16_t, kFree>& mean_q4 = state.empty.samples_q4[idx(patch)];
+  const bool first = !state.empty.learned[idx(patch)];
   for (std::size_t i = 0; i < now.size(); ++i) {
     const std::int32_t now_q4 = now[i] * 16;
-    const std::int64_t step = first ? now_q4 - mean_q4[i] : div_round(now_q4 - mean_q4[i], state.empty_frames);
+    const std::int64_t step = first ? now_q4 - mean_q4[i] : div_round(now_q4 - mean_q4[i], state.empty.frames);
     mean_q4[i] = static_cast<std::uint16_t>(mean_q4[i] + step);
   }
-  state.learned[idx(patch)] = true;
+  state.empty.learned[idx(patch)] = true;
 }
 
 void place(State& state, const LumaView& picture, const MarkerField& rest, PixelsQ8 pitch) {
@@ -391,12 +391,12 @@ void place(State& state, const LumaView& picture, const MarkerField& rest, Pixel
 
 void forget(State& state) {
   place_again(state);
-  state.learned.fill(false);
-  state.marked.fill(false);
-  state.empty_frames = 0;
-  state.noise_relief = 0;
-  state.noise_motion.fill(0);
-  state.noise_frames.fill(0);
+  state.empty.learned.fill(false);
+  state.empty.marked.fill(false);
+  state.empty.frames = 0;
+  state.empty.noise_relief = 0;
+  state.empty.noise_motion.fill(0);
+  state.empty.noise_frames.fill(0);
   state.count = 0;
 }
 
@@ -416,7 +416,7 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
 
   reduce(state.picture, picture);
   const std::int64_t threshold = threshold_of(state, config);
-  if (empty) state.empty_frames = std::min(state.empty_frames + 1, kEmptyMean);
+  if (empty) state.empty.frames = std::min(state.empty.frames + 1, kEmptyMean);
   std::int64_t reliefs_seen = 0;
   std::int32_t in_contact = 0, patches_seen = 0;
   const std::int32_t patches = patches_of(rest.grid);
@@ -427,19 +427,20 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
     if (!inside(state.picture, frame, dx_q12, dy_q12)) continue;
     Samples& samples = last.samples[idx(p)];
     sample(state.picture, frame, dx_q12, dy_q12, samples);
-    last.relief[idx(p)] = state.learned[idx(p)] ? relief_of(samples, state.empty_q4[idx(p)]) : 0;
+    last.relief[idx(p)] = state.empty.learned[idx(p)] ? relief_of(samples, state.empty.samples_q4[idx(p)]) : 0;
     if (empty) {
       learn(state, p, samples);
-      state.marked[idx(p)] = is_marked(state.empty_q4[idx(p)], config);
+      state.empty.marked[idx(p)] = is_marked(state.empty.samples_q4[idx(p)], config);
     }
-    if (state.marked[idx(p)]) continue;
+    if (state.empty.marked[idx(p)]) continue;
     last.seen[idx(p)] = true;
     if (last.relief[idx(p)] > threshold) ++in_contact;
     reliefs_seen += last.relief[idx(p)];
     ++patches_seen;
   }
-  if (empty && patches_seen > 0 && state.empty_frames > kNoiseAfter) {
-    state.noise_relief += div_round(reliefs_seen / patches_seen - state.noise_relief, state.empty_frames - kNoiseAfter);
+  if (empty && patches_seen > 0 && state.empty.frames > kNoiseAfter) {
+    state.empty.noise_relief +=
+        div_round(reliefs_seen / patches_seen - state.empty.noise_relief, state.empty.frames - kNoiseAfter);
   }
   out.patches = Count::from_raw(in_contact);
 
@@ -462,14 +463,14 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
       ++pressed;
     }
     if (empty && seen > 0) {
-      state.noise_frames[k] = std::min(state.noise_frames[k] + 1, kEmptyMean);
-      state.noise_motion[k] += div_round(all / seen - state.noise_motion[k], state.noise_frames[k]);
+      state.empty.noise_frames[k] = std::min(state.empty.noise_frames[k] + 1, kEmptyMean);
+      state.empty.noise_motion[k] += div_round(all / seen - state.empty.noise_motion[k], state.empty.noise_frames[k]);
     }
     if (pressed < config.least_patches) continue;
-    change -= pressed * state.noise_motion[k];
+    change -= pressed * state.empty.noise_motion[k];
     // Range: reliefs of 2^32 times bends of 2^18, of 320 patches, stay below 2^59.
     if (change <= bent / (std::int64_t{2} * kPairs << kBend_q) * (kFree * kFree)) continue;
-    relief += kLeastRelief + pressed * (kLeastReliefPerPatch - 2 * state.noise_relief);
+    relief += kLeastRelief + pressed * (kLeastReliefPerPatch - 2 * state.empty.noise_relief);
     *motions[k] = Log2Q8::saturate(motion_log2_q8(change, relief, config.pitch_um), saturations);
   }
 

@@ -125,18 +125,23 @@ inline constexpr int kKept = 14;       // times 35 ms: reaches back the longest 
 inline constexpr int kEmptyMean = 64;  // frames that the learned empty gel is a mean of, in the long run
 inline constexpr int kNoiseAfter = 8;  // frames on the empty gel before its noise is believed
 
+// What was learned of the empty gel: all that a restarted process needs to go on (app/keepsake.hpp).
+struct Empty {
+  std::array<std::array<std::uint16_t, kFree>, kMaxPatches> samples_q4{};  // of the patches, in Q4
+  std::array<bool, kMaxPatches> learned{};                                 // the patch was seen on the empty gel
+  std::array<bool, kMaxPatches> marked{};                                  // and shows too much there
+  int frames = 0;
+  std::int64_t noise_relief = 0;                          // kPairs * G of a patch of the empty gel
+  std::array<std::int64_t, kLags.size()> noise_motion{};  // kFree^2 * R of a patch of the empty gel
+  std::array<int, kLags.size()> noise_frames{};
+};
+
 struct State {
   bool placed = false;                 // frames stand for the rest position that is in force
   std::int32_t width = 0, height = 0;  // of the picture that they were laid out for
   Reduced picture;
   std::array<Frame, kMaxPatches> frames{};
-  std::array<std::array<std::uint16_t, kFree>, kMaxPatches> empty_q4{};  // samples of the empty gel, in Q4
-  std::array<bool, kMaxPatches> learned{};                               // the patch was seen on the empty gel
-  std::array<bool, kMaxPatches> marked{};                                // and shows too much there
-  int empty_frames = 0;
-  std::int64_t noise_relief = 0;                          // kPairs * G of a patch of the empty gel
-  std::array<std::int64_t, kLags.size()> noise_motion{};  // kFree^2 * R of a patch of the empty gel
-  std::array<int, kLags.size()> noise_frames{};
+  Empty empty;
   std::array<Kept, kKept> kept{};  // a ring
   int count = 0;
   int newest = 0;

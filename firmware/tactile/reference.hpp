@@ -6,6 +6,7 @@
 // Does not know whether the gel is empty: whoever calls it has said so (start-up, TARE, --reference).
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdlib>
@@ -18,6 +19,7 @@ namespace holdfast::reference {
 struct Config {
   int frames = 10;                           // 1..100. Price: 40 ms of start-up time each at 25 Hz
   PixelsQ8 still = PixelsQ8::from_raw(192);  // a marker that moved further was touched: 0.75 px, 12 sigma of rest noise
+  int follow_frames = 64;                    // of the empty gel, between two steps of follow()
 };
 
 struct State {
@@ -25,7 +27,7 @@ struct State {
   MarkerField rest;  // valid = this marker has a rest position
   PixelsQ8 pitch;    // mean spacing of neighbours at rest, working image
   int count = 0;
-  MarkerField first;                                    // where each marker was first seen of the frames being averaged
+  MarkerField first;  // where each marker was first seen of the frames being averaged; then: rest, as it was learned
   std::array<std::int32_t, kMaxMarkers> sum_x_px_q8{};  // of offsets from `first`: 100 frames * 192 fits 16 bits
   std::array<std::int32_t, kMaxMarkers> sum_y_px_q8{};
   std::array<std::int32_t, kMaxMarkers> seen{};  // frames in which the marker was valid
@@ -99,8 +101,58 @@ inline void forget(State& state) {
   }
   state.pitch = pitch_of(state.rest);
   state.known = state.pitch.raw() > 0;
-  if (!state.known) state.count = 0;  // nothing to stand on: the next frame starts anew
+  state.first = state.rest;
+  state.count = 0;  // for follow(); or nothing to stand on: the next frame starts anew
   return state.known;
+}
+
+// Forgets what follow() has gathered: something touches the gel.
+inline void pause(State& state) {
+  if (state.known) state.count = 0;
+}
+
+// Lets the rest position follow a gel that nobody touches: warmth and a mount that settles move it by hundredths of a
+// pixel in a second. Returns true when it moved. A quarter of the mean offset per step and at most 1/32 px, so that a
+// touch too light to be noticed is not taken for rest; and never further than a twentieth of a pitch (0.1 mm) from what
+// was learned, so that no slow shear can be followed away: then only TARE helps.
+// Range: 64 offsets of at most 2^20 fit int32.
+[[nodiscard]] inline bool follow(State& state, const Config& config, const MarkerField& field) {
+  constexpr std::int32_t kMostStep_px_q8 = 8;
+  if (!state.known || field.grid != state.rest.grid) return false;
+  if (state.count == 0) {
+    state.sum_x_px_q8.fill(0);
+    state.sum_y_px_q8.fill(0);
+    state.seen.fill(0);
+  }
+  for (std::int32_t i = 0; i < field.grid.count(); ++i) {
+    const Marker& rest = state.rest.markers[idx(i)];
+    const Marker& now = field.markers[idx(i)];
+    if (!now.valid || !rest.valid) continue;
+    state.sum_x_px_q8[idx(i)] += now.x.raw() - rest.x.raw();
+    state.sum_y_px_q8[idx(i)] += now.y.raw() - rest.y.raw();
+    ++state.seen[idx(i)];
+  }
+  if (++state.count < config.follow_frames) return false;
+  const std::int32_t limit = state.pitch.raw() / 20;
+  bool moved = false;
+  for (std::int32_t i = 0; i < field.grid.count(); ++i) {
+    Marker& rest = state.rest.markers[idx(i)];
+    const Marker& learned = state.first.markers[idx(i)];
+    const std::int32_t seen = state.seen[idx(i)];
+    if (!rest.valid || seen * 2 < state.count) continue;
+    const auto step = [&](PixelsQ8 at, PixelsQ8 origin, std::int32_t sum) {
+      const auto mean = static_cast<std::int32_t>(div_round(sum, std::int64_t{4} * seen));
+      const std::int32_t to = at.raw() + std::clamp(mean, -kMostStep_px_q8, kMostStep_px_q8);
+      return PixelsQ8::from_raw(std::clamp(to, origin.raw() - limit, origin.raw() + limit));
+    };
+    const PixelsQ8 x = step(rest.x, learned.x, state.sum_x_px_q8[idx(i)]);
+    const PixelsQ8 y = step(rest.y, learned.y, state.sum_y_px_q8[idx(i)]);
+    moved = moved || x != rest.x || y != rest.y;
+    rest.x = x;
+    rest.y = y;
+  }
+  state.count = 0;
+  return moved;
 }
 
 }  // namespace holdfast::reference

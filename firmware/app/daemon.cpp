@@ -1,0 +1,343 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "app/daemon.hpp"
+
+#include <algorithm>
+#include <span>
+
+namespace holdfast {
+namespace {
+
+using command_frame::Command;
+using command_frame::CommandFrame;
+using command_frame::Result;
+
+// A sensor that was plugged in again is back within 2 s: its driver takes most of that.
+constexpr Micros kFirstRetry{100'000};
+constexpr Micros kLongestRetry{500'000};
+// A stream without an accepted frame is started anew after so long, then after twice that, up to 4 s: some drivers
+// resume on their own, and a restart takes them longer.
+constexpr Micros kFirstStall{500'000};
+constexpr Micros kLongestStall{4'000'000};
+// Contacts bounce, and a robot controller holds a level for two of its cycles of 8 ms.
+constexpr Micros kDebounce{10'000};
+constexpr Micros kKeepEvery{2'000'000};
+
+}  // namespace
+
+regulator::Config regulator_config(const Params& params) {
+  regulator::Config config{};
+  config.start_force = params.start_force;
+  config.force_step = params.force_step;
+  config.grow_pct = params.grow_pct;
+  config.position_step = params.position_step;
+  config.release_step = params.release_step;
+  config.max_force = params.max_force;
+  return config;
+}
+
+// A gripper that falls silent has to be known of within the receiver's 150 ms: no status older than 120 ms counts. So
+// one lost reply (30 ms), a pause (10 ms) and the next one still fit in; the manual's 50 ms would not.
+hande::Config hande_config() {
+  hande::Config config{};
+  config.bus.timeout = Micros{30'000};
+  config.back_off = Micros{10'000};
+  config.longest_back_off = Micros{250'000};  // back within 2 s, activation apart
+  config.idle_poll = Micros{40'000};
+  config.fresh_for = Micros{120'000};
+  return config;
+}
+
+Status Daemon::start(const Params& params, bool auto_size) {
+  params_ = params;
+  auto_size_ = auto_size;
+  regulator_config_ = regulator_config(params);
+  hande_config_ = hande_config();
+  const Micros now = devices_.clock.now();
+  const Status status = app_.start(params, auto_size);
+  streaming_ = status.ok();
+  stalled_since_ = now;
+  stall_limit_ = kFirstStall;
+  retry_after_ = kFirstRetry;
+  try_at_ = now + retry_after_;
+  if (streaming_) ++camera_starts_;
+  if (!status.ok() && status.reason != Reason::kCameraGone) return status;
+  if (const Status s = regulator::validate(regulator_config_); !s.ok()) return s;
+  if (static_cast<Gripper>(params.gripper) == Gripper::kStepLines) {
+    if (const Status s = step_lines::start(lines_, devices_.gpio, 0); !s.ok()) return s;
+  }
+  kept_ = false;
+  if (streaming_ && keepsake::load(keepsake_, periphery_.keep.memory())) {
+    resumed_ = app_.resume(keepsake_.slot.contents);
+  }
+  resume_grip();
+  return kOkStatus;
+}
+
+void Daemon::poll() {
+  mind_the_clock();
+  watch_camera();
+  serve_link();
+  read_inputs();
+  move_gripper();
+}
+
+// hal::Clock never steps back. One that does all the same (a board whose clock is set late) must not leave waits behind
+// that end in hours: they begin anew, and the gripper is asked what it does before it is told anything.
+void Daemon::mind_the_clock() {
+  const Micros now = devices_.clock.now();
+  if (now < seen_now_) {
+    try_at_ = stalled_since_ = kept_at_ = regulator_.last_step = now;
+    opening_until_ = std::min(opening_until_, now + Micros{std::int64_t{params_.opening_max_ms} * 1000});
+    hande_ = {};
+    lines_.since = now;
+    for (Wire& wire : wires_) wire.since = now;
+    app_.clock_stepped_back();
+  }
+  seen_now_ = now;
+}
+
+void Daemon::stop() {
+  app_.stop();
+  streaming_ = false;
+}
+
+void Daemon::watch_camera() {
+  if (!streaming_) {
+    devices_.clock.wait(kSlice);
+    app_.absent(gone_why_);
+    if (devices_.clock.now() < try_at_) return;
+    const Status status = app_.restart_camera();
+    gone_why_ = status.reason;
+    if (!status.ok()) return lose_camera(std::min(retry_after_ * 2, kLongestRetry));
+    ++camera_starts_;
+    streaming_ = true;
+    stalled_since_ = devices_.clock.now();
+    return;
+  }
+  switch (app_.poll(kSlice)) {
+    case App::Polled::kGone:
+      return lose_camera(kFirstRetry);
+    case App::Polled::kSignalled:
+      after_frame();
+      break;
+    case App::Polled::kWaiting:
+      break;
+  }
+  const Micros now = devices_.clock.now();
+  if (app_.outputs().accepted) {
+    stalled_since_ = now;
+    stall_limit_ = kFirstStall;
+    retry_after_ = kFirstRetry;
+  } else if (now - stalled_since_ > stall_limit_) {
+    stall_limit_ = std::min(stall_limit_ * 2, kLongestStall);
+    stalled_since_ = now;
+    if (!app_.restart_camera().ok()) lose_camera(kFirstRetry);
+  }
+}
+
+void Daemon::lose_camera(Micros retry_after) {
+  if (gone_why_ == Reason::kNone) gone_why_ = Reason::kCameraGone;
+  streaming_ = false;
+  retry_after_ = retry_after;
+  try_at_ = devices_.clock.now() + retry_after;
+}
+
+// What follows from a frame: the grip, and what is kept of it.
+void Daemon::after_frame() {
+  const pipeline::Result& result = app_.result();
+  const supervisor::Outputs& outputs = app_.outputs();
+  const bool trusted = outputs.accepted && (outputs.state == DeviceState::kOk || outputs.state == DeviceState::kSlip);
+  grip_ = regulator::update(regulator_, regulator_config_,
+                            {.trusted = trusted,
+                             .request = result.request,
+                             .verdict = result.verdict,
+                             .entropy = result.features.entropy,
+                             .grip = grip_asked_,
+                             .release = release_asked_},
+                            devices_.clock.now());
+  keep_grip();
+  if (release_asked_) opened_ = true;
+  if (grip_asked_) opened_ = false;
+  grip_asked_ = release_asked_ = false;
+  if (outputs.accepted) keep_reference();
+}
+
+void Daemon::keep_reference() {
+  const pipeline::Result& result = app_.result();
+  const Micros now = devices_.clock.now();
+  if (!result.referenced) {
+    kept_ = false;
+    return;
+  }
+  if (kept_ && (!result.empty || now - kept_at_ < kKeepEvery)) return;
+  app_.remember(keepsake_.slot.contents);
+  kept_ = true;
+  kept_at_ = now;
+  (void)keepsake::save(keepsake_, periphery_.keep.memory());  // a board without keeps nothing
+}
+
+// The gripper holds on while no process runs; the next one goes on tightening from where this one was.
+void Daemon::resume_grip() {
+  if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
+  if (!keepsake::load(kept_grip_, periphery_.keep.memory()) || kept_grip_.slot.contents.gripping == 0) return;
+  const keepsake::Grip& kept = kept_grip_.slot.contents;
+  regulator_ = {};
+  regulator_.phase = regulator::Phase::kHolding;
+  regulator_.force = std::min<int>(kept.force, regulator_config_.max_force);
+  regulator_.position = kept.position;
+  regulator_.last_step = devices_.clock.now();
+  grip_ = regulator::command_of(regulator_, regulator_config_);
+}
+
+void Daemon::keep_grip() {
+  const std::uint8_t gripping = grip_.go ? 1 : 0;
+  keepsake::Grip& kept = kept_grip_.slot.contents;
+  if (kept.gripping == gripping && kept.force == grip_.force && kept.position == grip_.position) return;
+  kept = {gripping, grip_.force, grip_.position};
+  (void)keepsake::save(kept_grip_, periphery_.keep.memory());
+}
+
+void Daemon::serve_link() {
+  std::array<std::uint8_t, kMostLinkBytes> bytes;
+  const std::size_t count = devices_.link.read(bytes);
+  for (const std::uint8_t byte : std::span(bytes).first(count)) {
+    if (receiver_.push(byte) != link::Event::kFrame) continue;
+    const auto frame = command_frame::read_command(receiver_.payload());
+    if (!frame) continue;
+    const command_frame::AnswerFrame answer =
+        once_.answer(*frame, devices_.clock.now(), [this](const CommandFrame& f) { return execute(f); });
+    std::array<std::uint8_t, command_frame::kAnswerBytes> wire;
+    (void)command_frame::encode(answer, wire);
+    (void)devices_.link.write(wire);  // an answer that is lost is asked for again
+  }
+}
+
+Result Daemon::execute(const CommandFrame& frame) {
+  switch (frame.command) {
+    case Command::kTare:
+      return tare(frame.argument == 1);
+    case Command::kOpening:
+      if (frame.argument == 1) {
+        begin_opening();
+      } else {
+        opening_ = false;
+      }
+      return Result::kDone;
+    case Command::kRelease:
+      return release();
+    case Command::kArm:
+      arm();
+      return Result::kDone;
+    case Command::kGrip:
+      if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Result::kState;
+      if (frame.argument == 0) return release();
+      grip_asked_ = true;
+      release_asked_ = opening_ = false;
+      return Result::kDone;
+  }
+  return Result::kUnknown;
+}
+
+Result Daemon::tare(bool even_if_touched) {
+  const pipeline::Result& result = app_.result();
+  if (!even_if_touched && result.referenced && result.contact.judged && result.contact.touching) {
+    return Result::kTouching;
+  }
+  app_.tare();
+  kept_ = false;
+  keepsake::forget(keepsake_, periphery_.keep.memory());
+  return Result::kDone;
+}
+
+void Daemon::arm() {
+  app_.arm();
+  reactivate_ = true;
+  if (static_cast<Gripper>(params_.gripper) == Gripper::kStepLines && lines_.failed) {
+    (void)step_lines::start(lines_, devices_.gpio, grip_.steps);  // a line that still refuses fails again at once
+  }
+}
+
+Result Daemon::release() {
+  if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Result::kState;
+  release_asked_ = true;
+  grip_asked_ = false;
+  begin_opening();
+  return Result::kDone;
+}
+
+void Daemon::begin_opening() {
+  opening_ = true;
+  opening_until_ = devices_.clock.now() + Micros{std::int64_t{params_.opening_max_ms} * 1000};
+}
+
+// Levels that have lasted for kDebounce. TARE, RELEASE and ARM act on the rise, OPENING as long as it is HIGH.
+void Daemon::read_inputs() {
+  const Micros now = devices_.clock.now();
+  for (std::size_t k = 0; k < wires_.size(); ++k) {
+    const auto input = static_cast<hal::Input>(k);
+    const auto level = devices_.gpio.read(input);
+    Wire& wire = wires_[k];
+    const bool high = level ? *level == hal::Level::kHigh : wire.high;
+    if (high == wire.high) {
+      wire.other = false;
+      continue;
+    }
+    if (!wire.other) wire.since = now;
+    wire.other = true;
+    if (now - wire.since < kDebounce) continue;
+    wire.high = high;
+    wire.other = false;
+    if (input == hal::Input::kOpening && !high) opening_ = false;
+    if (!high) continue;
+    switch (input) {
+      case hal::Input::kTare:
+        (void)tare(false);
+        break;
+      case hal::Input::kOpening:
+        begin_opening();
+        break;
+      case hal::Input::kRelease:
+        (void)release();
+        break;
+      case hal::Input::kArm:
+        arm();
+        break;
+    }
+  }
+}
+
+// OPENING ends with the command, or when it has lasted for too long: masked for good, a slip would never be told.
+void Daemon::move_gripper() {
+  const Micros now = devices_.clock.now();
+  if (opening_ && now >= opening_until_) opening_ = false;
+  app_.opening(opening_);
+
+  switch (static_cast<Gripper>(params_.gripper)) {
+    case Gripper::kNone:
+      return;
+    case Gripper::kHandE: {
+      const bool opens = opened_ && !grip_.go;  // what the regulator has let go of, the fingers leave
+      seen_ = hande::update(hande_, hande_config_, periphery_.gripper,
+                            {.go = grip_.go || opens,
+                             .position = opens ? std::uint8_t{0} : grip_.position,
+                             .speed = static_cast<std::uint8_t>(params_.grip_speed),
+                             .force = grip_.force,
+                             .reactivate = reactivate_},
+                            now);
+      reactivate_ = false;
+      Reason fault = seen_.fault_reason;
+      if (fault == Reason::kNone && !seen_.fresh) fault = Reason::kGripperSilent;
+      if (fault == Reason::kNone && seen_.lost) fault = Reason::kGripperLost;
+      const bool hot = fault == Reason::kGripperHot;
+      app_.beside(hot ? Reason::kNone : fault, hot ? fault : Reason::kNone, grip_.at_limit);
+      return;
+    }
+    case Gripper::kStepLines: {
+      const Status status = step_lines::update(lines_, lines_config_, devices_.gpio, grip_.steps, now);
+      app_.beside(status.reason, Reason::kNone, grip_.at_limit);
+      return;
+    }
+  }
+}
+
+}  // namespace holdfast

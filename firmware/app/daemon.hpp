@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// The appliance around the App: what a robot is wired to. Keeps the camera running, obeys commands, moves the gripper,
+// and remembers the grasp for the process after this one.
+//
+//   camera   started again when it is gone or no frame was accepted for long, with back-off; the same sensor only
+//   commands TARE, OPENING, RELEASE, ARM and GRIP as frames on the link, the first four also by wire, where wired
+//   gripper  the regulator's force, by Modbus RTU or as pulses on two lines; its faults are FAULTs
+//   keep     rest position and empty gel, written when learned and every few seconds on an empty gel
+//
+// One thread calls poll(); each call waits for the camera for kSlice at most and does a bounded amount of work beside
+// it.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "app/app.hpp"
+#include "app/command_frame.hpp"
+#include "app/keepsake.hpp"
+#include "app/link.hpp"
+#include "grip/hande.hpp"
+#include "grip/regulator.hpp"
+#include "grip/step_lines.hpp"
+#include "hal/keep.hpp"
+
+namespace holdfast {
+
+// What a board provides beside the App's devices. All references outlive the Daemon.
+struct Periphery {
+  hal::Serial& gripper;  // DESIGN.md, port `gripper`; unused without `gripper` 1
+  hal::Keep& keep;
+};
+
+enum class Gripper : std::uint8_t { kNone, kHandE, kStepLines };
+
+[[nodiscard]] regulator::Config regulator_config(const Params& params);
+[[nodiscard]] hande::Config hande_config();
+
+class Daemon {
+ public:
+  Daemon(const Devices& devices, const Periphery& periphery, const model::Tree* tree = nullptr)
+      : devices_(devices), periphery_(periphery), app_(devices, tree) {}
+
+  // As App::start(), but a camera that is not there yet is waited for: kConfig, kGpioFailed.
+  [[nodiscard]] Status start(const Params& params, bool auto_size = false);
+  // Once around. Range: called again at once; every call returns within kSlice and what one frame costs.
+  void poll();
+  void stop();
+
+  [[nodiscard]] App& app() { return app_; }
+  [[nodiscard]] const App& app() const { return app_; }
+  [[nodiscard]] const regulator::Command& grip() const { return grip_; }
+  [[nodiscard]] const hande::Seen& gripper() const { return seen_; }
+  [[nodiscard]] std::uint32_t camera_starts() const { return camera_starts_; }
+  [[nodiscard]] const link::Receiver& commands() const { return receiver_; }
+  [[nodiscard]] bool streaming() const { return streaming_; }
+  [[nodiscard]] bool resumed() const { return resumed_; }
+
+  static constexpr Micros kSlice{5'000};
+  // Of the link, per poll(): 115200 baud bring 58 in kSlice.
+  static constexpr std::size_t kMostLinkBytes = 64;
+
+ private:
+  void mind_the_clock();
+  void watch_camera();
+  void lose_camera(Micros retry_after);
+  void after_frame();
+  void serve_link();
+  void read_inputs();
+  void move_gripper();
+  void keep_reference();
+  void keep_grip();
+  void resume_grip();
+  [[nodiscard]] command_frame::Result execute(const command_frame::CommandFrame& frame);
+  [[nodiscard]] command_frame::Result tare(bool even_if_touched);
+  void arm();
+  [[nodiscard]] command_frame::Result release();
+  void begin_opening();
+
+  Devices devices_;
+  Periphery periphery_;
+  App app_;
+  Params params_{};
+  bool auto_size_ = false;
+  bool streaming_ = false;
+  bool resumed_ = false;
+  Micros seen_now_{};
+  Micros try_at_{};       // a camera that is gone
+  Micros retry_after_{};  // back-off
+  Reason gone_why_ = Reason::kNone;
+  Micros stalled_since_{};
+  Micros stall_limit_{};
+  std::uint32_t camera_starts_ = 0;
+
+  link::Receiver receiver_;
+  command_frame::Once once_;
+  bool opening_ = false;
+  Micros opening_until_{};
+  struct Wire {
+    bool high = false;   // as obeyed
+    bool other = false;  // the line says otherwise, since:
+    Micros since{};
+  };
+  std::array<Wire, hal::kInputCount> wires_{};
+
+  regulator::Config regulator_config_{};
+  regulator::State regulator_{};
+  regulator::Command grip_{};
+  bool grip_asked_ = false;
+  bool release_asked_ = false;
+  bool opened_ = false;  // by RELEASE: the fingers open when no force is left
+  hande::Config hande_config_{};
+  hande::State hande_{};
+  hande::Seen seen_{};
+  bool reactivate_ = false;
+  step_lines::Config lines_config_{};
+  step_lines::State lines_{};
+
+  keepsake::State keepsake_;
+  keepsake::GripState kept_grip_;
+  bool kept_ = false;
+  Micros kept_at_{};
+};
+
+// What the daemon adds to the App: 3.2 kB of gripper and ports, and the slot of the keepsake.
+static_assert(sizeof(Daemon) - sizeof(App) <= 40'000, "fixed memory around the pipeline");
+
+}  // namespace holdfast

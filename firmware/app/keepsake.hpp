@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a process leaves to the next one: which sensor it was, where its markers rest and what its empty gel looks like.
+// A firmware that is killed in the middle of a grasp, or started anew, goes on with it instead of learning a gel that
+// something presses on.
+//
+// Two slots in memory that outlives the process (hal/keep.hpp), written in turn, so that a process killed while it
+// writes leaves the older one whole. A slot is believed only with its magic, its size, its version (of this very
+// layout: another build learns anew) and its CRC, and then its figures are checked against their ranges.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <string_view>
+#include <type_traits>
+
+#include "base/crc32.hpp"
+#include "base/units.hpp"
+#include "tactile/imprint.hpp"
+#include "vision/markers.hpp"
+
+namespace holdfast::keepsake {
+
+inline constexpr std::uint32_t kMagic = 0x464B4448;  // "HDKF", little endian
+inline constexpr std::uint32_t kVersion = 1;
+inline constexpr std::size_t kMaxIdentity = 64;
+
+struct Identity {
+  std::array<char, kMaxIdentity> text{};  // filled up with 0; what is longer is cut
+  friend bool operator==(const Identity&, const Identity&) = default;
+};
+
+[[nodiscard]] inline Identity identity_of(std::string_view text) {
+  Identity identity;
+  std::copy_n(text.begin(), std::min(text.size(), identity.text.size()), identity.text.begin());
+  return identity;
+}
+
+// The rest position and the empty gel. Everything is a plain number: the bytes are the format.
+struct Contents {
+  Identity sensor;
+  std::int32_t width = 0, height = 0;  // of the working picture
+  std::int32_t pitch_um = 0;           // as configured when it was learned
+  PixelsQ8 pitch;                      // of the rest position
+  MarkerField rest;
+  imprint::Empty empty;
+};
+
+// How hard the gripper holds, so that the regulator goes on where it was: a gripper does not tell.
+struct Grip {
+  std::uint8_t gripping = 0;  // 1: the regulator holds something
+  std::uint8_t force = 0;     // counts
+  std::uint8_t position = 0;
+};
+
+template <typename Kept>
+struct SlotOf {
+  std::uint32_t magic = 0;
+  std::uint32_t version = 0;
+  std::uint32_t bytes = 0;
+  std::uint32_t crc = 0;       // of the two below
+  std::uint64_t sequence = 0;  // the larger is the newer
+  Kept contents;
+};
+
+// In the process, because what lies outside may change under the reader's eyes.
+template <typename Kept>
+struct StateOf {
+  SlotOf<Kept> slot;            // read last, or being written
+  std::uint64_t sequence = 0;   // of the newest slot outside
+  std::size_t next = 0;         // that save() writes
+  std::uint32_t discarded = 0;  // slots that held something and were not believed
+};
+
+using Slot = SlotOf<Contents>;
+using State = StateOf<Contents>;
+using GripSlot = SlotOf<Grip>;
+using GripState = StateOf<Grip>;
+static_assert(std::is_trivially_copyable_v<Slot> && std::is_trivially_copyable_v<GripSlot>);
+
+// Two slots of each, one after the other.
+inline constexpr std::size_t kReferenceBytes = 2 * sizeof(Slot);
+inline constexpr std::size_t kBytes = kReferenceBytes + 2 * sizeof(GripSlot);
+
+namespace detail {
+
+template <typename Kept>
+[[nodiscard]] std::uint32_t crc_of(const SlotOf<Kept>& slot) {
+  const auto* const from = reinterpret_cast<const std::uint8_t*>(&slot.sequence);
+  return crc32({from, sizeof slot - offsetof(SlotOf<Kept>, sequence)});
+}
+
+// A CRC is no proof that the figures are in range when another build wrote them.
+[[nodiscard]] inline bool is_sane(const Contents& contents) {
+  const auto in_range = [](PixelsQ8 value) { return value.raw() >= PixelsQ8::kMin && value.raw() <= PixelsQ8::kMax; };
+  if (contents.rest.grid.rows == 0 || contents.rest.grid.cols == 0) return false;
+  if (contents.rest.grid.count() > kMaxMarkers || contents.pitch.raw() <= 0 || !in_range(contents.pitch)) return false;
+  if (contents.empty.frames < 0 || contents.empty.frames > imprint::kEmptyMean) return false;
+  return std::all_of(contents.rest.markers.begin(), contents.rest.markers.end(),
+                     [&](const Marker& marker) { return in_range(marker.x) && in_range(marker.y); });
+}
+[[nodiscard]] inline bool is_sane(const Grip& grip) {
+  return grip.gripping <= 1;
+}
+
+[[nodiscard]] inline std::size_t place_of(const State& /*reference*/) {
+  return 0;
+}
+[[nodiscard]] inline std::size_t place_of(const GripState& /*grip*/) {
+  return kReferenceBytes;
+}
+
+}  // namespace detail
+
+// Looks at both slots and leaves the newer sound one in state.slot. False: there is none. Range: any bytes.
+template <typename Kept>
+[[nodiscard]] bool load(StateOf<Kept>& state, std::span<const std::uint8_t> memory) {
+  constexpr std::size_t kSlot = sizeof(SlotOf<Kept>);
+  state.sequence = 0;
+  state.next = 0;
+  if (memory.size() < kBytes) return false;
+  const std::uint8_t* const from = memory.data() + detail::place_of(state);
+  std::size_t best = 2;
+  for (const std::size_t k : {std::size_t{0}, std::size_t{1}}) {
+    std::memcpy(&state.slot, from + k * kSlot, kSlot);
+    const bool blank = state.slot.magic == 0;
+    const bool sound = state.slot.magic == kMagic && state.slot.version == kVersion && state.slot.bytes == kSlot &&
+                       state.slot.crc == detail::crc_of(state.slot) && detail::is_sane(state.slot.contents);
+    if (!sound && !blank) ++state.discarded;
+    if (!sound || (best < 2 && state.slot.sequence <= state.sequence)) continue;
+    best = k;
+    state.sequence = state.slot.sequence;
+  }
+  if (best == 2) return false;
+  state.next = 1 - best;
+  std::memcpy(&state.slot, from + best * kSlot, kSlot);
+  return state.slot.crc == detail::crc_of(state.slot);
+}
+
+// Writes state.slot.contents over the older slot. False: there is no memory.
+// Cost: a CRC over the slot, 19 kB for a reference: 0.6 M instructions. Once per rest position, and every few seconds
+// on an empty gel.
+template <typename Kept>
+[[nodiscard]] bool save(StateOf<Kept>& state, std::span<std::uint8_t> memory) {
+  constexpr std::size_t kSlot = sizeof(SlotOf<Kept>);
+  if (memory.size() < kBytes) return false;
+  state.slot.magic = kMagic;
+  state.slot.version = kVersion;
+  state.slot.bytes = kSlot;
+  state.slot.sequence = ++state.sequence;
+  state.slot.crc = detail::crc_of(state.slot);
+  std::memcpy(memory.data() + detail::place_of(state) + state.next * kSlot, &state.slot, kSlot);
+  state.next = 1 - state.next;
+  return true;
+}
+
+// The rest position that is kept is no longer true: another process must not go on with it.
+inline void forget(State& state, std::span<std::uint8_t> memory) {
+  if (memory.size() >= kBytes) std::fill_n(memory.begin(), kReferenceBytes, std::uint8_t{0});
+  state.next = 0;
+}
+
+}  // namespace holdfast::keepsake
