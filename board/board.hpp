@@ -3,16 +3,29 @@
 // picks drivers, pins and polarity.
 #pragma once
 
-#include "app/app.hpp"
+#include <optional>
+
+#include "app/daemon.hpp"
 #include "app/params.hpp"
+#include "app/watchdog.hpp"
 #include "hal/serial.hpp"
 
 namespace holdfast::board {
 
-// Built on the first call, alive until the program ends.
+// First of all: reads the command line and makes everything below, which then lives until the program ends. A status to
+// leave with: help was asked for (0), the board cannot be made (1), the command line is wrong (2); stderr says why.
+[[nodiscard]] std::optional<int> make(int argc, char** argv);
+
 [[nodiscard]] Devices& devices();
+[[nodiscard]] Periphery& periphery();
 // The text side of the port `host`: one line per change of state.
 [[nodiscard]] hal::Serial& host();
 [[nodiscard]] Params params();
+
+// Has `watchdog` called from a thread of its own until the program ends; a board in virtual time needs none. Before the
+// Daemon starts. False: no thread is to be had.
+[[nodiscard]] bool watch(OutputWatchdog& watchdog);
+// The program was asked to end, or there is nothing more to see.
+[[nodiscard]] bool over();
 
 }  // namespace holdfast::board

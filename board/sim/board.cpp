@@ -1,31 +1,170 @@
 // SPDX-License-Identifier: Apache-2.0
-// The board of a desk without hardware: the camera films the scene sphere_slip through the sensor's own format
-// (3280x2464 JPEG), lines and link are recorded in memory, text goes to standard output. Time is virtual: the run is
-// over when the scene is.
+// The board of a desk without hardware. Text goes to standard output.
+//
+//   without options   the camera films the scene sphere_slip through the sensor's own format (3280x2464 JPEG). Time is
+//                     virtual: the run is over when the scene is
+//   --real-time       a process as on a robot: this machine's clock, a camera with its own rate, an output watchdog,
+//                     lines that another process can look at, and memory that outlives it
 #include "board/board.hpp"
 
+#include <poll.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <array>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
 
 #include "drivers/common/crew.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
+#include "drivers/common/monotonic_clock.hpp"
+#include "drivers/common/watchdog_thread.hpp"
+#include "drivers/sim/camera_paced.hpp"
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/clock.hpp"
+#include "drivers/sim/film.hpp"
 #include "drivers/sim/gpio.hpp"
+#include "drivers/sim/hande.hpp"
+#include "drivers/sim/keep.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
+#include "drivers/sim/serial_pty.hpp"
+#include "drivers/sim/tape.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::board {
 namespace {
 
+struct Options {
+  bool real_time = false;
+  bool held = false;
+  bool empty = false;
+  double fps = 25.0;
+  double seconds = 0.0;  // 0: until asked to end
+  std::filesystem::path tape, keep, link, gripper;
+  Params params;
+};
+
+// A signal's handler may touch no more.
+volatile std::sig_atomic_t asked_to_end = 0;
+
+// Nobody has to read what is said: a pipe that is full takes the rest of it nowhere.
 class StandardOutput final : public hal::Serial {
  private:
   [[nodiscard]] bool do_write(std::span<const std::uint8_t> bytes) override {
+    pollfd out{STDOUT_FILENO, POLLOUT, 0};
+    if (::poll(&out, 1, 0) != 1 || (out.revents & POLLOUT) == 0) return false;
     return ::write(STDOUT_FILENO, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size());
   }
   [[nodiscard]] std::size_t do_read(std::span<std::uint8_t>) override { return 0; }
+};
+
+// Simulated lines are made for one thread.
+class SharedGpio final : public hal::Gpio {
+ public:
+  explicit SharedGpio(hal::Gpio& gpio) : gpio_(gpio) {}
+
+ private:
+  [[nodiscard]] bool do_set(hal::Line line, hal::Level level) override {
+    const std::lock_guard lock(mutex_);
+    return gpio_.set(line, level);
+  }
+  [[nodiscard]] std::optional<hal::Level> do_read(hal::Input input) override {
+    const std::lock_guard lock(mutex_);
+    return gpio_.read(input);
+  }
+
+  hal::Gpio& gpio_;
+  std::mutex mutex_;
+};
+
+// Time, and what the camera sees in it.
+class World {
+ public:
+  World() = default;
+  virtual ~World() = default;
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+  [[nodiscard]] virtual hal::Clock& clock() = 0;
+  [[nodiscard]] virtual hal::Camera& camera() = 0;
+  [[nodiscard]] virtual bool over() const = 0;
+};
+
+class Scene final : public World {
+ public:
+  [[nodiscard]] hal::Clock& clock() override { return clock_; }
+  [[nodiscard]] hal::Camera& camera() override { return camera_; }
+  [[nodiscard]] bool over() const override { return !camera_.lent().bytes.empty() && camera_.lent().sequence >= last_; }
+
+ private:
+  sim::Clock clock_;
+  sim::SceneCamera camera_{scene::sphere_slip(), clock_};
+  std::uint32_t last_ = static_cast<std::uint32_t>(scene::frame_count(scene::sphere_slip())) - 1;
+};
+
+sim::PacedCamera::Config paced(const Options& options) {
+  sim::PacedCamera::Config config;
+  config.period = std::chrono::microseconds(std::llround(1e6 / options.fps));
+  if (options.held) config.touch = {};
+  if (options.empty) config.touch = std::chrono::microseconds::max();
+  return config;
+}
+
+class RealTime final : public World {
+ public:
+  explicit RealTime(const Options& options) : camera_(film_, clock_, paced(options)) {}
+  [[nodiscard]] hal::Clock& clock() override { return clock_; }
+  [[nodiscard]] hal::Camera& camera() override { return camera_; }
+  [[nodiscard]] bool over() const override { return false; }
+
+ private:
+  // None comes again within half a second; more would make the start longer.
+  static constexpr std::size_t kPictures = 12;
+  drivers::MonotonicClock clock_;
+  sim::Film film_ = sim::shoot(hal::PixelFormat::kLuma8, kPictures);
+  sim::PacedCamera camera_;
+};
+
+// A serial port at a path that stays the same, whatever number the system gives to the pseudo terminal.
+class NamedPty {
+ public:
+  explicit NamedPty(std::filesystem::path name) : name_(std::move(name)) {
+    std::error_code error;
+    if (!pty_.opened()) {
+      problem_ = "no pseudo terminal is to be had";
+      return;
+    }
+    if (std::filesystem::is_symlink(name_, error)) std::filesystem::remove(name_, error);  // of a run that was killed
+    std::filesystem::create_symlink(pty_.path(), name_, error);
+    if (error) problem_ = "cannot make the link " + name_.string() + ": " + error.message();
+  }
+  ~NamedPty() {
+    std::error_code error;
+    if (problem_.empty() && std::filesystem::read_symlink(name_, error) == pty_.path()) {
+      std::filesystem::remove(name_, error);
+    }
+  }
+  NamedPty(const NamedPty&) = delete;
+  NamedPty& operator=(const NamedPty&) = delete;
+
+  [[nodiscard]] const std::string& problem() const { return problem_; }
+  [[nodiscard]] hal::Serial& port() { return pty_; }
+
+ private:
+  sim::SerialPty pty_;
+  std::filesystem::path name_;
+  std::string problem_;
 };
 
 drivers::Threads::Config threads(const Params& params) {
@@ -34,34 +173,188 @@ drivers::Threads::Config threads(const Params& params) {
   return config;
 }
 
-struct Desk {
-  sim::Clock clock;
-  sim::SceneCamera camera{scene::sphere_slip(), clock};
-  sim::Gpio gpio{clock};
-  sim::Serial link;
-  drivers::TurboJpegDecoder other_scales;
-  std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers;
-  drivers::Threads crew{threads(params())};
-  EighthDecoder jpeg{jpeg_config(params()), other_scales, workers, crew};
+std::unique_ptr<World> world_of(const Options& options) {
+  if (options.real_time) return std::make_unique<RealTime>(options);
+  return std::make_unique<Scene>();
+}
+
+class Desk {
+ public:
+  explicit Desk(Options given) : options(std::move(given)) {
+    hand_.put_object({.width_mm = 20.0});
+    if (keep_ && !keep_->error().empty()) note("cannot use " + keep_->error());
+    if (tape_) lines_.record(*tape_);
+    for (const NamedPty* const port : {link_.get(), gripper_.get()}) {
+      if (port != nullptr) note(port->problem());
+    }
+  }
+
+  [[nodiscard]] bool watch(OutputWatchdog& watchdog) {
+    if (!options.real_time) return true;
+    watchdog_ = std::make_unique<drivers::WatchdogThread>(watchdog, gpio_, world_->clock());
+    return watchdog_->running();
+  }
+
+  [[nodiscard]] bool over() const {
+    const bool long_enough = options.seconds > 0.0 && world_->clock().now() - began_ >= lasts_;
+    return asked_to_end != 0 || long_enough || world_->over();
+  }
+
+  const Options options;
+  std::string problem;  // the first of those that it was made with
+
+ private:
+  void note(const std::string& what) {
+    if (problem.empty()) problem = what;
+  }
+  [[nodiscard]] std::optional<sim::Tape> tape_of(const std::filesystem::path& path) {
+    std::string error;
+    if (path.empty()) return std::nullopt;
+    std::optional<sim::Tape> tape = sim::Tape::file(path, sim::Tape::Full::kDrop, true, error);
+    note(error);
+    return tape;
+  }
+  [[nodiscard]] static std::unique_ptr<sim::FileKeep> keep_of(const std::filesystem::path& path) {
+    return path.empty() ? nullptr : std::make_unique<sim::FileKeep>(path, keepsake::kBytes);
+  }
+  [[nodiscard]] static std::unique_ptr<NamedPty> pty_of(const std::filesystem::path& path) {
+    return path.empty() ? nullptr : std::make_unique<NamedPty>(path);
+  }
+  [[nodiscard]] static hal::Serial& port_or(const std::unique_ptr<NamedPty>& port, hal::Serial& other) {
+    return port ? port->port() : other;
+  }
+  [[nodiscard]] hal::Keep& keep() {
+    if (keep_) return *keep_;
+    return no_keep_;
+  }
+
+  std::unique_ptr<World> world_ = world_of(options);
+  std::chrono::microseconds began_ = world_->clock().now();
+  std::chrono::microseconds lasts_{std::llround(options.seconds * 1e6)};
+  std::optional<sim::Tape> tape_ = tape_of(options.tape);
+  sim::Gpio lines_{world_->clock()};
+  SharedGpio gpio_{lines_};
+  sim::Serial recorded_;
+  sim::HandE hand_{world_->clock()};
+  std::unique_ptr<NamedPty> link_ = pty_of(options.link);
+  std::unique_ptr<NamedPty> gripper_ = pty_of(options.gripper);
+  std::unique_ptr<sim::FileKeep> keep_ = keep_of(options.keep);
+  hal::NoKeep no_keep_;
+  drivers::TurboJpegDecoder other_scales_;
+  std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
+  drivers::Threads crew_{threads(options.params)};
+  EighthDecoder jpeg_{jpeg_config(options.params), other_scales_, workers_, crew_};
+  std::unique_ptr<drivers::WatchdogThread> watchdog_;
+
+ public:
   StandardOutput host;
-  Devices devices{camera, gpio, link, clock, jpeg};
+  Devices devices{world_->camera(), gpio_, port_or(link_, recorded_), world_->clock(), jpeg_};
+  Periphery periphery{port_or(gripper_, hand_), keep()};
 };
 
-Desk& desk() {
-  static Desk desk;
-  return desk;
+std::unique_ptr<Desk> desk;
+
+int fail(int status, const std::string& what, const char* likely, const char* next) {
+  const std::string line = "holdfastd: " + what + ". Likely cause: " + likely + ". Next: " + next + "\n";
+  (void)std::fputs(line.c_str(), stderr);
+  return status;
+}
+
+// What --set refuses, for CLI11; empty: it was taken.
+std::string set(Params& params, const std::string& setting) {
+  const std::size_t equals = setting.find('=');
+  if (equals == std::string::npos) return "'" + setting + "' is no name=value";
+  ParamProblem problem;
+  if (parse(setting.substr(0, equals), setting.substr(equals + 1), params, &problem).ok()) return {};
+  std::string text = "'" + setting + "': " + std::string(problem.rule);
+  if (problem.row != nullptr) {
+    text += " (" + std::to_string(problem.row->min) + " to " + std::to_string(problem.row->max);
+    text += problem.row->unit.empty() ? ")" : " " + std::string(problem.row->unit) + ")";
+  }
+  return text;
 }
 
 }  // namespace
 
+std::optional<int> make(int argc, char** argv) {
+  Options options;
+  CLI::App cli{"The firmware on a simulated board: without options a simulated grasp in virtual time, to its end",
+               "holdfastd"};
+  auto* const real_time = cli.add_flag("--real-time", options.real_time,
+                                       "run in real time with a camera that never ends: an empty gel, and from 1.2 s "
+                                       "on an object that is held");
+  cli.add_option("--fps", options.fps, "frames per second, 1 to 100")
+      ->needs(real_time)
+      ->check(CLI::Range(1.0, 100.0))
+      ->capture_default_str();
+  auto* const held =
+      cli.add_flag("--held", options.held, "the object is held from the first frame on")->needs(real_time);
+  cli.add_flag("--empty", options.empty, "the gel stays empty")->needs(real_time)->excludes(held);
+  cli.add_option("--seconds", options.seconds, "end after so many seconds of the board's time")
+      ->check(CLI::Range(0.001, 1e7));
+  cli.add_option("--tape", options.tape, "show the output lines in this file (drivers/sim/tape.hpp)");
+  cli.add_option("--keep", options.keep, "keep the reference in this file, and go on with what it holds");
+  cli.add_option("--link", options.link, "make this path a serial port with status and command frames");
+  cli.add_option("--gripper", options.gripper,
+                 "make this path the gripper's serial port; without it a simulated Hand-E answers");
+  cli.add_option_function<std::vector<std::string>>(
+         "--set",
+         [&](const std::vector<std::string>& settings) {
+           for (const std::string& setting : settings) {
+             if (const std::string wrong = set(options.params, setting); !wrong.empty()) {
+               throw CLI::ValidationError("--set " + wrong);
+             }
+           }
+         },
+         "set a parameter: name=value; may be given again")
+      ->allow_extra_args(false);
+  cli.footer(
+      "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
+      "  holdfastd --real-time --keep /tmp/grasp.keep --link /tmp/holdfast.link --set gripper=1");
+  try {
+    cli.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    return cli.exit(help);
+  } catch (const CLI::ParseError& error) {
+    const auto rest = cli.remaining();
+    return fail(2, rest.empty() ? error.what() : "'" + rest.front() + "' is not known to holdfastd", "a typing error",
+                "holdfastd --help shows the options");
+  }
+  if (ParamProblem problem; !validate(options.params, &problem).ok()) {
+    return fail(2, "--set: " + std::string(problem.row->name) + " is " + std::string(problem.rule),
+                "two settings that contradict each other", "change one of them");
+  }
+  desk = std::make_unique<Desk>(std::move(options));
+  if (!desk->problem.empty()) {
+    return fail(1, desk->problem, "a folder that is not there or not yours, or a file in its place",
+                "give another path");
+  }
+  struct sigaction action {};
+  action.sa_handler = [](int) { asked_to_end = 1; };
+  ::sigaction(SIGTERM, &action, nullptr);
+  ::sigaction(SIGINT, &action, nullptr);
+  action.sa_handler = SIG_IGN;  // whoever read the text has gone: that is no reason to let go
+  ::sigaction(SIGPIPE, &action, nullptr);
+  return std::nullopt;
+}
+
 Devices& devices() {
-  return desk().devices;
+  return desk->devices;
+}
+Periphery& periphery() {
+  return desk->periphery;
 }
 hal::Serial& host() {
-  return desk().host;
+  return desk->host;
 }
 Params params() {
-  return {};
+  return desk->options.params;
+}
+bool watch(OutputWatchdog& watchdog) {
+  return desk->watch(watchdog);
+}
+bool over() {
+  return desk->over();
 }
 
 }  // namespace holdfast::board

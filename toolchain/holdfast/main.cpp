@@ -25,7 +25,7 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, calibrate, study or trade; holdfast --help shows how",
+        "evaluate, compile, calibrate, study, grip, faults or trade; holdfast --help shows how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
   std::string command = "holdfast";
@@ -139,6 +139,8 @@ int run(int argc, char** argv) {
   add_fuse(app, commands);
   add_calibrate(app, commands);
   add_study(app, commands);
+  add_grip(app, commands);
+  add_faults(app, commands);
 
   try {
     app.parse(argc, argv);

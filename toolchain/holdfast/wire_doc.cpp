@@ -6,18 +6,28 @@
 #include <cstdint>
 #include <cstdio>
 #include <initializer_list>
+#include <span>
 #include <string_view>
 
+#include "app/command_frame.hpp"
+#include "app/link.hpp"
 #include "app/status_frame.hpp"
+#include "app/supervisor.hpp"
 #include "base/status.hpp"
 
 namespace holdfast::wire_doc {
 namespace {
 
 namespace sf = status_frame;
+namespace cf = command_frame;
 
-std::string text(std::size_t number) {
-  return std::to_string(number);
+template <typename Number>
+std::string text(Number number) {
+  return std::to_string(static_cast<std::int64_t>(number));
+}
+
+std::string code(std::string_view name) {
+  return "`" + std::string(name) + "`";
 }
 
 std::string row(std::initializer_list<std::string_view> cells) {
@@ -32,97 +42,189 @@ std::string head(std::initializer_list<std::string_view> cells) {
   return lines + "\n";
 }
 
-std::string_view name_of(sf::WireType type) {
+std::string_view name_of(link::WireType type) {
   switch (type) {
-    case sf::WireType::kU8:
+    case link::WireType::kU8:
       return "u8";
-    case sf::WireType::kU16:
+    case link::WireType::kU16:
       return "u16";
-    case sf::WireType::kU32:
+    case link::WireType::kU32:
       return "u32";
-    case sf::WireType::kI32:
+    case link::WireType::kI32:
       return "i32";
   }
   return "";
 }
 
-// A grasp that slips: every field differs from 0 and from its neighbours.
-constexpr sf::StatusFrame kExample{.sequence = 513,
-                                   .timestamp_us = 16'909'060,
-                                   .age_100us = 412,
-                                   .state = DeviceState::kSlip,
-                                   .reason = Reason::kSlipDetected,
-                                   .slip = true,
-                                   .grip_ok = false,
-                                   .features_valid = true,
-                                   .alive = true,
-                                   .markers = 63,
-                                   .vx_um_s = -1500,
-                                   .vy_um_s = 250,
-                                   .entropy_nat_q16 = 131'072,
-                                   .entropy_rate_nat_s_q8 = 1024};
+template <typename Table>
+std::string layout(const Table& fields) {
+  std::string out = head({"byte", "name", "type", "unit", "meaning"});
+  for (const auto& field : fields) {
+    out += row({text(field.offset), code(field.name), name_of(field.type), field.unit, field.meaning});
+  }
+  return out;
+}
 
-std::string example() {
-  std::array<std::uint8_t, sf::kWireBytes> wire{};
-  sf::encode(kExample, wire);
+std::string hex(std::span<const std::uint8_t> wire) {
   std::string out = "```\n";
   for (std::size_t i = 0; i < wire.size(); ++i) {
-    char hex[4];
-    std::snprintf(hex, sizeof hex, "%02x", static_cast<unsigned>(wire[i]));
-    out += std::string(hex) + (i + 1 == wire.size() || i % 17 == 16 ? "\n" : " ");
+    char digits[4];
+    std::snprintf(digits, sizeof digits, "%02x", static_cast<unsigned>(wire[i]));
+    out += std::string(digits) + (i + 1 == wire.size() || i % 17 == 16 ? "\n" : " ");
   }
-  out += "```\n";
-  const auto number = [](std::int64_t value) { return std::to_string(value); };
-  out += "sequence " + number(kExample.sequence) + ", timestamp " + number(kExample.timestamp_us) + " us, age " +
-         number(kExample.age_100us) + " x 0.1 ms, state " + std::string(info(kExample.state).name) + ", reason " +
-         std::string(info(kExample.reason).name) + ", flags slip + features_valid + alive, " +
-         number(kExample.markers) + " markers, vx " + number(kExample.vx_um_s) + " um/s, vy " +
-         number(kExample.vy_um_s) + " um/s, entropy " + number(kExample.entropy_nat_q16) +
-         " / 65536 nat, entropy rate " + number(kExample.entropy_rate_nat_s_q8) + " / 256 nat/s.\n";
+  return out + "```\n";
+}
+
+// A grasp that slips: every field differs from 0 and from its neighbours.
+constexpr sf::StatusFrame kStatus{.sequence = 513,
+                                  .timestamp_us = 16'909'060,
+                                  .age_100us = 412,
+                                  .state = DeviceState::kSlip,
+                                  .reason = Reason::kSlipDetected,
+                                  .slip = true,
+                                  .grip_ok = false,
+                                  .features_valid = true,
+                                  .alive = true,
+                                  .markers = 63,
+                                  .vx_um_s = -1500,
+                                  .vy_um_s = 250,
+                                  .entropy_nat_q16 = 131'072,
+                                  .entropy_rate_nat_s_q8 = 1024};
+constexpr cf::CommandFrame kCommand{.sequence = 258, .command = cf::Command::kTare, .argument = 1};
+constexpr cf::AnswerFrame kAnswer{.sequence = 258, .command = cf::Command::kTare, .result = cf::Result::kDone};
+
+std::string examples() {
+  std::array<std::uint8_t, sf::kWireBytes> status{};
+  std::array<std::uint8_t, cf::kCommandBytes> command{};
+  std::array<std::uint8_t, cf::kAnswerBytes> answer{};
+  sf::encode(kStatus, status);
+  cf::encode(kCommand, command);
+  cf::encode(kAnswer, answer);
+  return hex(status) + "Status: sequence " + text(kStatus.sequence) + ", timestamp " + text(kStatus.timestamp_us) +
+         " us, age " + text(kStatus.age_100us) + " x 0.1 ms, state " + std::string(info(kStatus.state).name) +
+         ", reason " + std::string(info(kStatus.reason).name) + ", flags slip + features_valid + alive, " +
+         text(kStatus.markers) + " markers, vx " + text(kStatus.vx_um_s) + " um/s, vy " + text(kStatus.vy_um_s) +
+         " um/s, entropy " + text(kStatus.entropy_nat_q16) + " / 65536 nat, entropy rate " +
+         text(kStatus.entropy_rate_nat_s_q8) + " / 256 nat/s.\n\n" + hex(command) + "Command: sequence " +
+         text(kCommand.sequence) + ", TARE, argument " + text(kCommand.argument) + ".\n\n" + hex(answer) +
+         "Its answer: done.\n";
+}
+
+std::string framing() {
+  return "All integers are little endian, in two's complement. The payload of a frame is the fields of its table; on "
+         "the wire it is COBS of the payload, then one 0x00. A payload has at most " +
+         text(link::kMaxPayloadBytes) +
+         " bytes, so that COBS adds exactly one byte and every frame of a kind has the same length.\n\n" +
+         head({"kind", "frame", "from", "bytes on the wire"}) +
+         row({text(link::Kind::kStatus), "status", "holdfastd, once per camera frame", text(sf::kWireBytes)}) +
+         row({text(link::Kind::kCommand), "command", "robot", text(cf::kCommandBytes)}) +
+         row({text(link::Kind::kAnswer), "answer", "holdfastd, one for each command", text(cf::kAnswerBytes)}) +
+         "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" gives "
+         "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It passes "
+         "over kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
+         "### Frames beside lines of text\n\n"
+         "On the port `link` there are frames alone. On the port `host` they stand between lines of text, never inside "
+         "one, and there **a frame begins and ends with 0x00**. A sender may always begin with one: delimiters may "
+         "repeat. A receiver tells them apart like this:\n\n"
+         "1. A 0x00 begins anew, whatever came before it.\n"
+         "2. When the second byte behind it is 0x01 to 0x08 (the version), a frame has begun. Otherwise both bytes are "
+         "text, and so is all that follows up to the next 0x00. Lines hold no such bytes: none is taken for a frame.\n"
+         "3. The next 0x00 ends the frame; its CRC decides. What is no frame is dropped, not read as text.\n"
+         "4. " +
+         text(link::kMaxWireBytes) +
+         " bytes without a 0x00 are no frame: they are dropped, with all that follows to the end of the line.\n"
+         "5. A 0x00 in the middle of a line belongs to the line, which is no command then: the halves of a broken line "
+         "never become one.\n\n";
+}
+
+std::string commands() {
+  std::string out = "\n### Commands\n\n" + head({"number", "name", "meaning", "argument"});
+  for (const cf::CommandInfo& row_of : cf::kCommands) {
+    out += row({text(row_of.command), row_of.name, row_of.meaning, row_of.argument});
+  }
+  out +=
+      "\n### Repetition\n\n"
+      "Every command is answered. When no answer comes, send **the same frame again**, the same sequence included: a "
+      "repetition less than " +
+      text(cf::Once::kForget.count() / 1000) +
+      " ms after the frame before is answered again with the same result and not executed again. A new command takes "
+      "another sequence, also when it says the same. After a start, begin with another sequence than the last one, or "
+      "be silent for that time first. Each port keeps its own last command.\n\n";
+  out += "## Answer frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kAnswerFields);
+  out += "\n### Results\n\n" + head({"number", "name", "meaning"});
+  for (const cf::ResultInfo& row_of : cf::kResults) {
+    out += row({text(row_of.result), code(row_of.name), row_of.meaning});
+  }
   return out;
 }
 
 }  // namespace
 
-std::string status_frame_markdown() {
+std::string link_markdown() {
   std::string out =
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by wire_doc from firmware/app/status_frame.hpp and firmware/base/status.hpp; do not "
-      "edit. -->\n"
-      "# Status frame, version " +
-      text(sf::kVersion) +
-      "\n\n"
-      "Sent once per camera frame. On the wire: COBS of the payload, then one 0x00; " +
-      text(sf::kWireBytes) + " bytes in all, always. The payload has " + text(sf::kPayloadBytes) +
-      " bytes, little endian, integers in two's complement.\n\n";
-  out += head({"byte", "name", "type", "unit", "meaning"});
-  for (const sf::Field& field : sf::kFields) {
-    out +=
-        row({text(field.offset), "`" + std::string(field.name) + "`", name_of(field.type), field.unit, field.meaning});
-  }
-  out +=
-      "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" "
-      "gives "
-      "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It "
-      "ignores "
-      "flag bits that it does not know.\n\n"
-      "GRIP_OK counts only while ALIVE toggles (the receiver's rule): a frame that does not arrive is not "
-      "fine.\n\n"
-      "## Flags\n\n";
+      "<!-- Written by wire_doc from firmware/app/{link,status_frame,command_frame}.hpp and "
+      "firmware/base/status.hpp; do not edit. -->\n"
+      "# Frames on serial\n\n"
+      "For programs in C or C++ there is a header: [toolchain/robot](../../toolchain/robot/README.md).\n\n"
+      "## Framing\n\n";
+  out += framing();
+  out += "## Status frame, version " + text(link::kVersion) + "\n\n" + layout(sf::kFields);
+  out += "\n**The receiver's rule:** `grip_ok` counts only while the last change of `alive` is younger than " +
+         text(sf::kFreshFor.count() / 1000) +
+         " ms by the receiver's own clock. A frame that does not arrive is not fine, and what a first frame says is "
+         "not either.\n\n"
+         "### Flags\n\n";
   out += head({"bit", "name", "meaning"});
   for (const sf::Flag& flag : sf::kFlags) out += row({text(flag.bit), flag.name, flag.meaning});
-  out += "\nAll other bits are sent as 0.\n\n## States\n\n";
-  out += head({"number", "name", "meaning"});
-  for (const StateInfo& state : kStates) {
-    out += row({text(static_cast<std::size_t>(state.state)), state.name, state.meaning});
+  out += "\nAll other bits are sent as 0.\n\n### States\n\n" + head({"number", "name", "meaning"});
+  for (const StateInfo& state : kStates) out += row({text(state.state), state.name, state.meaning});
+  out += "\n### Reasons\n\n" + head({"number", "name", "what", "likely cause", "next step"});
+  for (const ReasonInfo& reason : kReasons) {
+    out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
+  }
+  out += "\n## Command frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kCommandFields) + commands();
+  return out + "\n## Examples\n\n" + examples();
+}
+
+std::string states_markdown() {
+  std::string out =
+      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+      "<!-- Written by wire_doc from firmware/app/supervisor.hpp and firmware/base/status.hpp; do not edit. -->\n"
+      "# States\n\n"
+      "GRIP_OK is HIGH in OK only, and counts only while the last edge of ALIVE is younger than 150 ms. On SLIP: "
+      "tighten. On FAULT: hold, and look at the reason.\n\n";
+  out += head({"number", "state", "meaning"});
+  for (const StateInfo& state : kStates) out += row({text(state.state), state.name, state.meaning});
+  out +=
+      "\n## What leads to them\n\n"
+      "Asked from the top for every frame, and for every frame that does not come; the first line that applies "
+      "decides.\n\n";
+  out += head({"from", "when", "state", "reason"});
+  for (const supervisor::Rule& rule : supervisor::kRules) {
+    std::string why;
+    switch (rule.why) {
+      case supervisor::Why::kRow:
+        why = code(info(rule.reason).name);
+        break;
+      case supervisor::Why::kRejection:
+        why = "why the frame was rejected, or did not come";
+        break;
+      case supervisor::Why::kHealthFault:
+        why = "what is at fault";
+        break;
+      case supervisor::Why::kHealthStrain:
+        why = "which of them";
+        break;
+    }
+    out += row({rule.only_in_fault ? "FAULT" : "any", rule.when, rule.stays ? "as it was" : info(rule.to).name, why});
   }
   out += "\n## Reasons\n\n";
   out += head({"number", "name", "what", "likely cause", "next step"});
   for (const ReasonInfo& reason : kReasons) {
-    out += row({text(static_cast<std::size_t>(reason.reason)), "`" + std::string(reason.name) + "`", reason.what,
-                reason.cause, reason.next});
+    out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
   }
-  return out + "\n## Example\n\n" + example();
+  return out;
 }
 
 }  // namespace holdfast::wire_doc

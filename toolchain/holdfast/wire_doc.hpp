@@ -1,12 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// The documentation of the wire, written from the tables that the firmware encodes with.
+// What others need to talk to the firmware, written from the tables that it encodes with.
 #pragma once
 
 #include <string>
 
 namespace holdfast::wire_doc {
 
-// The whole of firmware/app/STATUS_FRAME.md: framing, fields, flags, states, reasons and a worked example.
-[[nodiscard]] std::string status_frame_markdown();
+// The whole of firmware/app/LINK.md: framing, the kinds of frame, their numbers in words, and worked examples.
+[[nodiscard]] std::string link_markdown();
+
+// The whole of toolchain/robot/holdfast_link.h: the same for programs in C99 and C++.
+[[nodiscard]] std::string link_header();
+
+// The whole of firmware/app/STATES.md: states, the rules that lead to them, and every reason with cause and next step.
+[[nodiscard]] std::string states_markdown();
 
 }  // namespace holdfast::wire_doc

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/faults/scenarios.hpp"
+
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+#include <utility>
+
+#include "drivers/sim/scene/random.hpp"
+
+namespace holdfast::faults {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Micros kFaultAt = 4017ms;  // between two frames
+constexpr Micros kFaultFor = 2s;
+constexpr Micros kSecondAfter = 413ms;
+constexpr Micros kCalmAfter = 6s;  // a gripper that is activated anew and then asked to grip takes 4 s of it
+
+// What takes a person, or time of its own, to end.
+bool leaves_traces(Trouble trouble) {
+  return trouble == Trouble::kCameraLate || trouble == Trouble::kLinesSlow;  // late frames count for 10 s
+}
+
+bool uses_jpeg(const Setup& setup) {
+  return std::any_of(setup.windows.begin(), setup.windows.end(),
+                     [](const Window& window) { return window.trouble == Trouble::kCameraTruncated; });
+}
+
+}  // namespace
+
+const std::array<Cell, 49>& cells() {
+  using C = Component;
+  using T = Type;
+  using B = Trouble;
+  // clang-format off
+  static const std::array<Cell, 49> all{{
+      {C::kCamera, T::kOff, B::kCameraOff, ""},
+      {C::kCamera, T::kStuck, B::kCameraStuck, ""},
+      {C::kCamera, T::kGarbage, B::kCameraGarbage, ""},
+      {C::kCamera, T::kWrong, B::kCameraOther, ""},
+      {C::kCamera, T::kSlow, B::kCameraSlow, ""},
+      {C::kCamera, T::kDelayed, B::kCameraStale, ""},
+      {C::kCamera, T::kIntermittent, B::kCameraComesAndGoes, ""},
+      {C::kGpio, T::kOff, B::kLinesRefuse, ""},
+      {C::kGpio, T::kStuck, B::kLinesStuck, ""},
+      {C::kGpio, T::kGarbage, B::kLinesRandom, ""},
+      {C::kGpio, T::kWrong, {}, "a line of another name is refused at the start (tests/drivers/gpio_wiring_test.cpp); "
+                                "two wires swapped outside the board cannot be seen from it"},
+      {C::kGpio, T::kSlow, B::kLinesSlow, ""},
+      {C::kGpio, T::kDelayed, B::kLinesDelayed, ""},
+      {C::kGpio, T::kIntermittent, B::kLinesNowAndThen, ""},
+      {C::kSerial, T::kOff, B::kLinkOff, ""},
+      {C::kSerial, T::kStuck, B::kLinkFull, ""},
+      {C::kSerial, T::kGarbage, B::kLinkFlood, ""},
+      {C::kSerial, T::kWrong, B::kLinkText, ""},
+      {C::kSerial, T::kSlow, B::kLinkSlow, ""},
+      {C::kSerial, T::kDelayed, {}, "frames carry their age, and a receiver keeps the rule by its own clock "
+                                    "(toolchain/robot/holdfast_link.h); the firmware cannot see it"},
+      {C::kSerial, T::kIntermittent, B::kLinkNowAndThen, ""},
+      {C::kGripper, T::kOff, B::kGripperSilent, ""},
+      {C::kGripper, T::kStuck, {}, "a gripper that answers with the same status for ever looks like one that holds "
+                                   "still; a command that it does not echo is silence (gripper/off)"},
+      {C::kGripper, T::kGarbage, B::kGripperGarbage, ""},
+      {C::kGripper, T::kWrong, B::kGripperWrongSlave, ""},
+      {C::kGripper, T::kSlow, B::kGripperSlow, ""},
+      {C::kGripper, T::kDelayed, B::kGripperLate, ""},
+      {C::kGripper, T::kIntermittent, B::kGripperNowAndThen, ""},
+      {C::kClock, T::kOff, {}, "the kernel's monotonic clock is a read of a register; without it nothing runs"},
+      {C::kClock, T::kStuck, B::kClockStuck, ""},
+      {C::kClock, T::kGarbage, B::kClockJumps, ""},
+      {C::kClock, T::kWrong, B::kClockAhead, ""},
+      {C::kClock, T::kSlow, B::kClockSlow, ""},
+      {C::kClock, T::kDelayed, B::kClockBack, ""},
+      {C::kClock, T::kIntermittent, B::kClockJumps, ""},
+      {C::kStorage, T::kOff, B::kKeepOff, ""},
+      {C::kStorage, T::kStuck, B::kKeepStuck, ""},
+      {C::kStorage, T::kGarbage, B::kKeepGarbage, ""},
+      {C::kStorage, T::kWrong, B::kKeepWrong, ""},
+      {C::kStorage, T::kSlow, {}, "it is mapped memory: there is no call that could take long"},
+      {C::kStorage, T::kDelayed, {}, "it is mapped memory: what is written is there"},
+      {C::kStorage, T::kIntermittent, B::kKeepTorn, ""},
+      {C::kModel, T::kOff, {}, "without a file the compiled tree decides; it is code"},
+      {C::kModel, T::kStuck, {}, "a tree is read-only; its features are the camera's to be stuck"},
+      {C::kModel, T::kGarbage, {}, "refused when it is loaded: every flipped bit (tests/firmware/model_file_test.cpp)"},
+      {C::kModel, T::kWrong, {}, "refused when it is loaded: version, set, features, formats (model_file_test.cpp)"},
+      {C::kModel, T::kSlow, {}, "at most kMaxDepth comparisons, whatever the tree (model_file_test.cpp)"},
+      {C::kModel, T::kDelayed, {}, "it is loaded before the start, and never again"},
+      {C::kModel, T::kIntermittent, {}, "it is loaded before the start, and never again"},
+  }};
+  // clang-format on
+  return all;
+}
+
+const std::array<Row, 26>& rows() {
+  using B = Trouble;
+  // clang-format off
+  static const std::array<Row, 26> all{{
+      {1, "USB unplugged and plugged in again", B::kCameraGone, ""},
+      {2, "the driver's call never returns", B::kCameraHangs, ""},
+      {3, "the stream stalls without an error", B::kCameraOff, ""},
+      {4, "the same picture again and again", B::kCameraStuck, ""},
+      {5, "truncated JPEG", B::kCameraTruncated, ""},
+      {6, "damaged transfer, reported by the driver", B::kCameraBad, ""},
+      {7, "another camera in its place", B::kCameraOther, ""},
+      {8, "no USB bandwidth when the stream starts", B::kCameraRefused, ""},
+      {9, "timestamps run backwards", B::kStampsBack, ""},
+      {10, "automatic exposure halves the rate", B::kCameraHalfRate, ""},
+      {11, "light off", B::kDark, ""},
+      {12, "markers missing or dirty", B::kLostMarkers, ""},
+      {13, "under-voltage of the board", {}, "read from the kernel by the board's driver, which is not part of this world"},
+      {14, "thermal throttling: frames are decided late", B::kCameraLate, ""},
+      {15, "SD card worn or cut off from power", {}, "the card image's business: read-only root, settings in two slots"},
+      {16, "disk full when settings are saved", {}, "settings are not written while it runs; the kept reference is memory"},
+      {17, "the clock jumps", B::kClockAhead, ""},
+      {18, "flood of bytes on a port", B::kLinkFlood, ""},
+      {19, "serial adaptor unplugged", B::kGripperPortOff, ""},
+      {20, "the gripper's replies are damaged", B::kGripperWrongCrc, ""},
+      {21, "chips of GPIO lines are renumbered", {}, "met at the start only: tests/drivers/gpio_wiring_test.cpp"},
+      {22, "an output line refuses or is stolen", B::kLinesRefuse, ""},
+      {23, "the process is killed and started again", B::kKilled, ""},
+      {24, "model or settings damaged", {}, "refused when they are loaded: tests/firmware/model_file_test.cpp"},
+      {25, "the USB controller dies for good", {}, "the same as 8 here; switching its power is the USB helper's business"},
+      {26, "two faults at once", {}, "all pairs of the others"},
+  }};
+  // clang-format on
+  return all;
+}
+
+Setup setup_of(Trouble trouble, bool held) {
+  Setup setup;
+  setup.held = held;
+  setup.windows = {{trouble, kFaultAt, kFaultAt + kFaultFor}};
+  setup.jpeg = uses_jpeg(setup);
+  setup.end = kFaultAt + kFaultFor + kCalmAfter;
+  return setup;
+}
+
+Setup setup_of(Trouble first, Trouble second, bool held) {
+  Setup setup = setup_of(first, held);
+  setup.windows.push_back({second, kFaultAt + kSecondAfter, kFaultAt + kSecondAfter + kFaultFor});
+  setup.jpeg = uses_jpeg(setup);
+  setup.end += kSecondAfter;
+  return setup;
+}
+
+Setup soak_setup(std::uint64_t frames, std::uint64_t seed) {
+  Setup setup;
+  setup.seed = seed;
+  setup.end = Micros{40'000} * static_cast<std::int64_t>(frames);
+  scene::Random random(seed);
+  const auto below = [&](std::uint64_t limit) { return random.next() % limit; };
+  // 10 to 30 s apart: 500 frames in the mean; 0.2 to 3 s long.
+  for (Micros at = 10s; at < setup.end - 10s; at += Micros{10'000'000 + static_cast<std::int64_t>(below(20'000'000))}) {
+    const Trouble trouble = static_cast<Trouble>(below(kTroubles));
+    if (trouble == Trouble::kCameraTruncated) continue;  // needs JPEG
+    setup.windows.push_back({trouble, at, at + Micros{200'000 + static_cast<std::int64_t>(below(2'800'000))}});
+  }
+  return setup;
+}
+
+bool Run::passed() const {
+  if (crashed || !judgement.ended || judgement.unsafe_fine > Micros{0}) return false;
+  if (expect_fine) return judgement.faults == 0;
+  const bool traces = std::any_of(setup.windows.begin(), setup.windows.end(),
+                                  [](const Window& window) { return leaves_traces(window.trouble); });
+  return judgement.last_state == DeviceState::kOk || (traces && judgement.last_state == DeviceState::kDegraded);
+}
+
+Run play(std::string name, Setup setup, bool expect_fine) {
+  Run run;
+  run.name = std::move(name);
+  run.setup = setup;
+  run.expect_fine = expect_fine;
+  prepare();
+  auto tape = sim::Tape::anonymous(sim::Tape::Full::kWait);
+  void* const memory = ::mmap(nullptr, sizeof(Outcome), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  run.crashed = true;
+  if (!tape || memory == MAP_FAILED) return run;
+  auto* const outcome = new (memory) Outcome;
+  (void)std::fflush(nullptr);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    World world(std::move(setup), *tape);
+    *outcome = world.run();
+    ::_exit(0);
+  }
+  // Reads while the child plays: a long run does not fit on the tape.
+  Judge judge;
+  int status = 0;
+  for (bool lives = child > 0; lives;) {
+    lives = ::waitpid(child, &status, WNOHANG) == 0;
+    bool any = false;
+    while (const auto event = tape->read()) {
+      judge.take(*event);
+      any = true;
+    }
+    if (lives && !any) ::usleep(500);
+  }
+  run.crashed = child <= 0 || !WIFEXITED(status) || WEXITSTATUS(status) != 0;
+  run.judgement = judge.finish();
+  run.outcome = *outcome;
+  ::munmap(memory, sizeof(Outcome));
+  return run;
+}
+
+}  // namespace holdfast::faults

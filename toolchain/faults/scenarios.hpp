@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is tried: the faults known from the field (rows), every kind of trouble of every component (cells),
+// and all pairs of the rows. What cannot happen in this world says why.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "toolchain/faults/judge.hpp"
+#include "toolchain/faults/world.hpp"
+
+namespace holdfast::faults {
+
+enum class Type : std::uint8_t { kOff, kStuck, kGarbage, kWrong, kSlow, kDelayed, kIntermittent };
+inline constexpr std::array<std::string_view, 7> kTypeNames{"off",  "stuck",   "garbage",     "wrong",
+                                                            "slow", "delayed", "intermittent"};
+
+// One cell of the matrix of components and types: a trouble, or the reason why there is none.
+struct Cell {
+  Component component;
+  Type type;
+  std::optional<Trouble> trouble;
+  std::string_view why_not;
+};
+[[nodiscard]] const std::array<Cell, 49>& cells();
+
+// One fault from the field. Sources: issue trackers of cameras, robots and boards, as far as they are public.
+struct Row {
+  int number;
+  std::string_view fault;
+  std::optional<Trouble> trouble;
+  std::string_view why_not;
+};
+[[nodiscard]] const std::array<Row, 26>& rows();
+
+// One run of the world, and how it went.
+struct Run {
+  std::string name;
+  Setup setup;
+  Judgement judgement;
+  Outcome outcome;
+  bool crashed = false;
+  // Nothing unsafe, no crash, and well again at the end where that can be.
+  [[nodiscard]] bool passed() const;
+  bool expect_fine = false;  // told "fine" all through: a fault that must not disturb
+};
+
+// Plays `setup` in a child process; this one observes. `expect_fine` as in Run.
+[[nodiscard]] Run play(std::string name, Setup setup, bool expect_fine = false);
+
+// Windows of 2 s from about 4 s on; the second of a pair begins 0.4 s later.
+[[nodiscard]] Setup setup_of(Trouble trouble, bool held);
+[[nodiscard]] Setup setup_of(Trouble first, Trouble second, bool held);
+
+// Random rows about every 500 frames, for a long run.
+[[nodiscard]] Setup soak_setup(std::uint64_t frames, std::uint64_t seed);
+
+}  // namespace holdfast::faults

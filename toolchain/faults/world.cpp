@@ -1,0 +1,768 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/faults/world.hpp"
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <span>
+#include <utility>
+
+#include "app/command_frame.hpp"
+#include "app/daemon.hpp"
+#include "drivers/sim/clock.hpp"
+#include "drivers/sim/film.hpp"
+#include "drivers/sim/hande.hpp"
+#include "drivers/sim/keep.hpp"
+#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/serial.hpp"
+#include "toolchain/play/rig.hpp"
+
+namespace holdfast::faults {
+namespace {
+
+using namespace std::chrono_literals;
+using hal::Level;
+using hal::Line;
+
+constexpr Micros kTouch = 1200ms;  // the object is there from then on
+constexpr Micros kGripAt = 300ms;  // GRIP is commanded, long before: the Hand-E takes 1.5 s to be activated
+constexpr Micros kLatency = 40ms;
+
+constexpr Micros kOneFrame = kLatency;
+
+// clang-format off
+constexpr std::array<TroubleInfo, kTroubles> kInfos{{
+    {Trouble::kCameraOff, Component::kCamera, "camera_off", true},
+    {Trouble::kCameraGone, Component::kCamera, "camera_gone", true},
+    {Trouble::kCameraRefused, Component::kCamera, "camera_refused", true},
+    {Trouble::kCameraHangs, Component::kCamera, "camera_hangs", true},
+    {Trouble::kCameraStuck, Component::kCamera, "camera_stuck", true},
+    {Trouble::kCameraGarbage, Component::kCamera, "camera_garbage", true},
+    {Trouble::kCameraBad, Component::kCamera, "camera_bad", true},
+    {Trouble::kCameraTorn, Component::kCamera, "camera_torn", false},
+    {Trouble::kCameraTruncated, Component::kCamera, "camera_truncated", true},
+    {Trouble::kCameraOther, Component::kCamera, "camera_other", true},
+    {Trouble::kCameraNoGel, Component::kCamera, "camera_no_gel", true},
+    {Trouble::kCameraSlow, Component::kCamera, "camera_slow", true, kOneFrame},
+    {Trouble::kCameraHalfRate, Component::kCamera, "camera_half_rate", false},
+    {Trouble::kCameraLate, Component::kCamera, "camera_late", false},
+    {Trouble::kCameraStale, Component::kCamera, "camera_stale", true},
+    {Trouble::kCameraComesAndGoes, Component::kCamera, "camera_comes_and_goes", false},
+    {Trouble::kCameraTwoOfThree, Component::kCamera, "camera_two_of_three", false},
+    {Trouble::kStampsBack, Component::kCamera, "stamps_back", true},
+    {Trouble::kStampsAhead, Component::kCamera, "stamps_ahead", true},
+    {Trouble::kStampsEqual, Component::kCamera, "stamps_equal", true, kOneFrame},
+    {Trouble::kDark, Component::kCamera, "dark", true},
+    {Trouble::kBright, Component::kCamera, "bright", true},
+    {Trouble::kFewMarkers, Component::kCamera, "few_markers", false},
+    {Trouble::kLostMarkers, Component::kCamera, "lost_markers", true},
+    {Trouble::kClockStuck, Component::kClock, "clock_stuck", true, kOneFrame},
+    {Trouble::kClockAhead, Component::kClock, "clock_ahead", true},
+    {Trouble::kClockBack, Component::kClock, "clock_back", true},
+    {Trouble::kClockSlow, Component::kClock, "clock_slow", true, Micros{90'000}},
+    {Trouble::kClockJumps, Component::kClock, "clock_jumps", false},
+    {Trouble::kLinesRefuse, Component::kGpio, "lines_refuse", true},
+    {Trouble::kLinesStuck, Component::kGpio, "lines_stuck", true},
+    {Trouble::kLinesRandom, Component::kGpio, "lines_random", true},
+    {Trouble::kLinesSlow, Component::kGpio, "lines_slow", false},
+    {Trouble::kLinesDelayed, Component::kGpio, "lines_delayed", true, Micros{50'000}},
+    {Trouble::kLinesNowAndThen, Component::kGpio, "lines_now_and_then", true},
+    {Trouble::kLinkOff, Component::kSerial, "link_off", false},
+    {Trouble::kLinkFull, Component::kSerial, "link_full", false},
+    {Trouble::kLinkFlood, Component::kSerial, "link_flood", false},
+    {Trouble::kLinkText, Component::kSerial, "link_text", false},
+    {Trouble::kLinkSlow, Component::kSerial, "link_slow", false},
+    {Trouble::kLinkNowAndThen, Component::kSerial, "link_now_and_then", false},
+    {Trouble::kGripperPortOff, Component::kGripper, "gripper_port_off", true},
+    {Trouble::kGripperSilent, Component::kGripper, "gripper_silent", true},
+    {Trouble::kGripperDeaf, Component::kGripper, "gripper_deaf", true},
+    {Trouble::kGripperGarbage, Component::kGripper, "gripper_garbage", true},
+    {Trouble::kGripperWrongCrc, Component::kGripper, "gripper_wrong_crc", true},
+    {Trouble::kGripperWrongSlave, Component::kGripper, "gripper_wrong_slave", true},
+    {Trouble::kGripperLate, Component::kGripper, "gripper_late", true},
+    {Trouble::kGripperSlow, Component::kGripper, "gripper_slow", false},
+    {Trouble::kGripperNowAndThen, Component::kGripper, "gripper_now_and_then", false},
+    {Trouble::kGripperMajorFault, Component::kGripper, "gripper_overcurrent", true},
+    {Trouble::kGripperHot, Component::kGripper, "gripper_hot", false},
+    {Trouble::kGripperUndervoltage, Component::kGripper, "gripper_undervoltage", true},
+    {Trouble::kObjectLost, Component::kGripper, "object_lost", true},
+    {Trouble::kKeepOff, Component::kStorage, "keep_off", false},
+    {Trouble::kKeepStuck, Component::kStorage, "keep_stuck", false},
+    {Trouble::kKeepGarbage, Component::kStorage, "keep_garbage", false},
+    {Trouble::kKeepWrong, Component::kStorage, "keep_wrong", false},
+    {Trouble::kKeepTorn, Component::kStorage, "keep_torn", false},
+    {Trouble::kKilled, Component::kProcess, "killed", true},
+    {Trouble::kStopped, Component::kProcess, "stopped", true},
+}};
+// clang-format on
+
+// One gel, as luma and as JPEG of the same size.
+struct Films {
+  sim::Film luma, jpeg;
+};
+
+const Films& films() {
+  static const Films films = [] {
+    Films made;
+    made.luma = sim::shoot(hal::PixelFormat::kLuma8, 100);
+    const auto encode = [&](const std::vector<sim::Film::Picture>& from) {
+      std::vector<sim::Film::Picture> to;
+      to.reserve(from.size());
+      for (const auto& luma : from) {
+        to.push_back(scene::encode_jpeg(luma, made.luma.width, made.luma.height, scene::JpegInput::kGrey, 90));
+      }
+      return to;
+    };
+    made.jpeg = {.format = hal::PixelFormat::kMjpeg,
+                 .width = made.luma.width,
+                 .height = made.luma.height,
+                 .empty = encode(made.luma.empty),
+                 .held = encode(made.luma.held),
+                 .markers = {}};
+    return made;
+  }();
+  return films;
+}
+
+long resident_kb() {
+  long pages = 0, resident = 0;
+  std::FILE* const file = std::fopen("/proc/self/statm", "r");
+  if (file == nullptr) return 0;
+  if (std::fscanf(file, "%ld %ld", &pages, &resident) != 2) resident = 0;
+  (void)std::fclose(file);
+  return resident * (::sysconf(_SC_PAGESIZE) / 1024);
+}
+
+int open_files() {
+  int count = 0;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
+    (void)entry;
+    ++count;
+  }
+  return count;
+}
+
+}  // namespace
+
+const TroubleInfo& info(Trouble trouble) {
+  return kInfos[static_cast<std::size_t>(trouble)];
+}
+
+// What all devices share: the true time, and which windows are open.
+class Situation {
+ public:
+  explicit Situation(const Setup& setup) : setup_(setup) {}
+
+  sim::Clock clock;
+  std::function<void()> watch;  // the second thread's turn
+
+  [[nodiscard]] const Window* open(Trouble trouble, Micros at) const {
+    for (const Window& window : setup_.windows) {
+      if (window.trouble == trouble && at >= window.from && at < window.to) return &window;
+    }
+    return nullptr;
+  }
+  [[nodiscard]] bool is(Trouble trouble) const { return open(trouble, clock.now()) != nullptr; }
+  [[nodiscard]] bool was(Trouble trouble, Micros at) const { return open(trouble, at) != nullptr; }
+
+  // The next moment at which a window of this kind begins; far away without one.
+  [[nodiscard]] Micros next(Trouble trouble) const {
+    Micros next = Micros::max();
+    for (const Window& window : setup_.windows) {
+      if (window.trouble == trouble && window.from > clock.now()) next = std::min(next, window.from);
+    }
+    return next;
+  }
+
+  // Time passes for the first thread; the second one runs beside it.
+  void pass_until(Micros time) {
+    while (clock.now() < time) {
+      if (const Window* w = open(Trouble::kStopped, clock.now())) {  // in the middle of whatever it was doing
+        stand_until(w->to);
+        continue;
+      }
+      const Micros tick = (clock.now() / 10ms + 1) * 10ms;
+      clock.advance_to(std::min({time, tick, next(Trouble::kStopped)}));
+      if (clock.now() == tick && watch && !is(Trouble::kStopped)) watch();
+    }
+  }
+  // Time passes, and nobody runs.
+  void stand_until(Micros time) { clock.advance_to(time); }
+
+ private:
+  const Setup& setup_;
+};
+
+namespace {
+
+class WorldClock final : public hal::Clock {
+ public:
+  explicit WorldClock(Situation& situation) : situation_(situation) {}
+
+ private:
+  [[nodiscard]] Micros do_now() const override {
+    const Micros now = situation_.clock.now();
+    if (const Window* w = situation_.open(Trouble::kClockStuck, now)) return w->from;
+    if (situation_.was(Trouble::kClockAhead, now)) return now + 10s;
+    if (situation_.was(Trouble::kClockBack, now)) return now - 10s;
+    if (const Window* w = situation_.open(Trouble::kClockSlow, now)) return w->from + (now - w->from) / 2;
+    if (situation_.was(Trouble::kClockJumps, now) && (now / 100ms) % 2 == 1) return now + 1s;
+    return now;
+  }
+  void do_wait(Micros time) override { situation_.pass_until(situation_.clock.now() + time); }
+
+  Situation& situation_;
+};
+
+// A fault of the camera takes the frames that would arrive while it lasts: what is under way is hit as well.
+class WorldCamera final : public hal::Camera {
+ public:
+  WorldCamera(Situation& situation, const Setup& setup) : situation_(situation), setup_(setup), random_(setup.seed) {}
+
+ private:
+  [[nodiscard]] bool do_start() override {
+    const Micros now = situation_.clock.now();
+    if (situation_.is(Trouble::kCameraGone) || situation_.is(Trouble::kCameraRefused)) return false;
+    identity_ = situation_.is(Trouble::kCameraOther) ? "ABCD-1234" : "28D1-D7C6";
+    next_ = (now + setup_.period - 1us) / setup_.period;
+    return true;
+  }
+  [[nodiscard]] std::string_view do_identity() const override { return identity_; }
+  [[nodiscard]] bool do_live() const override { return true; }
+  void do_release(const hal::Frame&) override {}
+  void do_stop() override {}
+
+  [[nodiscard]] hal::Capture do_next(hal::Frame& frame, Micros timeout) override {
+    const Micros deadline = situation_.clock.now() + timeout;
+    while (true) {
+      if (is_unplugged()) return hal::Capture::kGone;
+      if (const Window* w = situation_.open(Trouble::kCameraHangs, situation_.clock.now())) {
+        situation_.pass_until(w->to);
+        return hal::Capture::kTimeout;
+      }
+      const Micros exposure = next_ * setup_.period;
+      const Micros arrival = exposure + kLatency;
+      if (is_missing(arrival)) {
+        ++next_;
+        if (!dropped_) ++never_sent_;
+        continue;
+      }
+      const Micros due = arrival + lateness(arrival);
+      const Micros unplugged =
+          std::min({situation_.next(Trouble::kCameraGone), situation_.next(Trouble::kCameraRefused),
+                    situation_.next(Trouble::kCameraOther), situation_.next(Trouble::kCameraHangs)});
+      if (unplugged < std::min(due, deadline)) {
+        situation_.pass_until(unplugged);
+        continue;
+      }
+      if (due > deadline) {
+        situation_.pass_until(deadline);
+        return hal::Capture::kTimeout;
+      }
+      situation_.pass_until(due);
+      return hand_out(frame, exposure);
+    }
+  }
+
+  // Another sensor in its place is a replug: this stream ends when the window opens, and when it closes.
+  [[nodiscard]] bool is_unplugged() const {
+    const bool other = situation_.is(Trouble::kCameraOther);
+    return situation_.is(Trouble::kCameraGone) || situation_.is(Trouble::kCameraRefused) ||
+           other != (identity_ == "ABCD-1234");
+  }
+
+  [[nodiscard]] bool is_missing(Micros arrival) {
+    dropped_ = setup_.drop_every > 0 && next_ % setup_.drop_every == setup_.drop_every - 1;
+    if (dropped_ || situation_.was(Trouble::kCameraOff, arrival)) return true;
+    const auto since = [&](Trouble trouble) {
+      const Window* const w = situation_.open(trouble, arrival);
+      return w == nullptr ? Micros{-1} : arrival - w->from;
+    };
+    if (since(Trouble::kCameraSlow) % 200ms >= setup_.period) return true;
+    if (since(Trouble::kCameraHalfRate) % 120ms >= setup_.period) return true;
+    return since(Trouble::kCameraComesAndGoes) % 500ms >= 200ms;
+  }
+
+  [[nodiscard]] Micros lateness(Micros arrival) const {
+    if (situation_.was(Trouble::kCameraStale, arrival)) return 200ms;
+    return situation_.was(Trouble::kCameraLate, arrival) ? Micros{60ms} : Micros{0};
+  }
+
+  [[nodiscard]] hal::Capture hand_out(hal::Frame& frame, Micros exposure) {
+    const Micros arrival = exposure + kLatency;
+    const auto index = static_cast<std::size_t>(next_++);
+    const auto sequence = static_cast<std::uint32_t>(index - never_sent_);
+    if (situation_.was(Trouble::kCameraBad, arrival)) return hal::Capture::kBad;
+    if (situation_.was(Trouble::kCameraTwoOfThree, arrival) && index % 3 != 0) return hal::Capture::kBad;
+    const bool held = setup_.held && exposure >= kTouch;
+    const sim::Film& film = setup_.jpeg ? films().jpeg : films().luma;
+    const auto& pictures = held ? film.held : film.empty;
+    const std::vector<std::uint8_t>& picture = pictures[index % pictures.size()];
+    std::span<const std::uint8_t> bytes = picture;
+    if (situation_.was(Trouble::kCameraStuck, arrival) && !shown_.empty()) {
+      bytes = shown_;
+    } else {
+      bytes = spoil(bytes, pictures[(index + 1) % pictures.size()], arrival);
+      shown_.assign(bytes.begin(), bytes.end());
+    }
+    frame = film.frame(held, index);
+    frame.bytes = bytes;
+    frame.sequence = sequence;
+    frame.timestamp = exposure;
+    if (situation_.was(Trouble::kStampsBack, arrival)) frame.timestamp -= 5s;
+    if (situation_.was(Trouble::kStampsAhead, arrival)) frame.timestamp += 10s;
+    if (const Window* w = situation_.open(Trouble::kStampsEqual, arrival)) frame.timestamp = w->from;
+    return hal::Capture::kFrame;
+  }
+
+  // Every fault of the picture that is in force, one after the other: two may be.
+  [[nodiscard]] std::span<const std::uint8_t> spoil(std::span<const std::uint8_t> bytes,
+                                                    const std::vector<std::uint8_t>& other, Micros arrival) {
+    made_.assign(bytes.begin(), bytes.end());
+    bool changed = false;
+    const auto when = [&](Trouble trouble, auto&& change) {
+      if (!situation_.was(trouble, arrival)) return;
+      change();
+      changed = true;
+    };
+    const auto level = [&](std::uint8_t value) {
+      for (std::uint8_t& byte : made_) byte = static_cast<std::uint8_t>(value + (random_.next() >> 62));
+    };
+    const auto hide = [&](std::size_t some, std::size_t of) {  // so many of so many, under dirt of the gel's level
+      const sim::Film& film = films().luma;
+      for (std::size_t k = 0; k < film.markers.size(); ++k) {
+        if (k % of >= some) continue;
+        const scene::PointPx& at = film.markers[k];
+        for (int y = -16; y <= 16; ++y) {
+          for (int x = -16; x <= 16; ++x) {
+            const int row = std::clamp(static_cast<int>(at.y) + y, 0, film.height - 1);
+            const int col = std::clamp(static_cast<int>(at.x) + x, 0, film.width - 1);
+            made_[static_cast<std::size_t>(row) * static_cast<std::size_t>(film.width) +
+                  static_cast<std::size_t>(col)] = 120;
+          }
+        }
+      }
+    };
+    when(Trouble::kCameraGarbage, [&] {
+      for (std::uint8_t& byte : made_) byte = static_cast<std::uint8_t>(random_.next() >> 56);
+    });
+    when(Trouble::kCameraTorn, [&] {
+      const std::size_t half = std::min(made_.size(), other.size()) / 2;
+      std::copy(other.begin() + static_cast<std::ptrdiff_t>(half),
+                other.begin() + static_cast<std::ptrdiff_t>(std::min(made_.size(), other.size())),
+                made_.begin() + static_cast<std::ptrdiff_t>(half));
+    });
+    when(Trouble::kCameraTruncated, [&] { made_.resize(made_.size() / 2); });
+    when(Trouble::kCameraNoGel, [&] { level(120); });
+    when(Trouble::kDark, [&] { level(2); });
+    when(Trouble::kBright, [&] { level(252); });
+    if (!setup_.jpeg) {
+      when(Trouble::kFewMarkers, [&] { hide(1, 5); });
+      when(Trouble::kLostMarkers, [&] { hide(3, 7); });
+    } else if (situation_.was(Trouble::kLostMarkers, arrival)) {
+      made_.resize(made_.size() / 2);
+      changed = true;
+    }
+    return changed ? std::span<const std::uint8_t>(made_) : bytes;
+  }
+
+  Situation& situation_;
+  const Setup& setup_;
+  scene::Random random_;
+  std::string_view identity_;
+  std::int64_t next_ = 0;
+  std::size_t never_sent_ = 0;
+  bool dropped_ = false;
+  std::vector<std::uint8_t> shown_, made_;
+};
+
+// Lines whose levels outlive the process, on the tape.
+class WorldGpio final : public hal::Gpio {
+ public:
+  WorldGpio(Situation& situation, sim::Tape& tape, std::uint64_t seed)
+      : situation_(situation), tape_(tape), random_(seed) {}
+
+  void settle() {
+    for (Pending& pending : pending_) {
+      if (!pending.level || situation_.clock.now() < pending.at) continue;
+      take(pending.line, *pending.level, pending.at);
+      pending.level.reset();
+    }
+  }
+
+ private:
+  struct Pending {
+    Line line{};
+    std::optional<Level> level;
+    Micros at{};
+  };
+
+  void take(Line line, Level level, Micros at) {
+    Level& now = levels_[static_cast<std::size_t>(line)];
+    if (now == level) return;
+    now = level;
+    tape_.write({at.count(), sim::TapeKind::kLine, static_cast<std::uint8_t>(line),
+                 static_cast<std::uint8_t>(level == Level::kHigh ? 1 : 0)});
+  }
+
+  [[nodiscard]] bool do_set(Line line, Level level) override {
+    settle();
+    const Micros now = situation_.clock.now();
+    const Level& is = levels_[static_cast<std::size_t>(line)];
+    ++calls_;
+    if (situation_.is(Trouble::kLinesRefuse)) return false;
+    if (situation_.is(Trouble::kLinesNowAndThen) && calls_ % 3 == 0) return false;
+    if (situation_.is(Trouble::kLinesStuck)) return is == level;
+    if (situation_.is(Trouble::kLinesSlow)) situation_.pass_until(now + 30ms);
+    if (situation_.is(Trouble::kLinesDelayed)) {
+      Pending& pending = pending_[static_cast<std::size_t>(line)];
+      if (pending.level != level) pending = {line, level, now + 50ms};
+      return is == level;
+    }
+    // Somebody else drives the line as well, mostly against what was told.
+    const bool against = situation_.is(Trouble::kLinesRandom) && (random_.next() >> 61) != 0;
+    take(line, against != (level == Level::kHigh) ? Level::kHigh : Level::kLow, situation_.clock.now());
+    return is == level;
+  }
+  [[nodiscard]] std::optional<Level> do_read(hal::Input) override { return std::nullopt; }
+
+  Situation& situation_;
+  sim::Tape& tape_;
+  scene::Random random_;
+  std::array<Level, hal::kLineCount> levels_{};
+  std::array<Pending, hal::kLineCount> pending_{};
+  std::uint64_t calls_ = 0;
+};
+
+// The robot's end of the link: commands, and what may come in their place.
+class WorldLink final : public hal::Serial {
+ public:
+  WorldLink(Situation& situation, std::uint64_t seed) : situation_(situation), random_(seed) {}
+
+  void send(command_frame::Command command, std::uint8_t argument) {
+    std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
+    (void)command_frame::encode(command_frame::CommandFrame{++sequence_, command, argument}, wire);
+    waiting_.insert(waiting_.end(), wire.begin(), wire.end());
+  }
+
+ private:
+  [[nodiscard]] bool is_off() const {
+    return situation_.is(Trouble::kLinkOff) ||
+           (situation_.is(Trouble::kLinkNowAndThen) && (situation_.clock.now() / 100ms) % 2 == 0);
+  }
+  [[nodiscard]] bool do_write(std::span<const std::uint8_t>) override {
+    return !is_off() && !situation_.is(Trouble::kLinkFull);
+  }
+  [[nodiscard]] std::size_t do_read(std::span<std::uint8_t> bytes) override {
+    if (is_off()) return 0;
+    if (situation_.is(Trouble::kLinkFlood)) {
+      for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(random_.next() >> 56);
+      return bytes.size();
+    }
+    if (situation_.is(Trouble::kLinkText)) {
+      static constexpr std::string_view kText = "status\r\nset mode fast\r\n";
+      for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<std::uint8_t>(kText[i % kText.size()]);
+      return bytes.size();
+    }
+    std::size_t count = std::min(bytes.size(), waiting_.size());
+    if (situation_.is(Trouble::kLinkSlow)) {
+      if (waiting_.empty()) send(command_frame::Command::kArm, 0);
+      const bool due = situation_.clock.now() >= next_byte_;
+      if (due) next_byte_ = situation_.clock.now() + 50ms;
+      count = due ? 1 : 0;
+    }
+    std::copy_n(waiting_.begin(), count, bytes.begin());
+    waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(count));
+    return count;
+  }
+
+  Situation& situation_;
+  scene::Random random_;
+  std::vector<std::uint8_t> waiting_;
+  std::uint16_t sequence_ = 0;
+  Micros next_byte_{};
+};
+
+class WorldKeep final : public hal::Keep {
+ public:
+  explicit WorldKeep(Situation& situation) : situation_(situation), bytes_(keepsake::kBytes), lost_(keepsake::kBytes) {}
+
+  // What the process that starts now will find.
+  void before_start(std::uint64_t seed) {
+    scene::Random random(seed);
+    keepsake::Slot newest, other;
+    std::memcpy(&newest, bytes_.data(), sizeof newest);
+    std::memcpy(&other, bytes_.data() + sizeof newest, sizeof other);
+    if (situation_.is(Trouble::kKeepGarbage)) {
+      for (int k = 0; k < 64; ++k)
+        bytes_[random.next() % bytes_.size()] ^= static_cast<std::uint8_t>(random.next() | 1U);
+      for (const std::size_t slot : {std::size_t{0}, sizeof newest}) bytes_[slot + 100] ^= 0x10;
+    }
+    if (situation_.is(Trouble::kKeepWrong)) {
+      for (keepsake::Slot* slot : {&newest, &other}) {
+        if (slot->magic != keepsake::kMagic) continue;
+        slot->contents.sensor = keepsake::identity_of("ABCD-1234");
+        slot->crc = keepsake::detail::crc_of(*slot);
+      }
+      std::memcpy(bytes_.data(), &newest, sizeof newest);
+      std::memcpy(bytes_.data() + sizeof newest, &other, sizeof other);
+    }
+    if (situation_.is(Trouble::kKeepTorn)) {
+      const std::size_t at = newest.sequence > other.sequence ? 0 : sizeof newest;
+      std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(sizeof newest - at) + 400, 4000,
+                  bytes_.begin() + static_cast<std::ptrdiff_t>(at) + 400);
+    }
+  }
+
+ private:
+  [[nodiscard]] std::span<std::uint8_t> do_memory() override {
+    if (situation_.is(Trouble::kKeepOff)) return {};
+    return situation_.is(Trouble::kKeepStuck) ? lost_ : bytes_;
+  }
+
+  Situation& situation_;
+  std::vector<std::uint8_t> bytes_, lost_;
+};
+
+}  // namespace
+
+struct World::Parts {
+  Parts(Setup given, sim::Tape& out)
+      : setup(std::move(given)),
+        tape(out),
+        situation(setup),
+        clock(situation),
+        camera(situation, setup),
+        gpio(situation, out, setup.seed + 1),
+        link(situation, setup.seed + 2),
+        keep(situation),
+        hand(situation.clock),
+        jpeg(Params{}) {
+    params.gripper = setup.gripper ? 1 : 0;
+    hand.put_object({.width_mm = 20.0});
+    situation.watch = [this] {
+      gpio.settle();
+      if (daemon) (void)daemon->app().watchdog().watch(gpio, clock.now());
+    };
+  }
+
+  void tell_truth() const {
+    for (const Window& window : setup.windows) {
+      if (info(window.trouble).unsafe && window.trouble != Trouble::kObjectLost) tell_truth(window);
+    }
+  }
+  void tell_truth(const Window& window) const {
+    const auto which = static_cast<std::uint8_t>(window.trouble);
+    const Micros from = window.from + info(window.trouble).honest;
+    tape.write({from.count(), sim::TapeKind::kUnsafe, which, 1});
+    tape.write({window.to.count(), sim::TapeKind::kUnsafe, which, 0});
+  }
+
+  [[nodiscard]] Devices devices() { return {camera, gpio, link, clock, jpeg.get()}; }
+
+  void start() {
+    keep.before_start(setup.seed + static_cast<std::uint64_t>(situation.clock.now().count()));
+    camera.stop();
+    daemon = std::make_unique<Daemon>(devices(), Periphery{hand, keep});
+    running = daemon->start(params).ok();
+    if (!running) daemon.reset();
+    if (running && daemon->resumed()) ++outcome.resumed;
+    said = {};
+  }
+
+  void end_process() {
+    if (daemon) {
+      outcome.frames += accepted;
+      outcome.faults += daemon->app().supervisor().faults;
+    }
+    accepted = 0;
+    daemon.reset();
+  }
+
+  // Kills and stops first: nobody runs in them.
+  [[nodiscard]] bool process_fault() {
+    const Micros now = situation.clock.now();
+    if (const Window* w = situation.open(Trouble::kStopped, now)) {
+      situation.stand_until(w->to);
+      gpio.settle();
+      return false;
+    }
+    // No call can be left in its middle here: the last one before a kill is not made.
+    if (const Micros kill = situation.next(Trouble::kKilled); kill - now < Daemon::kSlice) situation.stand_until(kill);
+    const Window* killed = situation.open(Trouble::kKilled, situation.clock.now());
+    if (killed == nullptr) {  // a fault of the memory is met by a process that starts in its middle
+      for (const Trouble trouble :
+           {Trouble::kKeepOff, Trouble::kKeepStuck, Trouble::kKeepGarbage, Trouble::kKeepWrong, Trouble::kKeepTorn}) {
+        const Window* w = situation.open(trouble, now);
+        if (w == nullptr || now < w->from + (w->to - w->from) / 2 || met == w) continue;
+        met = w;
+        end_process();
+        start();
+      }
+      return false;
+    }
+    end_process();
+    situation.stand_until(killed->to);
+    gpio.settle();
+    start();
+    return true;
+  }
+
+  void gripper_faults() {
+    using sim::LineTrouble;
+    LineTrouble trouble = LineTrouble::kNone;
+    std::uint32_t one_in = 1;
+    Micros delay{};
+    if (situation.is(Trouble::kGripperSilent)) trouble = LineTrouble::kMute;
+    if (situation.is(Trouble::kGripperDeaf)) trouble = LineTrouble::kDeaf;
+    if (situation.is(Trouble::kGripperGarbage)) trouble = LineTrouble::kGarbage;
+    if (situation.is(Trouble::kGripperWrongCrc)) trouble = LineTrouble::kWrongCrc;
+    if (situation.is(Trouble::kGripperWrongSlave)) trouble = LineTrouble::kWrongSlave;
+    if (situation.is(Trouble::kGripperLate)) {
+      trouble = LineTrouble::kLate;
+      delay = 60ms;
+    }
+    if (situation.is(Trouble::kGripperSlow)) {
+      trouble = LineTrouble::kLate;
+      delay = 15ms;
+    }
+    if (situation.is(Trouble::kGripperNowAndThen)) {
+      trouble = LineTrouble::kMute;
+      one_in = 2;
+    }
+    if (std::exchange(trouble_now, trouble) != trouble) hand.trouble(trouble, one_in, delay);
+    const auto once = [&](Trouble which, auto&& begin, auto&& end) {
+      const Window* w = situation.open(which, situation.clock.now());
+      const Window*& in = in_window[which];
+      if (w != nullptr && in == nullptr) begin();
+      if (w == nullptr && in != nullptr) end();
+      in = w;
+    };
+    once(
+        Trouble::kGripperPortOff, [&] { hand.unplug(true); }, [&] { hand.unplug(false); });
+    once(
+        Trouble::kGripperMajorFault, [&] { hand.set_fault(0xE); }, [&] { send_arm(); });
+    once(
+        Trouble::kGripperUndervoltage, [&] { hand.set_fault(0xA); }, [&] { send_arm(); });
+    once(
+        Trouble::kGripperHot, [&] { hand.set_fault(8); }, [&] { hand.set_fault(0); });
+    once(
+        Trouble::kObjectLost,
+        [&] {
+          if (hand.object_held()) tell_truth(*situation.open(Trouble::kObjectLost, situation.clock.now()));
+          hand.remove_object();
+        },
+        [&] {
+          hand.put_object({.width_mm = 20.0});
+          link.send(command_frame::Command::kRelease, 0);
+          grip_again = situation.clock.now() + 3s;
+        });
+  }
+
+  void send_arm() {
+    link.send(command_frame::Command::kArm, 0);
+    link.send(command_frame::Command::kGrip, 1);
+  }
+
+  void script() {
+    const Micros now = situation.clock.now();
+    if (setup.gripper && !gripped && now >= kGripAt) {
+      gripped = true;
+      link.send(command_frame::Command::kGrip, 1);
+    }
+    if (grip_again != Micros{} && now >= grip_again) {
+      grip_again = Micros{};
+      link.send(command_frame::Command::kGrip, 1);
+    }
+    if (setup.arm_at != Micros{} && !armed && now >= setup.arm_at) {
+      armed = true;
+      send_arm();
+    }
+  }
+
+  void tell_state() {
+    const supervisor::Outputs& outputs = daemon->app().outputs();
+    const std::pair now{outputs.state, outputs.reason};
+    if (said && *said == now) return;
+    said = now;
+    tape.write({situation.clock.now().count(), sim::TapeKind::kState, static_cast<std::uint8_t>(outputs.state),
+                static_cast<std::uint8_t>(outputs.reason)});
+  }
+
+  void step() {
+    (void)process_fault();
+    if (!daemon) {
+      situation.pass_until(situation.clock.now() + 100ms);
+      start();
+      return;
+    }
+    gripper_faults();
+    script();
+    const std::uint32_t before = daemon->app().result().sequence;
+    daemon->poll();
+    gpio.settle();
+    if (daemon->app().outputs().accepted && daemon->app().result().sequence != before) ++accepted;
+    tell_state();
+  }
+
+  Setup setup;
+  sim::Tape& tape;
+  Situation situation;
+  WorldClock clock;
+  WorldCamera camera;
+  WorldGpio gpio;
+  WorldLink link;
+  WorldKeep keep;
+  sim::HandE hand;
+  tool::OneThreadDecoder jpeg;
+  Params params;
+  std::unique_ptr<Daemon> daemon;
+  bool running = false;
+  bool gripped = false;
+  bool armed = false;
+  Micros grip_again{};
+  std::uint64_t accepted = 0;
+  const Window* met = nullptr;
+  std::map<Trouble, const Window*> in_window;
+  sim::LineTrouble trouble_now = sim::LineTrouble::kNone;
+  std::optional<std::pair<DeviceState, Reason>> said;
+  Outcome outcome;
+};
+
+void prepare() {
+  (void)films();
+}
+
+World::World(Setup setup, sim::Tape& tape) : parts_(std::make_unique<Parts>(std::move(setup), tape)) {}
+World::~World() = default;
+
+Outcome World::run() {
+  Parts& p = *parts_;
+  p.tell_truth();
+  p.start();
+  long before_kb = 0;
+  int before_files = 0;
+  while (p.situation.clock.now() < p.setup.end) {
+    p.step();
+    if (before_kb == 0 && p.situation.clock.now() >= 1s) {
+      before_kb = resident_kb();
+      before_files = open_files();
+    }
+  }
+  p.outcome.growth_kb = resident_kb() - before_kb;
+  p.outcome.open_files = open_files() - before_files;
+  p.end_process();
+  p.tape.write({p.situation.clock.now().count(), sim::TapeKind::kEnd, 0, 0});
+  return p.outcome;
+}
+
+}  // namespace holdfast::faults

@@ -1,0 +1,398 @@
+// SPDX-License-Identifier: Apache-2.0
+// clang-format off
+// Written by wire_doc from the tables that the firmware encodes with (firmware/app/LINK.md); do not edit.
+//
+// The robot's end of a serial line to holdfastd, for C99 and C++: no heap, no globals, nothing to link. Zeroed
+// structs are ready for use. README.md, beside this file, shows a program.
+#ifndef HOLDFAST_LINK_H
+#define HOLDFAST_LINK_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+enum {
+  HOLDFAST_LINK_VERSION = 1,
+  HOLDFAST_LINK_MAX_WIRE = 34,
+  HOLDFAST_STATUS_PAYLOAD = 32,
+  HOLDFAST_COMMAND_PAYLOAD = 8,
+  HOLDFAST_ANSWER_PAYLOAD = 8,
+  HOLDFAST_COMMAND_WIRE = 11,  // what holdfast_link_command() writes: one 0x00 before the frame as well
+  HOLDFAST_GRIP_FRESH_MS = 150
+};
+
+// What holdfast_link_push() returns when it is not 0.
+enum {
+  HOLDFAST_KIND_STATUS = 1,
+  HOLDFAST_KIND_COMMAND = 2,
+  HOLDFAST_KIND_ANSWER = 3,
+  HOLDFAST_LINK_DAMAGED = -1,  // what began as a frame is none; dropped
+  HOLDFAST_LINK_OTHER = -2     // a sound frame of a version, kind or length that this header does not know
+};
+
+enum holdfast_flag {
+  HOLDFAST_FLAG_SLIP = 1,  // the debounced decision: the object slips
+  HOLDFAST_FLAG_GRIP_OK = 2,  // level of the line GRIP_OK; counts only while ALIVE is fresh
+  HOLDFAST_FLAG_FEATURES_VALID = 4,  // markers and features belong to this frame; otherwise they are 0
+  HOLDFAST_FLAG_ALIVE = 8  // level of the line ALIVE; toggles once per accepted frame
+};
+
+enum holdfast_state {
+  HOLDFAST_STATE_BOOT = 0,  // started, no frame accepted yet
+  HOLDFAST_STATE_REFERENCE = 1,  // learning the rest position of the markers on the empty gel
+  HOLDFAST_STATE_OK = 2,  // healthy, referenced and no slip
+  HOLDFAST_STATE_SLIP = 3,  // the object slips: tighten
+  HOLDFAST_STATE_DEGRADED = 4,  // measuring, but not well enough to vouch for the grip
+  HOLDFAST_STATE_FAULT = 5  // cannot measure: hold the grip and look at the reason
+};
+
+enum holdfast_reason {
+  HOLDFAST_REASON_NONE = 0,  // nothing to report
+  HOLDFAST_REASON_NO_FRAME = 1,  // no frame arrived in time
+  HOLDFAST_REASON_CAMERA_GONE = 2,  // the camera ended the stream
+  HOLDFAST_REASON_JPEG_DAMAGED = 3,  // the JPEG picture is damaged
+  HOLDFAST_REASON_FRAME_FORMAT = 4,  // the frame changed size or format
+  HOLDFAST_REASON_GPIO_FAILED = 5,  // an output line could not be set
+  HOLDFAST_REASON_FRAME_FROZEN = 6,  // the camera sends the same picture again and again
+  HOLDFAST_REASON_CAPTURE_HUNG = 7,  // the output watchdog found no accepted frame in time
+  HOLDFAST_REASON_CAMERA_WRONG = 8,  // another camera answers than the one at the start
+  HOLDFAST_REASON_TOO_FEW_DOTS = 32,  // too few dark dots in the picture
+  HOLDFAST_REASON_NO_LATTICE = 33,  // the dots do not form a lattice
+  HOLDFAST_REASON_GRID_MISMATCH = 34,  // the lattice found has another size than configured
+  HOLDFAST_REASON_GRID_AMBIGUOUS = 35,  // the lattice is larger than configured
+  HOLDFAST_REASON_MARKERS_LOST = 36,  // too many markers are lost
+  HOLDFAST_REASON_PICTURE_TOO_SMALL = 37,  // the picture is too small to hold the markers
+  HOLDFAST_REASON_PICTURE_TOO_LARGE = 38,  // the picture is larger than the fixed memory
+  HOLDFAST_REASON_DOTS_OVERFLOW = 39,  // too many blobs in the picture
+  HOLDFAST_REASON_EXPOSURE = 40,  // the picture is too dark or too bright
+  HOLDFAST_REASON_TIME_NOT_FORWARD = 64,  // the frame is not newer than the one before
+  HOLDFAST_REASON_TIME_GAP = 65,  // too long since the frame before
+  HOLDFAST_REASON_FRAME_STALE = 66,  // the frame is too old to vouch for the grip
+  HOLDFAST_REASON_FRAME_RATE = 67,  // frames come slower or faster than the sensor's 15 to 27 fps
+  HOLDFAST_REASON_DEADLINE = 68,  // more than 1 % of the frames of the last 10 s were decided late
+  HOLDFAST_REASON_FEW_MARKERS = 96,  // some markers are lost
+  HOLDFAST_REASON_LEARNING = 97,  // the rest position is being learned
+  HOLDFAST_REASON_SLIP = 98,  // the object slips
+  HOLDFAST_REASON_MANY_REJECTED = 99,  // more than 3 of the last 10 frames were rejected
+  HOLDFAST_REASON_RECOVERING = 100,  // a fault has passed; a few good frames must follow
+  HOLDFAST_REASON_NEEDS_ARM = 101,  // a fault has passed and is latched
+  HOLDFAST_REASON_OPENING = 102,  // the gripper opens: loss of contact is no slip
+  HOLDFAST_REASON_FORCE_LIMIT = 103,  // the object slips and the grip force is at its limit
+  HOLDFAST_REASON_CONFIG = 128,  // a setting is out of its range
+  HOLDFAST_REASON_MODEL = 129,  // the slip model does not fit
+  HOLDFAST_REASON_GRIPPER_SILENT = 160,  // the gripper does not answer
+  HOLDFAST_REASON_GRIPPER_REPLY = 161,  // the gripper's replies are damaged
+  HOLDFAST_REASON_GRIPPER_ACTIVATING = 162,  // the gripper is being activated
+  HOLDFAST_REASON_GRIPPER_HOT = 163,  // the gripper is too hot
+  HOLDFAST_REASON_GRIPPER_LOST = 164,  // the gripper's fingers closed on nothing
+  HOLDFAST_REASON_GRIPPER_UNDERVOLTAGE = 165,  // the gripper's supply voltage is too low
+  HOLDFAST_REASON_GRIPPER_RELEASING = 166,  // the gripper's automatic release is running
+  HOLDFAST_REASON_GRIPPER_INTERNAL = 167,  // the gripper reports an internal fault
+  HOLDFAST_REASON_GRIPPER_ACTIVATION = 168,  // the gripper's activation failed
+  HOLDFAST_REASON_GRIPPER_OVERCURRENT = 169,  // the gripper's motor took too much current
+  HOLDFAST_REASON_GRIPPER_RELEASED = 170  // the gripper's automatic release has ended
+};
+
+enum holdfast_command_number {
+  HOLDFAST_COMMAND_TARE = 1,  // forget the rest position of the markers and learn it anew (argument 0: only while nothing touches the gel; 1: even then)
+  HOLDFAST_COMMAND_OPENING = 2,  // the gripper opens: loss of contact is no slip (argument 1: begins; 0: has ended)
+  HOLDFAST_COMMAND_RELEASE = 3,  // lower the grip force step by step, to let the object go (argument 0)
+  HOLDFAST_COMMAND_ARM = 4,  // leave a latched fault; activates the gripper anew (argument 0)
+  HOLDFAST_COMMAND_GRIP = 5  // move the gripper (argument 1: close and hold with the starting force; 0: open)
+};
+
+enum holdfast_result {
+  HOLDFAST_RESULT_DONE = 0,  // taken; what comes of it is in the status frames
+  HOLDFAST_RESULT_TOUCHING = 1,  // refused: something touches the gel
+  HOLDFAST_RESULT_STATE = 2,  // refused: not in this state, or no gripper is set up
+  HOLDFAST_RESULT_UNKNOWN = 3,  // refused: this firmware does not know the command
+  HOLDFAST_RESULT_ARGUMENT = 4  // refused: the argument is out of the command's range
+};
+
+// As in LINK.md; "?": a number from a newer firmware.
+static inline const char *holdfast_state_name(uint8_t number) {
+  switch (number) {
+    case HOLDFAST_STATE_BOOT: return "BOOT";
+    case HOLDFAST_STATE_REFERENCE: return "REFERENCE";
+    case HOLDFAST_STATE_OK: return "OK";
+    case HOLDFAST_STATE_SLIP: return "SLIP";
+    case HOLDFAST_STATE_DEGRADED: return "DEGRADED";
+    case HOLDFAST_STATE_FAULT: return "FAULT";
+    default: return "?";
+  }
+}
+
+static inline const char *holdfast_reason_name(uint8_t number) {
+  switch (number) {
+    case HOLDFAST_REASON_NONE: return "none";
+    case HOLDFAST_REASON_NO_FRAME: return "no_frame";
+    case HOLDFAST_REASON_CAMERA_GONE: return "camera_gone";
+    case HOLDFAST_REASON_JPEG_DAMAGED: return "jpeg_damaged";
+    case HOLDFAST_REASON_FRAME_FORMAT: return "frame_format";
+    case HOLDFAST_REASON_GPIO_FAILED: return "gpio_failed";
+    case HOLDFAST_REASON_FRAME_FROZEN: return "frame_frozen";
+    case HOLDFAST_REASON_CAPTURE_HUNG: return "capture_hung";
+    case HOLDFAST_REASON_CAMERA_WRONG: return "camera_wrong";
+    case HOLDFAST_REASON_TOO_FEW_DOTS: return "too_few_dots";
+    case HOLDFAST_REASON_NO_LATTICE: return "no_lattice";
+    case HOLDFAST_REASON_GRID_MISMATCH: return "grid_mismatch";
+    case HOLDFAST_REASON_GRID_AMBIGUOUS: return "grid_ambiguous";
+    case HOLDFAST_REASON_MARKERS_LOST: return "markers_lost";
+    case HOLDFAST_REASON_PICTURE_TOO_SMALL: return "picture_too_small";
+    case HOLDFAST_REASON_PICTURE_TOO_LARGE: return "picture_too_large";
+    case HOLDFAST_REASON_DOTS_OVERFLOW: return "dots_overflow";
+    case HOLDFAST_REASON_EXPOSURE: return "exposure";
+    case HOLDFAST_REASON_TIME_NOT_FORWARD: return "time_not_forward";
+    case HOLDFAST_REASON_TIME_GAP: return "time_gap";
+    case HOLDFAST_REASON_FRAME_STALE: return "frame_stale";
+    case HOLDFAST_REASON_FRAME_RATE: return "frame_rate";
+    case HOLDFAST_REASON_DEADLINE: return "deadline";
+    case HOLDFAST_REASON_FEW_MARKERS: return "few_markers";
+    case HOLDFAST_REASON_LEARNING: return "learning";
+    case HOLDFAST_REASON_SLIP: return "slip";
+    case HOLDFAST_REASON_MANY_REJECTED: return "many_rejected";
+    case HOLDFAST_REASON_RECOVERING: return "recovering";
+    case HOLDFAST_REASON_NEEDS_ARM: return "needs_arm";
+    case HOLDFAST_REASON_OPENING: return "opening";
+    case HOLDFAST_REASON_FORCE_LIMIT: return "force_limit";
+    case HOLDFAST_REASON_CONFIG: return "config";
+    case HOLDFAST_REASON_MODEL: return "model";
+    case HOLDFAST_REASON_GRIPPER_SILENT: return "gripper_silent";
+    case HOLDFAST_REASON_GRIPPER_REPLY: return "gripper_reply";
+    case HOLDFAST_REASON_GRIPPER_ACTIVATING: return "gripper_activating";
+    case HOLDFAST_REASON_GRIPPER_HOT: return "gripper_hot";
+    case HOLDFAST_REASON_GRIPPER_LOST: return "gripper_lost";
+    case HOLDFAST_REASON_GRIPPER_UNDERVOLTAGE: return "gripper_undervoltage";
+    case HOLDFAST_REASON_GRIPPER_RELEASING: return "gripper_releasing";
+    case HOLDFAST_REASON_GRIPPER_INTERNAL: return "gripper_internal";
+    case HOLDFAST_REASON_GRIPPER_ACTIVATION: return "gripper_activation";
+    case HOLDFAST_REASON_GRIPPER_OVERCURRENT: return "gripper_overcurrent";
+    case HOLDFAST_REASON_GRIPPER_RELEASED: return "gripper_released";
+    default: return "?";
+  }
+}
+
+static inline const char *holdfast_command_name(uint8_t number) {
+  switch (number) {
+    case HOLDFAST_COMMAND_TARE: return "TARE";
+    case HOLDFAST_COMMAND_OPENING: return "OPENING";
+    case HOLDFAST_COMMAND_RELEASE: return "RELEASE";
+    case HOLDFAST_COMMAND_ARM: return "ARM";
+    case HOLDFAST_COMMAND_GRIP: return "GRIP";
+    default: return "?";
+  }
+}
+
+static inline const char *holdfast_result_name(uint8_t number) {
+  switch (number) {
+    case HOLDFAST_RESULT_DONE: return "done";
+    case HOLDFAST_RESULT_TOUCHING: return "touching";
+    case HOLDFAST_RESULT_STATE: return "state";
+    case HOLDFAST_RESULT_UNKNOWN: return "unknown";
+    case HOLDFAST_RESULT_ARGUMENT: return "argument";
+    default: return "?";
+  }
+}
+
+typedef struct {
+  uint16_t sequence;  // 1; counts status frames, wraps; a gap is a lost frame
+  uint32_t timestamp_us;  // us; start of the picture's exposure on the sensor's clock, low 32 bits
+  uint16_t age_100us;  // 0.1 ms; from that start to the sending of this frame, rounded up; 65535: 6.5535 s or more, or unknown
+  uint8_t state;  // see States
+  uint8_t reason;  // see Reasons; a number not listed there comes from newer firmware
+  uint8_t flags;  // bits; see Flags
+  uint8_t markers;  // 1; how many markers the features stand on
+  int32_t vx_um_s;  // um/s; mean speed of the markers, +x right
+  int32_t vy_um_s;  // um/s; mean speed of the markers, +y down
+  int32_t entropy_nat_q16;  // nat/65536; entropy of the displacements' lengths, 0 to ln 15
+  int32_t entropy_rate_nat_s_q8;  // nat/s/256; change of the entropy per second
+} holdfast_status;
+
+typedef struct {
+  uint16_t sequence;  // 1; chosen by the sender, another one for each new command; comes back in the answer
+  uint8_t command;  // see Commands
+  uint8_t argument;  // see Commands
+} holdfast_command;
+
+typedef struct {
+  uint16_t sequence;  // 1; of the command
+  uint8_t command;  // of the command
+  uint8_t result;  // see Results; a number not listed there comes from newer firmware
+} holdfast_answer;
+
+static inline uint8_t holdfast_get_uint8(const uint8_t *p) { return p[0]; }
+
+static inline uint16_t holdfast_get_uint16(const uint8_t *p) {
+  return (uint16_t)((uint32_t)p[0] | ((uint32_t)p[1] << 8));
+}
+
+static inline uint32_t holdfast_get_uint32(const uint8_t *p) {
+  return (uint32_t)p[0] | ((uint32_t)p[1] << 8) | ((uint32_t)p[2] << 16) | ((uint32_t)p[3] << 24);
+}
+
+static inline int32_t holdfast_get_int32(const uint8_t *p) {
+  const uint32_t bits = holdfast_get_uint32(p);
+  int32_t value;
+  memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+static inline void holdfast_put_uint8(uint8_t *p, uint8_t value) { p[0] = value; }
+
+static inline void holdfast_put_uint16(uint8_t *p, uint16_t value) {
+  p[0] = (uint8_t)(value & 0xFFu);
+  p[1] = (uint8_t)((uint32_t)value >> 8);
+}
+
+// CRC-16/CCITT-FALSE, bit by bit: a frame is short.
+static inline uint16_t holdfast_crc16(const uint8_t *bytes, size_t count) {
+  uint32_t crc = 0xFFFFu;
+  size_t i;
+  int bit;
+  for (i = 0; i < count; ++i) {
+    crc ^= (uint32_t)bytes[i] << 8;
+    for (bit = 0; bit < 8; ++bit) crc = (crc << 1) ^ ((crc & 0x8000u) != 0 ? 0x11021u : 0u);
+  }
+  return (uint16_t)crc;
+}
+
+// ---------------------------------------------------------------------------------------------- what arrives
+
+typedef struct {
+  uint8_t bytes[HOLDFAST_LINK_MAX_WIRE];  // since the last 0x00; behind a frame its payload, until the next push
+  uint8_t count;
+  uint8_t place;     // 0: a frame may have begun, 1: in text, 2: in what is to be dropped up to the end of a line
+  uint32_t frames;   // heard since start, of any kind; wraps
+  uint32_t damaged;  // the same of HOLDFAST_LINK_DAMAGED
+} holdfast_receiver;
+
+// COBS, in place. Returns how many bytes come out, 0: no valid COBS.
+static inline size_t holdfast_link_unstuff(uint8_t *bytes, size_t count) {
+  size_t from = 0, to = 0, run;
+  while (from < count) {
+    run = (size_t)bytes[from++] - 1u;
+    if (run > count - from) return 0;
+    for (; run > 0; --run) bytes[to++] = bytes[from++];
+    if (from < count) bytes[to++] = 0;
+  }
+  return to;
+}
+
+// Give it every byte that comes. Returns 0 most of the time, the kind of the frame that this byte completes, or what
+// happened (HOLDFAST_LINK_...). Text between frames is passed over.
+static inline int holdfast_link_push(holdfast_receiver *receiver, uint8_t byte) {
+  uint8_t *const bytes = receiver->bytes;
+  size_t size;
+  if (byte != 0) {
+    if (receiver->place == 2 && byte == '\n') receiver->place = 1;
+    if (receiver->place != 0) return 0;
+    bytes[receiver->count++] = byte;
+    if (receiver->count == 2 && byte > 8) receiver->place = 1;
+    if (receiver->count < HOLDFAST_LINK_MAX_WIRE) return 0;
+    receiver->place = 2;
+    ++receiver->damaged;
+    return HOLDFAST_LINK_DAMAGED;
+  }
+  size = receiver->place == 0 ? receiver->count : 0;
+  receiver->place = 0;
+  receiver->count = 0;
+  if (size < 2) return 0;
+  size = holdfast_link_unstuff(bytes, size);
+  if (size < 4 || holdfast_crc16(bytes, size - 2) != holdfast_get_uint16(bytes + size - 2)) {
+    ++receiver->damaged;
+    return HOLDFAST_LINK_DAMAGED;
+  }
+  ++receiver->frames;
+  if (bytes[0] != HOLDFAST_LINK_VERSION) return HOLDFAST_LINK_OTHER;
+  if ((bytes[1] == HOLDFAST_KIND_STATUS && size == HOLDFAST_STATUS_PAYLOAD) ||
+      (bytes[1] == HOLDFAST_KIND_COMMAND && size == HOLDFAST_COMMAND_PAYLOAD) ||
+      (bytes[1] == HOLDFAST_KIND_ANSWER && size == HOLDFAST_ANSWER_PAYLOAD)) {
+    return bytes[1];
+  }
+  return HOLDFAST_LINK_OTHER;
+}
+
+// After HOLDFAST_KIND_STATUS, before the next push. 0: the state is one that this header does not know, and `status`
+// is not filled; the frame counts as not heard.
+static inline int holdfast_link_status(const holdfast_receiver *receiver, holdfast_status *status) {
+  if (receiver->bytes[10] > 5) return 0;
+  status->sequence = holdfast_get_uint16(receiver->bytes + 2);
+  status->timestamp_us = holdfast_get_uint32(receiver->bytes + 4);
+  status->age_100us = holdfast_get_uint16(receiver->bytes + 8);
+  status->state = holdfast_get_uint8(receiver->bytes + 10);
+  status->reason = holdfast_get_uint8(receiver->bytes + 11);
+  status->flags = holdfast_get_uint8(receiver->bytes + 12);
+  status->markers = holdfast_get_uint8(receiver->bytes + 13);
+  status->vx_um_s = holdfast_get_int32(receiver->bytes + 14);
+  status->vy_um_s = holdfast_get_int32(receiver->bytes + 18);
+  status->entropy_nat_q16 = holdfast_get_int32(receiver->bytes + 22);
+  status->entropy_rate_nat_s_q8 = holdfast_get_int32(receiver->bytes + 26);
+  return 1;
+}
+
+// After HOLDFAST_KIND_ANSWER, before the next push.
+static inline void holdfast_link_answer(const holdfast_receiver *receiver, holdfast_answer *answer) {
+  answer->sequence = holdfast_get_uint16(receiver->bytes + 2);
+  answer->command = holdfast_get_uint8(receiver->bytes + 4);
+  answer->result = holdfast_get_uint8(receiver->bytes + 5);
+}
+
+// -------------------------------------------------------------------------------------------------- what is sent
+
+// Writes the command's frame; send all HOLDFAST_COMMAND_WIRE bytes. Another command takes another sequence; the same
+// frame again asks for the answer again.
+static inline void holdfast_link_command(const holdfast_command *command, uint8_t wire[HOLDFAST_COMMAND_WIRE]) {
+  uint8_t payload[HOLDFAST_COMMAND_PAYLOAD];
+  size_t i, code = 1;
+  payload[0] = HOLDFAST_LINK_VERSION;
+  payload[1] = HOLDFAST_KIND_COMMAND;
+  holdfast_put_uint16(payload + 2, command->sequence);
+  holdfast_put_uint8(payload + 4, command->command);
+  holdfast_put_uint8(payload + 5, command->argument);
+  holdfast_put_uint16(payload + HOLDFAST_COMMAND_PAYLOAD - 2, holdfast_crc16(payload, HOLDFAST_COMMAND_PAYLOAD - 2));
+  memset(wire, 0, HOLDFAST_COMMAND_WIRE);
+  wire[code] = 1;
+  for (i = 0; i < HOLDFAST_COMMAND_PAYLOAD; ++i) {
+    if (payload[i] == 0) {
+      code = i + 2;
+      wire[code] = 1;
+    } else {
+      wire[i + 2] = payload[i];
+      ++wire[code];
+    }
+  }
+}
+
+// Whether this answer is the command's.
+static inline int holdfast_link_answers(const holdfast_answer *answer, const holdfast_command *command) {
+  return answer->sequence == command->sequence && answer->command == command->command;
+}
+
+// -------------------------------------------------------------------------------------------- the receiver's rule
+
+typedef struct {
+  uint32_t changed_ms;  // when `alive` changed last
+  uint8_t flags;        // of the last frame
+  uint8_t known;        // a frame has come: its `alive` can be compared with
+  uint8_t fresh;        // `alive` has changed, and was never found too old since
+} holdfast_grip;
+
+// Whether the grip may be taken for good now. Ask as often as you act on it, at least once a day: what was found too
+// old stays so until `alive` changes again, even when the clock comes round.
+static inline int holdfast_grip_ok(holdfast_grip *grip, uint32_t now_ms) {
+  if (now_ms - grip->changed_ms >= HOLDFAST_GRIP_FRESH_MS) grip->fresh = 0;
+  return grip->fresh && (grip->flags & HOLDFAST_FLAG_GRIP_OK) != 0;
+}
+
+// With every status frame. `now_ms`: when it arrived, by a clock of your own that never stands still and wraps at 2^32.
+static inline void holdfast_grip_update(holdfast_grip *grip, const holdfast_status *status, uint32_t now_ms) {
+  (void)holdfast_grip_ok(grip, now_ms);
+  if (grip->known && ((grip->flags ^ status->flags) & HOLDFAST_FLAG_ALIVE) != 0) {
+    grip->changed_ms = now_ms;
+    grip->fresh = 1;
+  }
+  grip->flags = status->flags;
+  grip->known = 1;
+}
+
+#endif
