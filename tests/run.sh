@@ -18,6 +18,7 @@ declare -A what=(
   [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
+  [long]="the runs that take long: faults in pairs, soak, kills, book pulls"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
 
@@ -30,7 +31,8 @@ USAGE
   local part
   for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
-  --long       add the runs that take long: there are none yet
+  --long       add the runs that take long, about 25 minutes: all pairs of faults, a soak of a day of frames, 200 kills
+               and stops, 200 book pulls
   --system     add the runs on an emulated machine: there are none yet
   --help       this
 Logs are in build/test-logs. NO_COLOR is honoured.
@@ -38,7 +40,7 @@ Example: tests/run.sh --only sim
 USAGE
 }
 
-chosen=()
+chosen=() long=0
 while (($# > 0)); do
   case $1 in
     --only)
@@ -49,7 +51,8 @@ while (($# > 0)); do
       chosen+=("$2")
       shift
       ;;
-    --long | --system) ;;  # accepted from the first day; closing() says that they add nothing yet
+    --long) long=1 ;;
+    --system) ;;  # accepted from the first day; closing() says that it adds nothing yet
     --help | -h) usage && exit 0 ;;
     *)
       complain "unknown option '$1'" "a typing error" "see tests/run.sh --help"
@@ -59,10 +62,11 @@ while (($# > 0)); do
   shift
 done
 ((${#chosen[@]} > 0)) || chosen=("${parts[@]}")
+((long == 0)) || chosen+=(long)
 
 logs=build/test-logs
 # Groups whose work is the same as their neighbours', only more of it: the sanitizers and the emulator leave them out.
-slow_groups='ContactGridFine|GalleryTwice'
+slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|Grip'
 passed=0 failed=0 skipped=0
 failures=() skips=()
 
@@ -182,6 +186,17 @@ part_fuzz() {
   grep -E 'executions|finding' "$logs/fuzz.log" | sed 's/^/   /'
   count_one "fuzz (tests/fuzz/run.sh)" "$status"
 }
+part_long() {
+  build sim || return 1
+  step "long faults" build/sim/bin/holdfast faults --pairs
+  count_one "holdfast faults --pairs" $?
+  step "long soak" env HOLDFAST_SOAK_FRAMES=2160000 build/sim/bin/host_tests -v -sg FaultsSoak
+  count_one "HOLDFAST_SOAK_FRAMES=2160000 host_tests -sg FaultsSoak" $?
+  step "long kills" env HOLDFAST_KILLS=200 build/sim/bin/host_tests -v -sg Process
+  count_one "HOLDFAST_KILLS=200 host_tests -sg Process" $?
+  step "long grip" env HOLDFAST_GRIP_PULLS=200 build/sim/bin/host_tests -v -sg Grip
+  count_one "HOLDFAST_GRIP_PULLS=200 host_tests -sg Grip" $?
+}
 part_rpi4() {
   step "rpi4 sysroot" toolchain/sysroot.sh || {
     count_one "rpi4: sysroot" 1
@@ -201,7 +216,7 @@ closing() {
   local line
   for line in "${skips[@]}"; do say "skipped: $line"; done
   say "left out under sanitizers and emulation: ${slow_groups//|/, } (they ran in part sim)"
-  say "left out: long runs (--long): there are none yet"
+  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls"
   say "left out: emulated machine (--system): there are none yet"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"

@@ -53,6 +53,7 @@ class JpegLoop final : public hal::Camera {
   }
   void do_release(const hal::Frame&) override {}
   void do_stop() override {}
+  [[nodiscard]] bool do_live() const override { return false; }
 
   sim::Clock& clock_;
   std::vector<std::vector<std::uint8_t>> pictures_;

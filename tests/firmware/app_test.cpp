@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -72,6 +73,7 @@ class AgedCamera final : public hal::Camera {
   }
   void do_release(const hal::Frame&) override {}
   void do_stop() override {}
+  [[nodiscard]] bool do_live() const override { return false; }
 
   sim::Clock& clock_;
   LumaView picture_;
@@ -127,6 +129,7 @@ class RefusingGpio final : public hal::Gpio {
     if (refuses) refused_ = distrusted_ = true;
     return !refuses;
   }
+  [[nodiscard]] std::optional<Level> do_read(hal::Input) override { return std::nullopt; }
   [[nodiscard]] bool fits(Line line, Level to) const {
     switch (plan.who) {
       case Who::kGripOk:
@@ -205,7 +208,8 @@ TEST_GROUP(App) {
   void build(std::vector<sim::FaultSpan> faults = {}, std::uint64_t cycles = 1) {
     std::vector<LumaView> views;
     for (const Picture& picture : pictures) views.push_back(picture.view());
-    memory = std::make_unique<sim::CameraMemory>(clock, views, sim::CameraMemory::Config{40ms, 40ms, cycles});
+    memory =
+        std::make_unique<sim::CameraMemory>(clock, views, sim::CameraMemory::Config{.cycles = cycles, .live = true});
     camera = std::make_unique<sim::FaultyCamera>(*memory, clock, std::move(faults), std::size_t{320 * 240});
     app = std::make_unique<App>(Devices{*camera, gpio, link, clock, jpeg}, tree);
   }
@@ -425,7 +429,10 @@ TEST(App, FaultsOnSilenceAndComesBack) {
     }
   }
   CHECK_TRUE(faulted);
-  CHECK_TRUE(step());
+  run(2);
+  reason_is(Reason::kRecovering, app->outputs().reason);
+  CHECK_FALSE(told_fine());
+  run(1);
   state_is(DeviceState::kOk, app->outputs().state);
   CHECK_TRUE(told_fine());
 }
@@ -533,7 +540,7 @@ TEST(App, RejectsGarbageAndDamagedTransfers) {
     if (!bad) last_accepted = clock.now();
     if (bad && k >= 20) reason_is(Reason::kJpegDamaged, app->outputs().reason);
     if (bad && clock.now() - last_accepted > 150ms) state_is(DeviceState::kFault, app->outputs().state);
-    if (!bad && k >= 10) state_is(DeviceState::kOk, app->outputs().state);
+    if (!bad && k >= 10) state_is(k == 28 || k == 29 ? DeviceState::kFault : DeviceState::kOk, app->outputs().state);
   }
 }
 
@@ -574,7 +581,7 @@ TEST(App, StopsAliveWhenGripOkCannotBeLowered) {
 // GRIP_OK was refused while HIGH: FAULT was reported, but ALIVE went on and a receiver was told "fine" for ever.
 TEST(App, StopsVouchingWhenGripOkIsRefusedWhileHigh) {
   film(12);
-  build({}, 4);
+  build({}, 6);
   RefusingGpio lines;
   App other(Devices{*camera, lines, link, clock, jpeg});
   CHECK_TRUE(other.start(Params{}).ok());
@@ -590,9 +597,11 @@ TEST(App, StopsVouchingWhenGripOkIsRefusedWhileHigh) {
     LONGS_EQUAL(edges, lines.alive_edges());
   }
   lines.plan = {};
-  CHECK_TRUE(other.step());
-  state_is(DeviceState::kOk, other.outputs().state);
-  LONGS_EQUAL(edges + 1, lines.alive_edges());
+  for (int k = 1; k <= App::kLineTrust + 3; ++k) {
+    CHECK_TRUE(other.step());
+    state_is(k < App::kLineTrust + 3 ? DeviceState::kFault : DeviceState::kOk, other.outputs().state);
+    LONGS_EQUAL(edges + std::max(0, k - App::kLineTrust), lines.alive_edges());
+  }
 }
 
 // ALIVE was refused: FAULT was reported, and GRIP_OK stayed HIGH.
@@ -613,16 +622,19 @@ TEST(App, LowersGripOkWhenAliveIsRefused) {
   }
 }
 
-// After one refusal ALIVE was told the level that it had: no edge for the next accepted frame.
-TEST(App, TogglesAliveOnTheFirstFrameAfterARefusal) {
+// After one refusal ALIVE was told the level that it had: no edge for the first frame that counts again.
+TEST(App, TogglesAliveOnTheFirstFrameThatIsTrustedAgain) {
   film(12);
-  build({}, 3);
+  build({}, 20);
   start();
   for (int calls = 1; calls <= 4; ++calls) {
     run(5);
     gpio.fail_next(calls);
-    run((calls + 1) / 2);  // a refused frame makes two calls of set()
     const std::uint64_t edges = gpio.edges(Line::kAlive);
+    // The refused frame makes two calls of set(), each further one a call until GRIP_OK obeys.
+    run(1 + std::max(0, calls - 2) + App::kLineTrust);
+    LONGS_EQUAL(0, gpio.edges(Line::kAlive) - edges);
+    state_is(DeviceState::kFault, app->outputs().state);
     run(1);
     LONGS_EQUAL(1, gpio.edges(Line::kAlive) - edges);
   }
@@ -696,7 +708,7 @@ TEST(App, VouchesForNothingAfterARestartUntilAFrameIsAccepted) {
 
 TEST(App, FaultsWhileALineRefusesAndComesBack) {
   film(12);
-  build({}, 3);
+  build({}, 6);
   start();
   run(5);  // REFERENCE: GRIP_OK is told LOW first
   gpio.fail_next(1);
@@ -705,7 +717,7 @@ TEST(App, FaultsWhileALineRefusesAndComesBack) {
   state_is(DeviceState::kFault, app->outputs().state);
   reason_is(Reason::kGpioFailed, app->outputs().reason);
   LONGS_EQUAL(edges, gpio.edges(Line::kAlive));
-  run(10);
+  run(App::kLineTrust + 3);
   state_is(DeviceState::kOk, app->outputs().state);
   CHECK_TRUE(told_fine());
 }

@@ -48,7 +48,17 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"jpeg_lanes", 3},
                       {"jpeg_rows_pct", 100},
                       {"all_features", 0},
-                      {"sensitivity", 1}};
+                      {"sensitivity", 1},
+                      {"latch", 0},
+                      {"opening_max_ms", 5000},
+                      {"gripper", 0},
+                      {"start_force", 20},
+                      {"force_step", 3},
+                      {"grow_pct", 3},
+                      {"max_force", 255},
+                      {"position_step", 0},
+                      {"release_step", 6},
+                      {"grip_speed", 128}};
   LONGS_EQUAL(std::size(want), kParams.size());
   for (const Row& row : want) {
     const auto* const info =
@@ -80,6 +90,7 @@ TEST(Params, EachEndOfEachRangeIsAcceptedAndOneBeyondIsNamed) {
       params.fault_markers_pct = 1;
       params.degraded_markers_pct = 100;
       params.grid_rows = params.grid_cols = 8;
+      params.start_force = 0;
       params.*row.member = low ? row.min : row.max;
       CHECK_TEXT(holdfast::validate(params, &problem).ok(), row.name.data());
       params.*row.member += low ? -1 : 1;
@@ -92,6 +103,12 @@ TEST(Params, EachEndOfEachRangeIsAcceptedAndOneBeyondIsNamed) {
 }
 
 TEST(Params, ContradictionsAreNamed) {
+  params.start_force = params.max_force = 100;
+  CHECK_TRUE(holdfast::validate(params).ok());
+  params.max_force = 99;
+  CHECK_FALSE(holdfast::validate(params, &problem).ok());
+  CHECK_TRUE(failed_name() == "start_force");
+  params = {};
   params.fault_markers_pct = 88;
   CHECK_FALSE(holdfast::validate(params, &problem).ok());
   CHECK_TRUE(failed_name() == "fault_markers_pct");

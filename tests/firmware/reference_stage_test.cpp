@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <random>
 
 #include <CppUTest/TestHarness.h>
@@ -280,4 +281,52 @@ TEST(ReferenceStage, PitchIsTheMeanOfAllLinks) {
     // The root rounds down (1 step), the mean to nearest (0.5).
     DOUBLES_EQUAL(sum / links - 0.5, reference::pitch_of(field).raw(), 1.0);
   }
+}
+
+// All markers a little aside, as when the gel warms: the rest position comes after them, in steps of a quarter, and the
+// last quarter of a step stays (a Q8 step is 1/256 px).
+TEST(ReferenceStage, FollowsTheDriftOfAnEmptyGel) {
+  config.frames = 1;
+  CHECK_TRUE(update(lattice()));
+  MarkerField field = lattice();
+  for (std::size_t i = 0; i < 63; ++i) field = moved(field, i, 20, -12);
+  int steps = 0;
+  for (int k = 0; k < 20 * config.follow_frames; ++k) steps += reference::follow(state, config, field) ? 1 : 0;
+  CHECK_TRUE(steps > 3 && steps < 20);
+  for (std::size_t i = 0; i < 63; ++i) {
+    CHECK_TRUE(std::abs(state.rest.markers[i].x.raw() - lattice().markers[i].x.raw() - 20) <= 2);
+    CHECK_TRUE(std::abs(state.rest.markers[i].y.raw() - lattice().markers[i].y.raw() + 12) <= 2);
+  }
+}
+
+// A touch that nobody noticed moves it by 1/32 px in 64 frames at most, and a shear that goes on no further than 0.1
+// mm.
+TEST(ReferenceStage, FollowsSlowlyAndNotFar) {
+  config.frames = 1;
+  CHECK_TRUE(update(lattice()));
+  const MarkerField far = moved(lattice(), 30, 5000, 0);
+  std::int32_t before = state.rest.markers[30].x.raw();
+  for (int k = 0; k < 200 * config.follow_frames; ++k) {
+    const bool stepped = reference::follow(state, config, far);
+    const std::int32_t now = state.rest.markers[30].x.raw();
+    CHECK_TRUE(now - before <= 8 && (stepped || now == before));
+    before = now;
+  }
+  LONGS_EQUAL(kPitchQ8 / 20, before - lattice().markers[30].x.raw());
+  LONGS_EQUAL(lattice().markers[31].x.raw(), state.rest.markers[31].x.raw());
+}
+
+// Only an unbroken run of empty frames counts: a touch in its middle begins it anew.
+TEST(ReferenceStage, ForgetsTheMeanWhenSomethingTouches) {
+  config.frames = 1;
+  CHECK_TRUE(update(lattice()));
+  const MarkerField aside = moved(lattice(), 30, 100, 0);
+  for (int k = 0; k < 50; ++k) {
+    for (int frame = 0; frame + 1 < config.follow_frames; ++frame) {
+      CHECK_FALSE(reference::follow(state, config, aside));
+    }
+    reference::pause(state);
+  }
+  LONGS_EQUAL(lattice().markers[30].x.raw(), state.rest.markers[30].x.raw());
+  CHECK_FALSE(reference::follow(state, config, lattice({8, 10})));
 }

@@ -378,25 +378,39 @@ TEST(StatusFrame, ReceiverFindsFramesInAStream) {
   const StatusFrame b = random_frame(random);
   const Bytes wa = bytes_of(encoded(a));
   const Bytes wb = bytes_of(encoded(b));
-  const auto is = [](const Heard& heard, const std::vector<StatusFrame>& want, int errors) {
-    return heard.frames == want && heard.errors == errors;
-  };
-  CHECK_TRUE(is(hear({}), {}, 0));
-  CHECK_TRUE(is(hear(joined({wa, wb})), {a, b}, 0));
-  CHECK_TRUE(is(hear(joined({{0, 0, 0}, wa, {0, 0}, wb, {0}})), {a, b}, 0));
+  const auto is = [](const Heard& heard, const std::vector<StatusFrame>& want) { return heard.frames == want; };
+  CHECK_TRUE(is(hear({}), {}));
+  CHECK_TRUE(is(hear(joined({wa, wb})), {a, b}));
+  LONGS_EQUAL(0, hear(joined({{0, 0, 0}, wa, {0, 0}, wb, {0}})).errors);
+  CHECK_TRUE(is(hear(joined({{0, 0, 0}, wa, {0, 0}, wb, {0}})), {a, b}));
   // Joined in the middle of a frame: every tail of it is dropped, the next frame is heard.
   for (std::size_t from = 1; from + 1 < wa.size(); ++from) {
     const Bytes tail(wa.begin() + static_cast<std::ptrdiff_t>(from), wa.end());
-    CHECK_TRUE(is(hear(joined({tail, wb})), {b}, 1));
+    CHECK_TRUE(is(hear(joined({tail, wb})), {b}));
   }
   // Cut before the delimiter: the frame behind it is lost with it, the one after that is heard.
   for (std::size_t to = 1; to < wa.size(); ++to) {
     const Bytes head(wa.begin(), wa.begin() + static_cast<std::ptrdiff_t>(to));
-    CHECK_TRUE(is(hear(joined({head, wb, wa})), {a}, 1));
+    CHECK_TRUE(is(hear(joined({head, wb, wa})), {a}));
   }
+  // A damaged byte is told, unless it makes text of the frame's beginning.
+  Bytes bad = wa;
+  bad[20] ^= 0x40;
+  CHECK_TRUE(is(hear(joined({bad, wb})), {b}));
+  LONGS_EQUAL(1, hear(joined({bad, wb})).errors);
   // Garbage of any length without a delimiter ends with the first one.
-  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x55), wa, wb})), {b}, 1));
-  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x55), {0}, wa, wb})), {a, b}, 1));
+  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x55), wa, wb})), {b}));
+  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x55), {0}, wa, wb})), {a, b}));
+  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x03), {0}, wa, wb})), {a, b}));
+}
+
+TEST(StatusFrame, ReceiverPassesOverOtherKinds) {
+  Wire wire = wire_of({1, 2});
+  const Bytes status = bytes_of(encoded({}));
+  LONGS_EQUAL(0, hear(bytes_of(wire)).errors);
+  LONGS_EQUAL(1, hear(joined({bytes_of(wire), status, bytes_of(wire)})).frames.size());
+  wire = wire_of({2, 1});
+  LONGS_EQUAL(1, hear(joined({bytes_of(wire), status})).errors);
 }
 
 TEST(StatusFrame, RandomBytesAreHardlyEverAFrame) {

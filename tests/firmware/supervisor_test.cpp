@@ -161,16 +161,112 @@ TEST(Supervisor, StaysInFaultUntilAFrameIsAccepted) {
     CHECK_FALSE(got.grip_ok);
     CHECK_FALSE(got.accepted);
   }
-  const supervisor::Outputs healed = feed(Input::kGood);
-  CHECK_TRUE(healed.grip_ok && healed.accepted);
+  for (int k = 1; k <= config.recover_frames; ++k) {
+    const supervisor::Outputs healing = feed(Input::kGood);
+    CHECK_TRUE(healing.accepted);
+    CHECK_EQUAL(k == config.recover_frames, healing.grip_ok);
+    LONGS_EQUAL(static_cast<int>(healing.grip_ok ? Reason::kNone : Reason::kRecovering),
+                static_cast<int>(healing.reason));
+  }
 }
 
-// Every second frame bad, at 25 fps: never 150 ms without a good one, so no fault; ALIVE shows the good ones only.
-TEST(Supervisor, LivesWithEverySecondFrameRejected) {
+// Good frames count in a row: a camera that comes and goes stays in FAULT.
+TEST(Supervisor, DoesNotRecoverWhileGoodAndBadFramesTakeTurns) {
+  bring(DeviceState::kOk);
+  (void)feed(Input::kRejected, 151ms);
+  for (int k = 0; k < 50; ++k) {
+    LONGS_EQUAL(static_cast<int>(DeviceState::kFault),
+                static_cast<int>(feed(k % 3 == 2 ? Input::kRejected : Input::kGood).state));
+  }
+}
+
+TEST(Supervisor, WaitsForArmWhenLatched) {
+  config.latch = true;
+  bring(DeviceState::kOk);  // what was never well needs no ARM
+  supervisor::arm(state);   // before the fault: means nothing
+  (void)feed(Input::kGone);
+  for (int k = 0; k < 20; ++k) {
+    const supervisor::Outputs got = feed(Input::kGood);
+    LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(got.state));
+    LONGS_EQUAL(static_cast<int>(Reason::kNeedsArm), static_cast<int>(got.reason));
+  }
+  supervisor::arm(state);
+  CHECK_TRUE(feed(Input::kGood).grip_ok);
+  (void)feed(Input::kGone);
+  for (int k = 0; k < 5; ++k) CHECK_FALSE(feed(Input::kGood).grip_ok);
+}
+
+// A device beside the camera: FAULT with its reason while it lasts, and at once when it fails between frames.
+TEST(Supervisor, FaultsWithTheDevicesBesideTheCamera) {
+  bring(DeviceState::kOk);
+  supervisor::fail(state, Reason::kGripperSilent);
+  LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(state.device));
+  LONGS_EQUAL(static_cast<int>(Reason::kGripperSilent), static_cast<int>(state.reason));
+  for (int k = 0; k < 5; ++k) {
+    now += 40ms;
+    const supervisor::Outputs got =
+        supervisor::update(state, config, result_of(Input::kGood), now, {.fault = Reason::kGripperSilent});
+    CHECK_TRUE(got.accepted && !got.grip_ok);
+    LONGS_EQUAL(static_cast<int>(Reason::kGripperSilent), static_cast<int>(got.reason));
+  }
+  CHECK_FALSE(feed(Input::kGood).grip_ok);
+  CHECK_FALSE(feed(Input::kGood).grip_ok);
+  CHECK_TRUE(feed(Input::kGood).grip_ok);
+}
+
+TEST(Supervisor, SaysWhatStrainsIt) {
+  struct Case {
+    supervisor::Health health;
+    Input input;
+    DeviceState state;
+    Reason reason;
+  };
+  for (const Case& c : {Case{{.strain = Reason::kFrameRate}, Input::kGood, DeviceState::kDegraded, Reason::kFrameRate},
+                        {{.strain = Reason::kDeadline}, Input::kSlip, DeviceState::kSlip, Reason::kSlipDetected},
+                        {{.opening = true}, Input::kGood, DeviceState::kOk, Reason::kOpening},
+                        {{.force_limit = true}, Input::kSlip, DeviceState::kSlip, Reason::kForceLimit},
+                        {{.force_limit = true}, Input::kGood, DeviceState::kOk, Reason::kNone},
+                        {{.fault = Reason::kGripperLost, .strain = Reason::kDeadline},
+                         Input::kSlip,
+                         DeviceState::kFault,
+                         Reason::kGripperLost}}) {
+    bring(DeviceState::kOk);
+    now += 40ms;
+    const supervisor::Outputs got = supervisor::update(state, config, result_of(c.input), now, c.health);
+    LONGS_EQUAL(static_cast<int>(c.state), static_cast<int>(got.state));
+    LONGS_EQUAL(static_cast<int>(c.reason), static_cast<int>(got.reason));
+    CHECK_EQUAL(c.input == Input::kSlip, got.slip);
+    CHECK_EQUAL(c.state == DeviceState::kOk, got.grip_ok);
+  }
+}
+
+// A clock that steps back breaks its contract: nothing is vouched for until it has caught up or frames come again.
+TEST(Supervisor, TakesAClockThatStepsBackForSilence) {
+  bring(DeviceState::kOk);
+  now -= 10s;
+  LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(feed(Input::kRejected).state));
+}
+
+// 3 of the last 10 are dropped frames as they happen; 4 are a cable.
+TEST(Supervisor, DegradesWhenMoreThanThreeOfTenAreRejected) {
+  bring(DeviceState::kOk);
+  for (int bad = 1; bad <= 4; ++bad) {
+    (void)feed(Input::kRejected, 30ms);
+    LONGS_EQUAL(static_cast<int>(bad <= 3 ? DeviceState::kOk : DeviceState::kDegraded),
+                static_cast<int>(feed(Input::kGood, 30ms).state));
+  }
+  LONGS_EQUAL(static_cast<int>(Reason::kManyRejected), static_cast<int>(state.reason));
+  for (int k = 0; k < 10; ++k) (void)feed(Input::kGood);
+  LONGS_EQUAL(static_cast<int>(DeviceState::kOk), static_cast<int>(state.device));
+}
+
+// Every second frame bad, at 25 fps: never 150 ms without a good one, so no fault, but nothing to vouch for; ALIVE
+// shows the good ones.
+TEST(Supervisor, DegradesWithEverySecondFrameRejected) {
   bring(DeviceState::kOk);
   for (int k = 0; k < 100; ++k) {
     const supervisor::Outputs got = feed(k % 2 == 0 ? Input::kRejected : Input::kGood);
-    LONGS_EQUAL(static_cast<int>(DeviceState::kOk), static_cast<int>(got.state));
+    LONGS_EQUAL(static_cast<int>(k < 7 ? DeviceState::kOk : DeviceState::kDegraded), static_cast<int>(got.state));
     CHECK_EQUAL(k % 2 == 1, got.accepted);
   }
 }
@@ -218,8 +314,10 @@ TEST(Supervisor, KeepsItsPromisesOverEverySequenceOfFour) {
   for (std::size_t word = 0; word < 8 * 8 * 8 * 8; ++word) {
     state = {};
     std::size_t rest = word;
-    bool fine = false;  // the last accepted frame was plainly fine, and the camera is there
-    Micros fine_at{};
+    bool fine = false;   // the last accepted frame was plainly fine, and the camera is there
+    bool fault = false;  // a fault after the first good frame: four inputs hold no recovery from it
+    bool any = false;
+    Micros accepted_at{};
     for (int k = 0; k < 4; ++k, rest /= 8) {
       const Input input = kInputs[rest % 8];
       const bool accepted = input != Input::kRejected && input != Input::kGone;
@@ -227,8 +325,35 @@ TEST(Supervisor, KeepsItsPromisesOverEverySequenceOfFour) {
       CHECK_EQUAL(accepted, got.accepted);
       CHECK_EQUAL(got.state == DeviceState::kOk, got.grip_ok);
       if (accepted || input == Input::kGone) fine = input == Input::kGood || input == Input::kAfterGap;
-      if (accepted) fine_at = now;
-      CHECK_EQUAL(fine && now - fine_at <= 150ms, got.grip_ok);
+      if (accepted && !any) {
+        accepted_at = now;
+        any = true;
+      }
+      const bool late = any && now - accepted_at > 150ms;
+      if (any && (input == Input::kGone || late)) fault = true;
+      if (accepted) accepted_at = now;
+      const int good = state.good_frames;
+      const bool recovered = !fault || good >= config.recover_frames;
+      CHECK_EQUAL(fine && recovered && now - accepted_at <= 150ms, got.grip_ok);
     }
+  }
+}
+
+// Every row of the table decides in some input: none is dead, and the last one always applies.
+TEST(Supervisor, HasNoRuleThatNeverApplies) {
+  CHECK_TRUE(supervisor::kRules.back().seen == &supervisor::Seen::always);
+  for (const supervisor::Rule& rule : supervisor::kRules) {
+    supervisor::State fresh;
+    fresh.device = rule.only_in_fault ? DeviceState::kFault : DeviceState::kSlip;
+    supervisor::Seen seen;
+    seen.*rule.seen = true;
+    supervisor::detail::follow_rules(fresh, seen, Reason::kNoFrame,
+                                     {.fault = Reason::kGripperSilent, .strain = Reason::kDeadline});
+    const Reason want = rule.why == supervisor::Why::kRow           ? rule.reason
+                        : rule.why == supervisor::Why::kRejection   ? Reason::kNoFrame
+                        : rule.why == supervisor::Why::kHealthFault ? Reason::kGripperSilent
+                                                                    : Reason::kDeadline;
+    LONGS_EQUAL(static_cast<int>(want), static_cast<int>(fresh.reason));
+    LONGS_EQUAL(static_cast<int>(rule.stays ? DeviceState::kSlip : rule.to), static_cast<int>(fresh.device));
   }
 }

@@ -7,12 +7,20 @@
 
 #include <CppUTest/TestHarness.h>
 
+namespace {
+
+void check_committed(const std::string& path, const std::string& want) {
+  std::ifstream in(HOLDFAST_SOURCE_DIR "/" + path, std::ios::binary);
+  const std::string committed{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  if (committed != want) FAIL(("build the target wire_docs and commit " + path).c_str());
+}
+
+}  // namespace
+
 TEST_GROUP(WireDoc){};
 
-TEST(WireDoc, CommittedFileIsWhatTheTablesSay) {
-  std::ifstream in(HOLDFAST_SOURCE_DIR "/firmware/app/STATUS_FRAME.md", std::ios::binary);
-  const std::string committed{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-  if (committed != holdfast::wire_doc::status_frame_markdown()) {
-    FAIL("build the target wire_docs and commit firmware/app/STATUS_FRAME.md");
-  }
+TEST(WireDoc, CommittedFilesAreWhatTheTablesSay) {
+  check_committed("firmware/app/LINK.md", holdfast::wire_doc::link_markdown());
+  check_committed("firmware/app/STATES.md", holdfast::wire_doc::states_markdown());
+  check_committed("toolchain/robot/holdfast_link.h", holdfast::wire_doc::link_header());
 }

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+// The kept reference: two slots in memory that anything may have happened to.
+#include "app/keepsake.hpp"
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+
+TEST_GROUP(Keepsake) {
+  std::vector<std::uint8_t> memory = std::vector<std::uint8_t>(keepsake::kBytes);
+  std::unique_ptr<keepsake::State> writer = std::make_unique<keepsake::State>();
+  std::unique_ptr<keepsake::State> reader = std::make_unique<keepsake::State>();
+
+  void teardown() override {
+    writer.reset();
+    reader.reset();
+    memory = {};
+  }
+
+  void fill(int number) {
+    keepsake::Contents& contents = writer->slot.contents;
+    contents.sensor = keepsake::identity_of("28D1-D7C6");
+    contents.width = 410;
+    contents.height = 308;
+    contents.pitch_um = 2020;
+    contents.pitch = PixelsQ8::from_raw(36 << 8);
+    contents.rest.grid = {7, 9};
+    for (std::size_t i = 0; i < 63; ++i) {
+      contents.rest.markers[i] = {PixelsQ8::from_raw(static_cast<std::int32_t>(i) * 256 + number),
+                                  PixelsQ8::from_raw(number), true};
+    }
+    contents.empty.frames = 10;
+    contents.empty.samples_q4[5][7] = static_cast<std::uint16_t>(number);
+  }
+  void save(int number) {
+    fill(number);
+    CHECK_TRUE(keepsake::save(*writer, memory));
+  }
+  // Which save() is found; 0: none.
+  int found() {
+    return keepsake::load(*reader, memory) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
+  }
+};
+
+TEST(Keepsake, FindsNothingInBlankMemoryAndWithoutMemory) {
+  LONGS_EQUAL(0, found());
+  LONGS_EQUAL(0, reader->discarded);
+  CHECK_FALSE(keepsake::load(*reader, {}));
+  fill(1);
+  CHECK_FALSE(keepsake::save(*writer, {}));
+}
+
+TEST(Keepsake, GivesBackTheNewestOfMany) {
+  for (int k = 1; k <= 9; ++k) {
+    save(k);
+    LONGS_EQUAL(k, found());
+    LONGS_EQUAL(k, reader->slot.contents.empty.samples_q4[5][7]);
+    CHECK_TRUE(reader->slot.contents.sensor == keepsake::identity_of("28D1-D7C6"));
+  }
+}
+
+// A process killed at any byte of a write leaves the save before, or this one whole.
+TEST(Keepsake, SurvivesAWriteTornAtAnyByte) {
+  save(1);
+  save(2);
+  const std::vector<std::uint8_t> before = memory;
+  save(3);
+  const std::vector<std::uint8_t> after = memory;
+  std::size_t first = 0;
+  while (before[first] == after[first]) ++first;
+  std::size_t last = before.size();
+  while (before[last - 1] == after[last - 1]) --last;
+  for (std::size_t cut = 0; cut <= before.size(); cut += cut >= first && cut <= first + 64 ? 1 : 97) {
+    std::copy_n(after.begin(), cut, memory.begin());
+    std::copy(before.begin() + static_cast<std::ptrdiff_t>(cut), before.end(),
+              memory.begin() + static_cast<std::ptrdiff_t>(cut));
+    LONGS_EQUAL(cut >= last ? 3 : 2, found());
+  }
+}
+
+TEST(Keepsake, BelievesNoSlotWithAFlippedBit) {
+  save(1);
+  save(2);
+  const std::vector<std::uint8_t> sound = memory;
+  for (std::size_t byte = 0; byte < keepsake::kReferenceBytes; byte += byte < 64 ? 1 : 101) {
+    memory[byte] = static_cast<std::uint8_t>(sound[byte] ^ (1U << (byte % 8)));
+    const int got = found();
+    LONGS_EQUAL(byte < sizeof(keepsake::Slot) ? 2 : 1, got);
+    memory[byte] = sound[byte];
+  }
+  memory[100] ^= 1;
+  memory[sizeof(keepsake::Slot) + 100] ^= 1;
+  LONGS_EQUAL(0, found());
+  CHECK_TRUE(reader->discarded >= 2);
+}
+
+TEST(Keepsake, RefusesWhatAnotherBuildMayHaveWritten) {
+  const auto spoiled = [&](auto&& spoil) {
+    memory.assign(memory.size(), 0);
+    *writer = {};
+    save(1);
+    keepsake::Slot slot;
+    std::memcpy(&slot, memory.data(), sizeof slot);
+    spoil(slot);
+    slot.crc = keepsake::detail::crc_of(slot);
+    std::memcpy(memory.data(), &slot, sizeof slot);
+    return found();
+  };
+  LONGS_EQUAL(1, spoiled([](keepsake::Slot&) {}));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.version = keepsake::kVersion + 1; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.bytes -= 8; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.rest.grid = {0, 9}; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.rest.grid = {16, 16}; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.empty.frames = -1; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.empty.frames = imprint::kEmptyMean + 1; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) {
+                const std::int32_t far = PixelsQ8::kMax + 1;
+                static_assert(sizeof far == sizeof s.contents.rest.markers[3].x);
+                std::memcpy(static_cast<void*>(&s.contents.rest.markers[3].x), &far, sizeof far);
+              }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.pitch = {}; }));
+}
+
+TEST(Keepsake, IsGoneAfterForget) {
+  save(1);
+  save(2);
+  keepsake::forget(*writer, memory);
+  LONGS_EQUAL(0, found());
+  LONGS_EQUAL(0, reader->discarded);
+  save(3);
+  LONGS_EQUAL(3, found());
+}
+
+// The grip lies beside the reference: neither write touches the other, and TARE forgets the reference alone.
+TEST(Keepsake, KeepsTheGripBesideTheReference) {
+  keepsake::GripState grip;
+  save(1);
+  for (std::uint8_t force = 1; force < 10; ++force) {
+    grip.slot.contents = {1, force, 255};
+    CHECK_TRUE(keepsake::save(grip, memory));
+  }
+  keepsake::GripState other;
+  CHECK_TRUE(keepsake::load(other, memory));
+  LONGS_EQUAL(9, other.slot.contents.force);
+  LONGS_EQUAL(1, found());
+  keepsake::forget(*writer, memory);
+  LONGS_EQUAL(0, found());
+  CHECK_TRUE(keepsake::load(other, memory));
+  memory[keepsake::kBytes - 1] ^= 0xFF;
+  memory[keepsake::kReferenceBytes + 8] ^= 0xFF;
+  (void)keepsake::load(other, memory);
+  CHECK_TRUE(other.slot.contents.gripping <= 1 || other.discarded > 0);
+}
+
+TEST(Keepsake, CutsIdentitiesThatAreTooLong) {
+  const std::string longer(keepsake::kMaxIdentity + 10, 'x');
+  CHECK_TRUE(keepsake::identity_of(longer) == keepsake::identity_of(longer.substr(0, keepsake::kMaxIdentity)));
+  CHECK_FALSE(keepsake::identity_of("a") == keepsake::identity_of("b"));
+}

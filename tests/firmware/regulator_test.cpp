@@ -1,0 +1,297 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "grip/regulator.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <random>
+#include <vector>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace std::chrono_literals;
+using regulator::Command;
+using regulator::Phase;
+
+namespace {
+
+constexpr Micros kFrame = 40ms;
+
+NatsQ16 nats(double value) {
+  return NatsQ16::from_raw(static_cast<std::int32_t>(value * 65536.0));
+}
+
+}  // namespace
+
+TEST_GROUP(Regulator) {
+  // Plain numbers: a step of 10 every frame, no growth, stable after two frames.
+  regulator::Config config{.start_force = 50,
+                           .force_step = 10,
+                           .grow_pct = 0,
+                           .max_force = 100,
+                           .start_position = 200,
+                           .position_step = 3,
+                           .every = kFrame,
+                           .grasp_for = 200ms,
+                           .calm_nat_q16 = 6554,
+                           .calm_after = 80ms,
+                           .hold_after = 200ms,
+                           .release_step = 20,
+                           .release_every = kFrame};
+  regulator::State state;
+  Micros now{};
+  Command command;
+
+  // One frame more. E as given: it takes 0.1 nat to be no longer constant.
+  const Command& frame(bool slips, double entropy, bool trusted = true) {
+    now += kFrame;
+    regulator::Input input;
+    input.trusted = trusted;
+    input.request = slips ? GripRequest::kTighten : GripRequest::kHold;
+    input.verdict = slips ? Verdict::kSlip : Verdict::kHold;
+    input.entropy = nats(entropy);
+    command = regulator::update(state, config, input, now);
+    return command;
+  }
+  const Command& tell(bool grip, bool release, bool trusted = true) {
+    now += kFrame;
+    regulator::Input input;
+    input.trusted = trusted;
+    input.grip = grip;
+    input.release = release;
+    command = regulator::update(state, config, input, now);
+    return command;
+  }
+  void grasp() {
+    (void)tell(true, false);
+    for (int i = 0; i < 10; ++i) (void)frame(false, 1.0);
+    CHECK_TRUE(command.phase == Phase::kHolding);
+  }
+};
+
+TEST(Regulator, TheDefaultsAreValidAndEveryLimitIsChecked) {
+  CHECK_TRUE(regulator::validate({}).ok());
+  CHECK_TRUE(regulator::validate(config).ok());
+  const auto refused = [](auto change) {
+    regulator::Config bad;
+    change(bad);
+    return regulator::validate(bad).reason == Reason::kConfig;
+  };
+  CHECK_TRUE(refused([](auto& c) { c.start_force = -1; }));
+  CHECK_TRUE(refused([](auto& c) { c.max_force = 256; }));
+  CHECK_TRUE(refused([](auto& c) { c.start_force = c.max_force + 1; }));
+  CHECK_TRUE(refused([](auto& c) { c.force_step = 0; }));
+  CHECK_TRUE(refused([](auto& c) { c.release_step = 0; }));
+  CHECK_TRUE(refused([](auto& c) { c.position_step = -1; }));
+  CHECK_TRUE(refused([](auto& c) { c.start_position = 256; }));
+  CHECK_TRUE(refused([](auto& c) { c.grow_pct = 101; }));
+  CHECK_TRUE(refused([](auto& c) { c.every = -1us; }));
+  CHECK_TRUE(refused([](auto& c) { c.release_every = -1us; }));
+  CHECK_TRUE(refused([](auto& c) { c.grasp_for = -1us; }));
+  CHECK_TRUE(refused([](auto& c) { c.calm_nat_q16 = -1; }));
+  CHECK_TRUE(refused([](auto& c) { c.calm_after = -1us; }));
+  CHECK_TRUE(refused([](auto& c) { c.hold_after = -1us; }));
+}
+
+TEST(Regulator, IdleUntilToldToGripAndThenTheStartingForce) {
+  for (int i = 0; i < 5; ++i) {
+    CHECK_EQUAL(0, frame(true, 0.3 * i).force);
+    CHECK_FALSE(command.go);
+    CHECK_TRUE(command.phase == Phase::kIdle);
+  }
+  (void)tell(true, false);
+  CHECK_EQUAL(50, command.force);
+  CHECK_EQUAL(200, command.position);
+  CHECK_TRUE(command.go);
+  CHECK_TRUE(command.phase == Phase::kGripping);
+  CHECK_EQUAL(0, command.steps);
+}
+
+TEST(Regulator, ASlipWhileItClosesIsNotHeard) {
+  (void)tell(true, false);
+  for (int i = 0; i < 4; ++i) CHECK_EQUAL(50, frame(true, 0.3 * i).force);
+  CHECK_EQUAL(60, frame(true, 2.0).force);  // 200 ms are over
+}
+
+TEST(Regulator, StepsWhileItSlipsAndEChangesThenSettlesAndHolds) {
+  grasp();
+  CHECK_EQUAL(60, frame(true, 1.3).force);
+  CHECK_TRUE(command.phase == Phase::kTightening);
+  CHECK_EQUAL(203, command.position);
+  CHECK_EQUAL(1, command.steps);
+  CHECK_EQUAL(70, frame(true, 1.6).force);
+  CHECK_EQUAL(80, frame(true, 1.9).force);
+  CHECK_EQUAL(90, frame(true, 1.95).force);  // constant for one frame
+  CHECK_EQUAL(90, frame(true, 1.9).force);   // for two: the request alone does not raise
+  CHECK_TRUE(command.phase == Phase::kSettling);
+  CHECK_EQUAL(90, frame(false, 1.9).force);
+  CHECK_EQUAL(90, frame(false, 1.9).force);
+  CHECK_TRUE(command.phase == Phase::kSettling);
+  CHECK_EQUAL(90, frame(false, 1.9).force);
+  CHECK_TRUE(command.phase == Phase::kHolding);
+  CHECK_EQUAL(4, command.steps);
+  CHECK_EQUAL(209 + 3, command.position);
+}
+
+// The request outlasts the slip (decision.hpp), and a single slip is not requested: neither alone raises.
+TEST(Regulator, NeitherTheRequestNorTheVerdictAloneRaises) {
+  grasp();
+  for (int i = 0; i < 20; ++i) {
+    now += kFrame;
+    regulator::Input input;
+    input.trusted = true;
+    input.request = i % 2 == 0 ? GripRequest::kTighten : GripRequest::kHold;
+    input.verdict = i % 2 == 0 ? Verdict::kHold : Verdict::kSlip;
+    input.entropy = nats(0.15 * i);
+    CHECK_EQUAL(50, regulator::update(state, config, input, now).force);
+  }
+}
+
+TEST(Regulator, EThatChangesWithoutASlipRaisesNothing) {
+  grasp();
+  for (int i = 0; i < 50; ++i) CHECK_EQUAL(50, frame(false, i % 2 == 0 ? 0.5 : 2.5).force);
+}
+
+TEST(Regulator, ALargerShareOfALargerForce) {
+  config.grow_pct = 10;
+  config.max_force = 255;
+  grasp();
+  CHECK_EQUAL(50 + 10 + 5, frame(true, 1.3).force);
+  CHECK_EQUAL(65 + 10 + 6, frame(true, 1.6).force);
+}
+
+TEST(Regulator, NeverFasterThanEvery) {
+  config.every = 100ms;
+  grasp();
+  CHECK_EQUAL(60, frame(true, 1.3).force);
+  CHECK_EQUAL(60, frame(true, 1.6).force);
+  CHECK_EQUAL(60, frame(true, 1.9).force);
+  CHECK_EQUAL(70, frame(true, 2.2).force);
+}
+
+TEST(Regulator, StopsAtTheLimitAndSaysSoWhileItStillSlips) {
+  grasp();
+  for (int i = 0; i < 5; ++i) CHECK_FALSE(frame(true, 1.0 + 0.2 * (i + 1)).at_limit && command.force < 100);
+  CHECK_EQUAL(100, command.force);
+  CHECK_TRUE(frame(true, 0.2).at_limit);
+  CHECK_EQUAL(100, command.force);
+  CHECK_FALSE(frame(false, 0.2).at_limit);
+  CHECK_EQUAL(100, command.force);
+}
+
+TEST(Regulator, AFaultHoldsWhatIsCommanded) {
+  grasp();
+  (void)frame(true, 1.3);
+  for (int i = 0; i < 100; ++i) {
+    CHECK_EQUAL(60, frame(true, i % 3, false).force);
+    CHECK_EQUAL(203, command.position);
+    CHECK_TRUE(command.go);
+  }
+  // What E was before the fault counts for nothing after it.
+  CHECK_EQUAL(70, frame(true, 1.3).force);
+}
+
+TEST(Regulator, ReleasesStepByStepAndOpens) {
+  grasp();
+  const int expected[] = {30, 10, 0};
+  for (const int force : expected) {
+    CHECK_EQUAL(force, tell(false, true).force);
+    CHECK_TRUE(command.phase == (force > 0 ? Phase::kReleasing : Phase::kIdle));
+    CHECK_EQUAL(force > 0 ? 200 : 0, command.position);
+  }
+  CHECK_FALSE(command.go);
+  // Goes on by itself after an edge, and RELEASE while idle is nothing.
+  CHECK_EQUAL(0, tell(false, true).force);
+  grasp();
+  CHECK_EQUAL(30, tell(false, true).force);
+  CHECK_EQUAL(-2, command.steps);
+  CHECK_EQUAL(10, frame(false, 1.0).force);
+  CHECK_EQUAL(0, frame(true, 2.0).force);
+}
+
+TEST(Regulator, GripStopsAReleaseWhereItIs) {
+  grasp();
+  CHECK_EQUAL(30, tell(false, true).force);
+  CHECK_EQUAL(30, tell(true, false).force);
+  CHECK_TRUE(command.phase != Phase::kReleasing);
+  CHECK_EQUAL(30, frame(false, 1.0).force);
+  CHECK_EQUAL(40, frame(true, 1.3).force);
+}
+
+TEST(Regulator, ReleaseWinsOverGripAndWorksWithoutTrust) {
+  grasp();
+  CHECK_EQUAL(30, tell(true, true, false).force);
+  CHECK_EQUAL(10, tell(true, true, false).force);
+  CHECK_EQUAL(0, tell(true, true, false).force);
+}
+
+TEST(Regulator, AGapOfHoursIsOneStep) {
+  grasp();
+  now += 10h;
+  CHECK_EQUAL(60, frame(true, 1.3).force);
+  now += 10h;
+  (void)tell(false, true);
+  now += 10h;
+  CHECK_EQUAL(20, frame(false, 1.0).force);
+}
+
+// Any frames, any settings, any times that do not run backwards.
+TEST(Regulator, WhateverComesItKeepsItsPromises) {
+  std::mt19937 random(20'251'122);
+  const auto below = [&](int count) { return static_cast<int>(random() % static_cast<unsigned>(count)); };
+  int raised = 0;
+  int released = 0;
+  for (int run = 0; run < 3000; ++run) {
+    regulator::Config any;
+    any.max_force = below(256);
+    any.start_force = below(any.max_force + 1);
+    any.force_step = 1 + below(255);
+    any.grow_pct = below(101);
+    any.position_step = below(256);
+    any.start_position = below(256);
+    any.every = Micros{below(300'000)};
+    any.grasp_for = Micros{below(300'000)};
+    any.calm_nat_q16 = below(1 << 18);
+    any.calm_after = Micros{below(300'000)};
+    any.release_step = 1 + below(255);
+    any.release_every = Micros{below(300'000)};
+    CHECK_TRUE(regulator::validate(any).ok());
+    regulator::State walk;
+    Micros time{below(1'000'000)};
+    Micros raised_at = time - 1h;
+    Command before;
+    for (int i = 0; i < 200; ++i) {
+      time += Micros{below(20) == 0 ? below(2'000'000'000) : below(100'000)};
+      regulator::Input input;
+      input.trusted = below(4) != 0;
+      input.request = below(2) != 0 ? GripRequest::kTighten : GripRequest::kHold;
+      input.verdict = below(3) != 0 ? Verdict::kSlip : Verdict::kHold;
+      input.entropy = NatsQ16::from_raw(below(NatsQ16::kMax + 1));
+      input.grip = below(5) == 0;
+      input.release = below(40) == 0;
+      const Command after = regulator::update(walk, any, input, time);
+      CHECK_TRUE(after.force <= any.max_force);
+      CHECK_EQUAL(after.go, after.phase != Phase::kIdle);
+      const bool opens = before.phase == Phase::kReleasing || input.release;
+      if (after.force < before.force) {
+        CHECK_TRUE(opens);
+        CHECK_TRUE(after.force == 0 || before.force - after.force == any.release_step);
+        ++released;
+      }
+      if (after.position < before.position) CHECK_TRUE(opens && after.phase == Phase::kIdle);
+      const bool starts = before.phase == Phase::kIdle;
+      if (starts && after.go) CHECK_TRUE(input.grip);
+      if (after.force > before.force && !starts) {
+        CHECK_TRUE(input.trusted);
+        CHECK_TRUE(input.request == GripRequest::kTighten && input.verdict == Verdict::kSlip);
+        CHECK_TRUE(after.force - before.force <= any.force_step + before.force * any.grow_pct / 100);
+        CHECK_TRUE(time - raised_at >= any.every);
+        raised_at = time;
+        ++raised;
+      }
+      before = after;
+    }
+  }
+  CHECK_TRUE(raised > 1000);
+  CHECK_TRUE(released > 1000);
+}

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+// The robot's header, compiled as C99 (tests/robot/link_c99.c), against the firmware.
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <initializer_list>
+#include <limits>
+#include <random>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "app/command_frame.hpp"
+#include "app/link.hpp"
+#include "app/status_frame.hpp"
+#include "app/supervisor.hpp"
+#include "tests/fuzz/link_check.hpp"
+#include "tests/robot/link_c99.h"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+namespace cf = command_frame;
+namespace sf = status_frame;
+using test::LinkBytes;
+
+namespace {
+
+template <typename Number>
+Number any(std::mt19937& random) {
+  using Limits = std::numeric_limits<Number>;
+  constexpr std::array kEnds{Limits::min(), Limits::max(), Number{0}, Number{1},
+                             static_cast<Number>(Limits::max() / 2)};
+  if (random() % 4 == 0) return kEnds[random() % kEnds.size()];
+  return static_cast<Number>(static_cast<std::uint32_t>(random()) >> random() % 32);
+}
+
+sf::StatusFrame any_status(std::mt19937& random) {
+  sf::StatusFrame frame;
+  frame.sequence = any<std::uint16_t>(random);
+  frame.timestamp_us = any<std::uint32_t>(random);
+  frame.age_100us = any<std::uint16_t>(random);
+  frame.state = static_cast<DeviceState>(random() % 6);
+  frame.reason = static_cast<Reason>(any<std::uint8_t>(random));
+  frame.slip = random() % 2 != 0;
+  frame.grip_ok = random() % 2 != 0;
+  frame.features_valid = random() % 2 != 0;
+  frame.alive = random() % 2 != 0;
+  frame.markers = any<std::uint8_t>(random);
+  frame.vx_um_s = any<std::int32_t>(random);
+  frame.vy_um_s = any<std::int32_t>(random);
+  frame.entropy_nat_q16 = any<std::int32_t>(random);
+  frame.entropy_rate_nat_s_q8 = any<std::int32_t>(random);
+  return frame;
+}
+
+std::array<std::uint8_t, sf::kWireBytes> wire_of(const sf::StatusFrame& frame) {
+  std::array<std::uint8_t, sf::kWireBytes> wire{};
+  sf::encode(frame, wire);
+  return wire;
+}
+
+// What the last byte of `bytes` completes; the others complete nothing that is no text or damage.
+int pushed(holdfast_receiver& receiver, std::span<const std::uint8_t> bytes) {
+  int last = 0;
+  for (const std::uint8_t byte : bytes) last = c99_push(&receiver, byte);
+  return last;
+}
+
+}  // namespace
+
+TEST_GROUP(RobotLink) {
+  std::mt19937 random{1};
+  holdfast_receiver receiver{};
+};
+
+TEST(RobotLink, EveryFieldOfAStatusIsReadAsItWasWritten) {
+  for (int i = 0; i < 20'000; ++i) {
+    const sf::StatusFrame frame = any_status(random);
+    LONGS_EQUAL(HOLDFAST_KIND_STATUS, pushed(receiver, wire_of(frame)));
+    holdfast_status status{};
+    LONGS_EQUAL(1, c99_status(&receiver, &status));
+    CHECK_TRUE(test::same(frame, status));
+  }
+  LONGS_EQUAL(20'000, receiver.frames);
+  LONGS_EQUAL(0, receiver.damaged);
+}
+
+TEST(RobotLink, CommandsAndAnswersAreReadAsTheyWereWritten) {
+  for (int i = 0; i < 20'000; ++i) {
+    const cf::CommandFrame want{any<std::uint16_t>(random), static_cast<cf::Command>(any<std::uint8_t>(random)),
+                                any<std::uint8_t>(random)};
+    const holdfast_command command{want.sequence, static_cast<std::uint8_t>(want.command), want.argument};
+    std::array<std::uint8_t, HOLDFAST_COMMAND_WIRE> wire{};
+    c99_command(&command, wire.data());
+    link::Receiver firmware;
+    link::Event event{};
+    for (const std::uint8_t byte : wire) event = firmware.push(byte);
+    CHECK_TRUE(event == link::Event::kFrame && cf::read_command(firmware.payload()) == want);
+
+    const cf::AnswerFrame answer{want.sequence, want.command, static_cast<cf::Result>(any<std::uint8_t>(random))};
+    std::array<std::uint8_t, cf::kAnswerBytes> answer_wire{};
+    cf::encode(answer, answer_wire);
+    LONGS_EQUAL(HOLDFAST_KIND_ANSWER, pushed(receiver, answer_wire));
+    holdfast_answer heard{};
+    c99_answer(&receiver, &heard);
+    CHECK_TRUE(test::same(answer, heard) && holdfast_link_answers(&heard, &command) != 0);
+    ++heard.sequence;
+    CHECK_FALSE(holdfast_link_answers(&heard, &command) != 0);
+  }
+}
+
+TEST(RobotLink, EverySingleBitFlipIsRefused) {
+  int taken = 0;
+  for (int i = 0; i < 300; ++i) {
+    const auto wire = wire_of(any_status(random));
+    for (std::size_t bit = 0; bit < 8 * wire.size(); ++bit) {
+      auto bad = wire;
+      bad[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
+      receiver = {};
+      for (const std::uint8_t byte : bad) taken += c99_push(&receiver, byte) > 0 ? 1 : 0;
+      taken += c99_push(&receiver, 0) > 0 ? 1 : 0;
+    }
+  }
+  LONGS_EQUAL(0, taken);
+}
+
+TEST(RobotLink, HearsTheNextFrameBehindAnyJunk) {
+  const sf::StatusFrame frame = any_status(random);
+  const auto wire = wire_of(frame);
+  for (int i = 0; i < 5000; ++i) {
+    LinkBytes junk(random() % 300);
+    for (std::uint8_t& byte : junk) byte = static_cast<std::uint8_t>(random() % (i % 2 == 0 ? 256 : 8));
+    junk.push_back(0);
+    (void)pushed(receiver, junk);
+    LONGS_EQUAL(HOLDFAST_KIND_STATUS, pushed(receiver, wire));
+    holdfast_status status{};
+    LONGS_EQUAL(1, c99_status(&receiver, &status));
+    CHECK_TRUE(test::same(frame, status));
+  }
+}
+
+TEST(RobotLink, SaysWhatItDoesNotKnow) {
+  LONGS_EQUAL(HOLDFAST_LINK_OTHER, pushed(receiver, test::frame_around({2, 1, 0, 0})));
+  LONGS_EQUAL(HOLDFAST_LINK_OTHER, pushed(receiver, test::frame_around({1, 9, 0, 0})));
+  LONGS_EQUAL(HOLDFAST_LINK_OTHER, pushed(receiver, test::frame_around({1, 1, 0, 0})));
+  LinkBytes body(30);
+  body[0] = body[1] = 1;
+  body[10] = 6;
+  LONGS_EQUAL(HOLDFAST_KIND_STATUS, pushed(receiver, test::frame_around(body)));
+  holdfast_status status{};
+  LONGS_EQUAL(0, c99_status(&receiver, &status));
+  LinkBytes bad = test::frame_around(body);
+  bad[20] ^= 2;
+  LONGS_EQUAL(HOLDFAST_LINK_DAMAGED, pushed(receiver, bad));
+  LONGS_EQUAL(4, receiver.frames);
+  LONGS_EQUAL(1, receiver.damaged);
+}
+
+TEST(RobotLink, NamesAreThoseOfTheFirmware) {
+  for (int number = 0; number < 256; ++number) {
+    std::array<std::string, 4> want{"?", "?", "?", "?"};
+    for (const StateInfo& row : kStates) {
+      if (static_cast<int>(row.state) == number) want[0] = row.name;
+    }
+    for (const ReasonInfo& row : kReasons) {
+      if (static_cast<int>(row.reason) == number) want[1] = row.name;
+    }
+    for (const cf::CommandInfo& row : cf::kCommands) {
+      if (static_cast<int>(row.command) == number) want[2] = row.name;
+    }
+    for (const cf::ResultInfo& row : cf::kResults) {
+      if (static_cast<int>(row.result) == number) want[3] = row.name;
+    }
+    const auto byte = static_cast<std::uint8_t>(number);
+    STRCMP_EQUAL(want[0].c_str(), c99_name('s', byte));
+    STRCMP_EQUAL(want[1].c_str(), c99_name('r', byte));
+    STRCMP_EQUAL(want[2].c_str(), c99_name('c', byte));
+    STRCMP_EQUAL(want[3].c_str(), c99_name('a', byte));
+  }
+}
+
+TEST_GROUP(ReceiversRule) {
+  holdfast_grip grip{};
+
+  void hear(bool alive, bool ok, std::uint32_t now_ms) {
+    holdfast_status status{};
+    status.flags = static_cast<std::uint8_t>((alive ? HOLDFAST_FLAG_ALIVE : 0) | (ok ? HOLDFAST_FLAG_GRIP_OK : 0));
+    c99_grip_update(&grip, &status, now_ms);
+  }
+  bool fine(std::uint32_t now_ms) {
+    return c99_grip_ok(&grip, now_ms) != 0;
+  }
+};
+
+TEST(ReceiversRule, IsTheFirmwaresTime) {
+  LONGS_EQUAL(HOLDFAST_GRIP_FRESH_MS * 1000, sf::kFreshFor.count());
+  LONGS_EQUAL(sf::kFreshFor.count(), supervisor::Config{}.hold.count());
+}
+
+TEST(ReceiversRule, CountsFor149Milliseconds) {
+  for (const std::uint32_t start : {0U, 1000U, 0x7FFFFFC0U, 0xFFFFFF00U, 0xFFFFFFC0U, 0xFFFFFFFFU}) {
+    for (const auto& [age, want] : {std::pair(0U, true),
+                                    {1U, true},
+                                    {149U, true},
+                                    {150U, false},
+                                    {151U, false},
+                                    {0x80000000U, false},
+                                    {0xFFFFFFFFU, false}}) {
+      grip = {};
+      CHECK_FALSE(fine(start));
+      hear(false, true, start - 40);
+      CHECK_FALSE(fine(start - 40));  // a first level may be an old one
+      hear(true, true, start);
+      CHECK_EQUAL(want, fine(start + age));
+    }
+  }
+}
+
+TEST(ReceiversRule, FramesWithoutAChangeOfAliveVouchForNothing) {
+  hear(false, true, 0);
+  hear(true, true, 40);
+  hear(true, true, 100);
+  hear(true, true, 189);
+  CHECK_TRUE(fine(189));
+  hear(true, true, 190);
+  CHECK_FALSE(fine(190));
+  hear(false, true, 400);
+  CHECK_TRUE(fine(400));
+}
+
+TEST(ReceiversRule, LowCountsAtOnce) {
+  hear(false, true, 0);
+  hear(true, true, 40);
+  CHECK_TRUE(fine(41));
+  hear(true, false, 42);
+  CHECK_FALSE(fine(42));
+  hear(true, true, 43);
+  CHECK_TRUE(fine(43));
+  hear(false, false, 44);
+  CHECK_FALSE(fine(44));
+}
+
+// 49.7 days of silence, in which somebody asked, or frames came in which `alive` stood still.
+TEST(ReceiversRule, WhatWasTooOldStaysSoWhenTheClockComesRound) {
+  hear(false, true, 0);
+  hear(true, true, 40);
+  CHECK_FALSE(fine(1000));
+  CHECK_FALSE(fine(40));
+  CHECK_FALSE(fine(41));
+  hear(false, true, 50);
+  CHECK_TRUE(fine(50));
+  hear(false, true, 5000);
+  hear(false, true, 50);
+  CHECK_FALSE(fine(51));
+}
