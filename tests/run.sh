@@ -66,7 +66,7 @@ done
 
 logs=build/test-logs
 # Groups whose work is the same as their neighbours', only more of it: the sanitizers and the emulator leave them out.
-slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|Grip'
+slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.Process'
 passed=0 failed=0 skipped=0
 failures=() skips=()
 
@@ -176,6 +176,7 @@ part_tsan() {
   }
   local status=0
   step "tsan crew" build/tsan/bin/firmware_tests -v -sg Crew || status=1
+  step "tsan watchdog" build/tsan/bin/firmware_tests -v -sg Watchdog || status=1
   step "tsan jpeg" build/tsan/bin/jpeg_tests -v -sg JpegFast -sn NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures ||
     status=1
   count_one "tsan (tests/run.sh --only tsan)" "$status"

@@ -53,7 +53,10 @@ Status App::start(const Params& params, bool auto_size) {
   config_ = pipeline_config(params, auto_size, tree_);
   config_.follow_drift = devices_.camera.live();
   supervisor_config_ = supervisor_config(params);
-  if (!devices_.camera.live()) supervisor_config_.recover_frames = 1;  // a recording may have five frames a second
+  if (!devices_.camera.live()) {  // a recording may have five frames a second, and nobody in it can say OPENING
+    supervisor_config_.recover_frames = 1;
+    supervisor_config_.lost_for = Micros{0};
+  }
   if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
     return {Reason::kGpioFailed};

@@ -31,6 +31,8 @@ struct Config {
   int recover_frames = 3;
   // More rejected ones of the last kHistory frames: DEGRADED.
   int most_rejected = 3;
+  // So long SLIP is said when the contact was lost: what is gone cannot be held, but the robot has to know.
+  Micros lost_for{200'000};
   // After a FAULT wait for the command ARM.
   bool latch = false;
 };
@@ -54,6 +56,7 @@ struct State {
   int good_frames = 0;        // accepted ones in a row since the last rejection or fault
   std::uint32_t history = 0;  // of the last kHistory frames, newest in bit 0: 1 = rejected
   bool armed = false;         // ARM came since the fault
+  Micros lost_until{};        // the contact was lost not long ago
   std::uint32_t faults = 0;   // how often FAULT was entered since the first accepted frame
 };
 
@@ -76,6 +79,7 @@ struct Seen {
   bool learning = false;
   bool slip = false;
   bool force_limit = false;
+  bool contact_lost = false;
   bool strained = false;
   bool many_rejected = false;
   bool few_markers = false;
@@ -98,7 +102,7 @@ struct Rule {
 };
 
 // clang-format off
-inline constexpr std::array<Rule, 14> kRules{{
+inline constexpr std::array<Rule, 15> kRules{{
     {"the gripper, an output line or the sensor's identity is at fault",
      &Seen::fault, false, false, DeviceState::kFault, Why::kHealthFault, Reason::kNone},
     {"no frame was accepted for 150 ms or ever, or the camera is gone",
@@ -115,6 +119,8 @@ inline constexpr std::array<Rule, 14> kRules{{
      &Seen::force_limit, false, false, DeviceState::kSlip, Why::kRow, Reason::kForceLimit},
     {"the object slips",
      &Seen::slip, false, false, DeviceState::kSlip, Why::kRow, Reason::kSlipDetected},
+    {"the contact was lost in the last 200 ms, without OPENING",
+     &Seen::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
     {"frame rate or deadlines are not kept",
      &Seen::strained, false, false, DeviceState::kDegraded, Why::kHealthStrain, Reason::kNone},
     {"more than 3 of the last 10 frames were rejected",
@@ -217,6 +223,8 @@ inline void arm(State& state) {
   seen.learning = !result.referenced;
   seen.slip = result.request == GripRequest::kTighten;
   seen.force_limit = seen.slip && health.force_limit;
+  if (result.contact.event == contact::Event::kLost) state.lost_until = now + config.lost_for;
+  seen.contact_lost = now < state.lost_until && !result.contact.touching && !health.opening;
   seen.strained = health.strain != Reason::kNone;
   seen.many_rejected = std::popcount(state.history) > config.most_rejected;
   seen.few_markers = result.features.markers * 100 < result.grid.count() * config.degraded_markers_pct;

@@ -62,6 +62,7 @@ enum class Reason : std::uint8_t {
   kNeedsArm = 101,
   kOpening = 102,
   kForceLimit = 103,
+  kContactLost = 104,
   kConfig = 128,
   kModel = 129,
   kGripperSilent = 160,
@@ -85,7 +86,7 @@ struct ReasonInfo {
   std::string_view next;   // what to do next
 };
 
-inline constexpr std::array<ReasonInfo, 44> kReasons{{
+inline constexpr std::array<ReasonInfo, 45> kReasons{{
     {Reason::kNone, "none", "nothing to report", "-", "-"},
     {Reason::kNoFrame, "no_frame", "no frame arrived in time", "the camera stalls or the USB bus is overloaded",
      "check the cable and give the sensor a USB port of its own"},
@@ -148,6 +149,8 @@ inline constexpr std::array<ReasonInfo, 44> kReasons{{
      "end OPENING when the gripper has opened; it ends itself after opening_max_ms"},
     {Reason::kForceLimit, "force_limit", "the object slips and the grip force is at its limit",
      "object too heavy or too smooth for the limit", "lower the load, or raise max_force if the object bears it"},
+    {Reason::kContactLost, "contact_lost", "the contact ended, and nobody had said OPENING",
+     "the object fell or was pulled away", "look for the object; say OPENING before letting go on purpose"},
     {Reason::kConfig, "config", "a setting is out of its range", "edited by hand or for another version",
      "look at the named parameter's range"},
     {Reason::kModel, "model", "the slip model does not fit", "built for another feature set",

@@ -135,6 +135,21 @@ TEST(FaultsSoak, IsSafeThroughRandomFaults) {
   LONGS_EQUAL(0, run.outcome.open_files);
 }
 
+// No fault, but something the robot has to know: the object is gone, and nobody had said OPENING.
+TEST(Faults, AnObjectThatFallsIsTold) {
+  Setup setup;
+  setup.gripper = false;
+  setup.falls_at = 5s;
+  const Run fell = play("falls", setup, true);
+  check(fell);
+  CHECK_TRUE(fell.judgement.reasons.contains(Reason::kContactLost));
+  setup.falls_at = {};
+  const Run held = play("stays", setup, true);
+  check(held);
+  CHECK_FALSE(held.judgement.reasons.contains(Reason::kContactLost));
+  CHECK_TRUE(held.judgement.fine - fell.judgement.fine >= 150ms);
+}
+
 // Each cell and row is tried, or says why not.
 TEST(Faults, EveryCellAndRowIsTriedOrSaysWhyNot) {
   for (const Cell& cell : cells()) CHECK_TRUE(cell.trouble.has_value() == cell.why_not.empty());

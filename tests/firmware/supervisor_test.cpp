@@ -240,6 +240,32 @@ TEST(Supervisor, SaysWhatStrainsIt) {
   }
 }
 
+// What fell is told for 200 ms, or until something touches again; not what the gripper says it lets go of.
+TEST(Supervisor, TellsALostContactForAWhile) {
+  pipeline::Result lost = result_of(Input::kGood);
+  lost.contact = {.judged = true, .event = contact::Event::kLost};
+  pipeline::Result gone = lost;
+  gone.contact.event = contact::Event::kNone;
+  pipeline::Result touched = gone;
+  touched.contact.touching = true;
+  const auto reason_of = [&](const pipeline::Result& result, const supervisor::Health& health = {}) {
+    now += 40ms;
+    const supervisor::Outputs got = supervisor::update(state, config, result, now, health);
+    CHECK_EQUAL(got.reason == Reason::kContactLost, got.state == DeviceState::kSlip);
+    return got.reason;
+  };
+  bring(DeviceState::kOk);
+  CHECK_TRUE(reason_of(lost) == Reason::kContactLost);
+  for (int k = 1; k < 5; ++k) CHECK_TRUE(reason_of(gone) == Reason::kContactLost);
+  CHECK_TRUE(reason_of(gone) == Reason::kNone);
+  CHECK_TRUE(reason_of(lost) == Reason::kContactLost);
+  CHECK_TRUE(reason_of(touched) == Reason::kNone);
+  CHECK_TRUE(reason_of(lost, {.opening = true}) == Reason::kOpening);
+  lost.contact.event = contact::Event::kReleased;
+  bring(DeviceState::kOk);
+  CHECK_TRUE(reason_of(lost) == Reason::kNone);
+}
+
 // A clock that steps back breaks its contract: nothing is vouched for until it has caught up or frames come again.
 TEST(Supervisor, TakesAClockThatStepsBackForSilence) {
   bring(DeviceState::kOk);

@@ -39,6 +39,7 @@ void Judge::take(const sim::TapeEvent& event) {
         judgement_.fault_reasons.insert(static_cast<Reason>(event.value));
         if (was_ok_ && judgement_.last_state != DeviceState::kFault) ++judgement_.faults;
       }
+      judgement_.reasons.insert(static_cast<Reason>(event.value));
       was_ok_ = was_ok_ || state == DeviceState::kOk;
       judgement_.last_state = state;
       judgement_.last_reason = static_cast<Reason>(event.value);

@@ -26,6 +26,7 @@ struct Judgement {
   Micros fine{};                     // told "fine", in all
   std::uint64_t alive_edges = 0;
   std::set<Reason> fault_reasons;  // of every FAULT that was said
+  std::set<Reason> reasons;        // of every state that was said
   std::uint32_t faults = 0;        // how often FAULT was entered, after the first OK
   DeviceState last_state = DeviceState::kBoot;
   Reason last_reason = Reason::kNone;

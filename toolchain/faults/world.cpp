@@ -303,7 +303,8 @@ class WorldCamera final : public hal::Camera {
     const auto sequence = static_cast<std::uint32_t>(index - never_sent_);
     if (situation_.was(Trouble::kCameraBad, arrival)) return hal::Capture::kBad;
     if (situation_.was(Trouble::kCameraTwoOfThree, arrival) && index % 3 != 0) return hal::Capture::kBad;
-    const bool held = setup_.held && exposure >= kTouch;
+    const bool fell = setup_.falls_at != Micros{} && exposure >= setup_.falls_at;
+    const bool held = setup_.held && exposure >= kTouch && !fell;
     const sim::Film& film = setup_.jpeg ? films().jpeg : films().luma;
     const auto& pictures = held ? film.held : film.empty;
     const std::vector<std::uint8_t>& picture = pictures[index % pictures.size()];

@@ -116,6 +116,7 @@ inline constexpr int kTroubles = static_cast<int>(Trouble::kStopped) + 1;
 
 struct Setup {
   bool held = true;     // an object is between the fingers from 1.2 s on; false: the gel stays empty
+  Micros falls_at{};    // and falls then; 0: it stays
   bool gripper = true;  // a Hand-E holds it
   bool jpeg = false;    // pictures come as JPEG (slower), not as luma
   Micros period{40'000};

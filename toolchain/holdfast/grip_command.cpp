@@ -65,7 +65,7 @@ std::string_view name_of(Prevention prevention) {
 
 // --- the picture: the paper's figure, and the truth below it ---
 
-constexpr double kLeft = 62, kWidth = 760, kRight = 16, kHead = 84;
+constexpr double kLeft = 62, kWidth = 760, kRight = 16, kHead = 98;
 
 constexpr double kLongest_s = 11.0;
 
@@ -178,8 +178,9 @@ std::string chart(const Played& played) {
       "<text x=\"12\" y=\"22\" font-size=\"14\" font-weight=\"600\" fill=\"#1d2126\">{}</text>\n"
       "<text x=\"12\" y=\"40\" font-size=\"11\" fill=\"#4a525b\">{}</text>\n"
       "<text x=\"12\" y=\"56\" font-size=\"11\" fill=\"#4a525b\">State: blue reference, green OK, vermilion SLIP. "
-      "Truth: "
-      "more than half of the contact slips. Grip: blue gripping, vermilion tightening, yellow settling, green holding, "
+      "Truth: more than half of the contact slips.</text>\n"
+      "<text x=\"12\" y=\"70\" font-size=\"11\" fill=\"#4a525b\">Grip: blue gripping, vermilion tightening, yellow "
+      "settling, green holding, "
       "purple releasing</text>\n",
       learn::charts::escape(title), learn::charts::escape(played.pull.help));
   double top = kHead;

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "app/watchdog.hpp"
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <thread>
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace std::chrono_literals;
+
+namespace {
+
+// Lines that two threads may set.
+class Lines final : public hal::Gpio {
+ public:
+  std::atomic<int> lowered{0};
+  std::atomic<bool> refuses{false};
+
+ private:
+  [[nodiscard]] bool do_set(hal::Line line, hal::Level level) override {
+    if (line == hal::Line::kGripOk && level == hal::Level::kLow) lowered.fetch_add(1);
+    return !refuses.load();
+  }
+  [[nodiscard]] std::optional<hal::Level> do_read(hal::Input) override { return std::nullopt; }
+};
+
+}  // namespace
+
+TEST_GROUP(Watchdog) {
+  OutputWatchdog watchdog;
+  Lines lines;
+};
+
+TEST(Watchdog, WatchesNothingBeforeTheFirstFrameAndAfterAnEnd) {
+  CHECK_FALSE(watchdog.watch(lines, 10s));
+  watchdog.vouch(10s);
+  watchdog.rest();
+  CHECK_FALSE(watchdog.watch(lines, 20s));
+  LONGS_EQUAL(0, lines.lowered.load());
+}
+
+// Silent from 200 ms on, as long as it lasts, and counted once each time. A refusal is tried again.
+TEST(Watchdog, LowersGripOkWhileNoFrameIsVouchedFor) {
+  for (std::uint32_t time = 1; time <= 3; ++time) {
+    const Micros start = time * 10s;
+    watchdog.vouch(start);
+    CHECK_FALSE(watchdog.watch(lines, start));
+    CHECK_FALSE(watchdog.watch(lines, start + OutputWatchdog::kHold));
+    lines.lowered = 0;
+    lines.refuses = time == 2;
+    for (int k = 1; k <= 5; ++k) CHECK_TRUE(watchdog.watch(lines, start + OutputWatchdog::kHold + k * 1us));
+    LONGS_EQUAL(5, lines.lowered.load());
+    LONGS_EQUAL(time, watchdog.trips());
+  }
+  CHECK_TRUE(watchdog.watch(lines, 0s));  // a clock that stepped back is no youth
+}
+
+// Two threads, no lock: for ThreadSanitizer (tests/run.sh --only tsan).
+TEST(Watchdog, IsSharedByTwoThreads) {
+  std::atomic<bool> stop{false};
+  std::thread watching([&] {
+    for (Micros now{}; !stop.load(); now += 10ms) (void)watchdog.watch(lines, now);
+  });
+  for (int k = 0; k < 20'000; ++k) {
+    watchdog.vouch(Micros{k});
+    if (k % 7 == 0) watchdog.rest();
+    (void)watchdog.trips();
+  }
+  stop = true;
+  watching.join();
+  CHECK_TRUE(watchdog.trips() <= 20'000);
+}
