@@ -78,6 +78,7 @@ enum holdfast_reason {
   HOLDFAST_REASON_NEEDS_ARM = 101,  // a fault has passed and is latched
   HOLDFAST_REASON_OPENING = 102,  // the gripper opens: loss of contact is no slip
   HOLDFAST_REASON_FORCE_LIMIT = 103,  // the object slips and the grip force is at its limit
+  HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended, and nobody had said OPENING
   HOLDFAST_REASON_CONFIG = 128,  // a setting is out of its range
   HOLDFAST_REASON_MODEL = 129,  // the slip model does not fit
   HOLDFAST_REASON_GRIPPER_SILENT = 160,  // the gripper does not answer
@@ -155,6 +156,7 @@ static inline const char *holdfast_reason_name(uint8_t number) {
     case HOLDFAST_REASON_NEEDS_ARM: return "needs_arm";
     case HOLDFAST_REASON_OPENING: return "opening";
     case HOLDFAST_REASON_FORCE_LIMIT: return "force_limit";
+    case HOLDFAST_REASON_CONTACT_LOST: return "contact_lost";
     case HOLDFAST_REASON_CONFIG: return "config";
     case HOLDFAST_REASON_MODEL: return "model";
     case HOLDFAST_REASON_GRIPPER_SILENT: return "gripper_silent";
