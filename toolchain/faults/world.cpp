@@ -166,8 +166,9 @@ class Situation {
   std::function<void()> watch;  // the second thread's turn
 
   [[nodiscard]] const Window* open(Trouble trouble, Micros at) const {
-    for (const Window& window : setup_.windows) {
-      if (window.trouble == trouble && at >= window.from && at < window.to) return &window;
+    for (std::size_t k = past(); k < setup_.windows.size() && setup_.windows[k].from <= at; ++k) {
+      const Window& window = setup_.windows[k];
+      if (window.trouble == trouble && at < window.to) return &window;
     }
     return nullptr;
   }
@@ -176,11 +177,11 @@ class Situation {
 
   // The next moment at which a window of this kind begins; far away without one.
   [[nodiscard]] Micros next(Trouble trouble) const {
-    Micros next = Micros::max();
-    for (const Window& window : setup_.windows) {
-      if (window.trouble == trouble && window.from > clock.now()) next = std::min(next, window.from);
+    for (std::size_t k = past(); k < setup_.windows.size(); ++k) {
+      const Window& window = setup_.windows[k];
+      if (window.trouble == trouble && window.from > clock.now()) return window.from;
     }
-    return next;
+    return Micros::max();
   }
 
   // Time passes for the first thread; the second one runs beside it.
@@ -199,7 +200,15 @@ class Situation {
   void stand_until(Micros time) { clock.advance_to(time); }
 
  private:
+  // A run of a day has thousands of windows; those that ended more than a second ago, before any frame that is still
+  // under way, are asked about no more.
+  [[nodiscard]] std::size_t past() const {
+    while (past_ < setup_.windows.size() && setup_.windows[past_].to + Micros{1'000'000} < clock.now()) ++past_;
+    return past_;
+  }
+
   const Setup& setup_;
+  mutable std::size_t past_ = 0;
 };
 
 namespace {

@@ -124,7 +124,7 @@ struct Setup {
   Micros end{9'000'000};
   Micros arm_at{};  // ARM is sent then; 0: never
   std::uint64_t seed = 1;
-  std::vector<Window> windows;
+  std::vector<Window> windows;  // in the order of their beginnings
 };
 
 // Facts for a report, beside what the tape tells.
