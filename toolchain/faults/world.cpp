@@ -438,8 +438,15 @@ class WorldGpio final : public hal::Gpio {
       if (pending.level != level) pending = {line, level, now + 50ms};
       return is == level;
     }
-    // Somebody else drives the line as well, mostly against what was told.
-    const bool against = situation_.is(Trouble::kLinesRandom) && (random_.next() >> 61) != 0;
+    // Somebody else drives the line as well, mostly against what was told. Until it does, the line is what it should
+    // be.
+    const Window* const shared = situation_.open(Trouble::kLinesRandom, now);
+    const bool against = shared != nullptr && (random_.next() >> 61) != 0;
+    if (against && std::exchange(fought_, shared) != shared) {
+      constexpr auto kWhich = static_cast<std::uint8_t>(Trouble::kLinesRandom);
+      tape_.write({now.count(), sim::TapeKind::kUnsafe, kWhich, 1});
+      tape_.write({shared->to.count(), sim::TapeKind::kUnsafe, kWhich, 0});
+    }
     take(line, against != (level == Level::kHigh) ? Level::kHigh : Level::kLow, situation_.clock.now());
     return is == level;
   }
@@ -451,6 +458,7 @@ class WorldGpio final : public hal::Gpio {
   std::array<Level, hal::kLineCount> levels_{};
   std::array<Pending, hal::kLineCount> pending_{};
   std::uint64_t calls_ = 0;
+  const Window* fought_ = nullptr;  // the window in which the line first did not obey
 };
 
 // The robot's end of the link: commands, and what may come in their place.
@@ -567,7 +575,8 @@ struct World::Parts {
 
   void tell_truth() const {
     for (const Window& window : setup.windows) {
-      if (info(window.trouble).unsafe && window.trouble != Trouble::kObjectLost) tell_truth(window);
+      const bool told_later = window.trouble == Trouble::kObjectLost || window.trouble == Trouble::kLinesRandom;
+      if (info(window.trouble).unsafe && !told_later) tell_truth(window);
     }
   }
   void tell_truth(const Window& window) const {
