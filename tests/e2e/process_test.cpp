@@ -139,6 +139,7 @@ struct Figures {
   int never_again = 0;  // not within kToRecover
   Span to_safe{};       // to the last look at which it was perhaps fine; the longest
   std::vector<Span> recoveries;
+  std::string said;  // by the last process
 
   void print(const char* name) {
     std::sort(recoveries.begin(), recoveries.end());
@@ -173,7 +174,7 @@ void check(const Figures& figures, int wanted) {
   LONGS_EQUAL_TEXT(0, figures.untrue, text.c_str());
   LONGS_EQUAL_TEXT(0, figures.unearned, text.c_str());
   LONGS_EQUAL_TEXT(0, figures.never_again, text.c_str());
-  CHECK(figures.to_safe > 100ms);  // it was fine before, or this test sees nothing
+  CHECK_TEXT(figures.to_safe > 100ms, figures.said.c_str());  // it was fine before, or this test sees nothing
 }
 
 }  // namespace
@@ -280,6 +281,7 @@ TEST(Process, AStoppedProcessIsNeverFineAndHasToEarnItAnew) {
   for (int k = 0; k < most_rounds(wanted) && figures.rounds < wanted; ++k) {
     Figures round = figures;
     // Each time another one: frames that were buffered come late, and three of those in ten seconds are a DEGRADED.
+    receiver.look();  // what it saw last was the process before
     start(kept(k % 2 == 0 ? "--held" : "--empty"));
     CHECK(receiver.look_until([&] { return receiver.surely_fine(); }, now() + kWellAgain));
     receiver.look_until(some_moment());
@@ -294,7 +296,9 @@ TEST(Process, AStoppedProcessIsNeverFineAndHasToEarnItAnew) {
     process->send(SIGCONT);
     look_for_recovery(receiver, again, round);
     process->send(SIGTERM);
-    LONGS_EQUAL(0, process->finish().status);
+    const test::Finished finished = process->finish();
+    LONGS_EQUAL(0, finished.status);
+    round.said = finished.out;
     CHECK(!tape->level(hal::Line::kGripOk));
     if (receiver.blind()) {
       ++figures.repeated;
