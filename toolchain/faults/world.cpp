@@ -64,7 +64,7 @@ constexpr std::array<TroubleInfo, kTroubles> kInfos{{
     {Trouble::kBright, Component::kCamera, "bright", true},
     {Trouble::kFewMarkers, Component::kCamera, "few_markers", false},
     {Trouble::kLostMarkers, Component::kCamera, "lost_markers", true},
-    {Trouble::kClockStuck, Component::kClock, "clock_stuck", true, kOneFrame},
+    {Trouble::kClockStuck, Component::kClock, "clock_stuck", true, kOneFrame + App::kClockSlack},
     {Trouble::kClockAhead, Component::kClock, "clock_ahead", true},
     {Trouble::kClockBack, Component::kClock, "clock_back", true},
     {Trouble::kClockSlow, Component::kClock, "clock_slow", true, Micros{90'000}},
