@@ -131,6 +131,7 @@ TEST(FaultsSoak, IsSafeThroughRandomFaults) {
   const Run run = play("soak", setup);
   check(run);
   CHECK_TRUE(run.judgement.fine > kFrame * static_cast<std::int64_t>(frames) * 6 / 10);
+  CHECK_TRUE(false_faults(run) <= 1);
   CHECK_TRUE(run.outcome.growth_kb <= 4096);
   LONGS_EQUAL(0, run.outcome.open_files);
 }

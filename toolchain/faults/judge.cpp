@@ -37,7 +37,10 @@ void Judge::take(const sim::TapeEvent& event) {
       const auto state = static_cast<DeviceState>(event.which);
       if (state == DeviceState::kFault) {
         judgement_.fault_reasons.insert(static_cast<Reason>(event.value));
-        if (was_ok_ && judgement_.last_state != DeviceState::kFault) ++judgement_.faults;
+        if (was_ok_ && judgement_.last_state != DeviceState::kFault) {
+          ++judgement_.faults;
+          judgement_.fault_at.push_back(time);
+        }
       }
       judgement_.reasons.insert(static_cast<Reason>(event.value));
       was_ok_ = was_ok_ || state == DeviceState::kOk;

@@ -28,6 +28,7 @@ struct Judgement {
   std::set<Reason> fault_reasons;  // of every FAULT that was said
   std::set<Reason> reasons;        // of every state that was said
   std::uint32_t faults = 0;        // how often FAULT was entered, after the first OK
+  std::vector<Micros> fault_at;    // when
   DeviceState last_state = DeviceState::kBoot;
   Reason last_reason = Reason::kNone;
   bool ended = false;  // in order: the process lived to the end

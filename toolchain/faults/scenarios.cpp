@@ -173,6 +173,15 @@ bool Run::passed() const {
   return judgement.last_state == DeviceState::kOk || (traces && judgement.last_state == DeviceState::kDegraded);
 }
 
+int false_faults(const Run& run) {
+  const auto explained = [&](Micros at) {
+    return std::any_of(run.setup.windows.begin(), run.setup.windows.end(),
+                       [&](const Window& window) { return window.from <= at && at <= window.to + kCalmAfter; });
+  };
+  const std::vector<Micros>& all = run.judgement.fault_at;
+  return static_cast<int>(std::count_if(all.begin(), all.end(), [&](Micros at) { return !explained(at); }));
+}
+
 Run play(std::string name, Setup setup, bool expect_fine) {
   Run run;
   run.name = std::move(name);

@@ -49,6 +49,10 @@ struct Run {
   bool expect_fine = false;  // told "fine" all through: a fault that must not disturb
 };
 
+// How often FAULT was entered while nothing was wrong, nor had been in the last 6 s: a gripper that is activated anew
+// and told to grip takes so long.
+[[nodiscard]] int false_faults(const Run& run);
+
 // Plays `setup` in a child process; this one observes. `expect_fine` as in Run.
 [[nodiscard]] Run play(std::string name, Setup setup, bool expect_fine = false);
 

@@ -469,6 +469,7 @@ class WorldLink final : public hal::Serial {
   void send(command_frame::Command command, std::uint8_t argument) {
     std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
     (void)command_frame::encode(command_frame::CommandFrame{++sequence_, command, argument}, wire);
+    waiting_.push_back(0);  // ends what a flood or a cut cable has left half
     waiting_.insert(waiting_.end(), wire.begin(), wire.end());
   }
 
