@@ -31,8 +31,8 @@ USAGE
   local part
   for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
-  --long       add the runs that take long, about 25 minutes: all pairs of faults, a soak of a day of frames, 200 kills
-               and stops, 200 book pulls
+  --long       add the runs that take long, half an hour or more: all pairs of faults, a soak of a day of frames, 200
+               kills and stops, 200 book pulls
   --system     add the runs on an emulated machine: there are none yet
   --help       this
 Logs are in build/test-logs. NO_COLOR is honoured.

@@ -21,7 +21,6 @@ enum class TapeKind : std::uint8_t {
   kLine,    // which: hal::Line, value: its level from now on
   kUnsafe,  // which: of several reasons; value 1: from now on "fine" would be untrue (fault, stale data); 0: no longer
   kState,   // which: DeviceState, value: Reason, as the firmware says them
-  kFrames,  // value: frames accepted since the start, low 8 bits; for counting
   kEnd,     // the writer has finished in order
 };
 
@@ -54,7 +53,6 @@ class Tape {
   void write(const TapeEvent& event);
   // The next event not yet read.
   [[nodiscard]] std::optional<TapeEvent> read();
-  [[nodiscard]] std::uint64_t written() const { return memory_->written.load(std::memory_order_acquire); }
   // Events that were overwritten before they were read.
   [[nodiscard]] std::uint64_t lost() const { return lost_; }
 

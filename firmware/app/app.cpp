@@ -66,6 +66,7 @@ Status App::start(const Params& params, bool auto_size) {
   last_rejection_ = Reason::kNone;
   supervisor_ = {};  // what held before the restart vouches for nothing now
   outputs_ = {};
+  sensor_ = {};
   state_.any_frame = false;  // another stream may count its time from another start
   health_ = {};
   strain_ = beside_ = strain_beside_ = Reason::kNone;
@@ -132,10 +133,13 @@ Status App::restart_camera() {
   health::restart(health_);
   state_.any_frame = false;  // another stream may count its time from another start
   Status status = devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
-  const bool known = sensor_ != keepsake::Identity{};
-  if (status.ok() && known && keepsake::identity_of(devices_.camera.identity()) != sensor_) {
-    devices_.camera.stop();
-    status = {Reason::kCameraWrong};
+  if (status.ok()) {
+    const keepsake::Identity sensor = keepsake::identity_of(devices_.camera.identity());
+    if (sensor_ == keepsake::Identity{}) sensor_ = sensor;  // the first that came
+    if (sensor != sensor_) {
+      devices_.camera.stop();
+      status = {Reason::kCameraWrong};
+    }
   }
   if (!status.ok()) absent(status.reason);
   return status;
@@ -232,7 +236,7 @@ void App::stop() {
 // goes out after ALIVE: no receiver may pair a new HIGH with the edge of the frame before. Whatever line refuses,
 // GRIP_OK is tried LOW and ALIVE stands still until GRIP_OK has obeyed for kLineTrust frames. It rises with an accepted
 // frame only: the supervisor may hold OK over rejected frames, whose ALIVE edge is an old one. A process that was
-// stopped for long just here (SIGSTOP, a debugger) finds its frame stale and leaves ALIVE as it is.
+// stopped for long just here (SIGSTOP, a debugger) finds its frame stale: GRIP_OK goes LOW and ALIVE stays as it is.
 void App::signal(const supervisor::Outputs& outputs) {
   waiting_since_ = devices_.clock.now();
   if (distrusts(outputs)) return;

@@ -60,9 +60,9 @@ class App {
   enum class Polled : std::uint8_t { kWaiting, kSignalled, kGone };
   [[nodiscard]] Polled poll(Micros wait);
   // The camera ends and starts anew; lattice, rest position and the device's state stay. kCameraGone, kCameraWrong: it
-  // is not streaming then, and this is signalled.
+  // is not streaming then.
   [[nodiscard]] Status restart_camera();
-  // Time passes without a camera.
+  // Time passes without a camera: signalled every kFrameWait.
   void absent(Reason why);
 
   void clock_stepped_back() { waiting_since_ = devices_.clock.now(); }
@@ -98,7 +98,8 @@ class App {
   static constexpr Micros kOldestFrame{150'000};
   static constexpr Micros kClockSlack{5'000};
   // Accepted frames for which GRIP_OK must have obeyed after a refusal before ALIVE moves again: 1 s at 25 fps. A line
-  // that somebody else drives as well obeys now and then; by chance it does so 25 times in 3e7.
+  // that somebody else drives as well obeys now and then; if every second time by chance, 25 times in a row once in
+  // 3e7.
   static constexpr int kLineTrust = 25;
 
  private:

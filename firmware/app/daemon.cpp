@@ -49,26 +49,21 @@ hande::Config hande_config() {
 
 Status Daemon::start(const Params& params, bool auto_size) {
   params_ = params;
-  auto_size_ = auto_size;
   regulator_config_ = regulator_config(params);
   hande_config_ = hande_config();
   const Micros now = devices_.clock.now();
   const Status status = app_.start(params, auto_size);
-  streaming_ = status.ok();
-  stalled_since_ = now;
+  streaming_ = false;
   stall_limit_ = kFirstStall;
   retry_after_ = kFirstRetry;
   try_at_ = now + retry_after_;
-  if (streaming_) ++camera_starts_;
   if (!status.ok() && status.reason != Reason::kCameraGone) return status;
   if (const Status s = regulator::validate(regulator_config_); !s.ok()) return s;
   if (static_cast<Gripper>(params.gripper) == Gripper::kStepLines) {
     if (const Status s = step_lines::start(lines_, devices_.gpio, 0); !s.ok()) return s;
   }
-  kept_ = false;
-  if (streaming_ && keepsake::load(keepsake_, periphery_.keep.memory())) {
-    resumed_ = app_.resume(keepsake_.slot.contents);
-  }
+  kept_ = looked_for_kept_ = resumed_ = false;
+  if (status.ok()) camera_started();
   resume_grip();
   return kOkStatus;
 }
@@ -105,20 +100,19 @@ void Daemon::watch_camera() {
   if (!streaming_) {
     devices_.clock.wait(kSlice);
     app_.absent(gone_why_);
+    regulate();
     if (devices_.clock.now() < try_at_) return;
     const Status status = app_.restart_camera();
     gone_why_ = status.reason;
     if (!status.ok()) return lose_camera(std::min(retry_after_ * 2, kLongestRetry));
-    ++camera_starts_;
-    streaming_ = true;
-    stalled_since_ = devices_.clock.now();
-    return;
+    return camera_started();
   }
   switch (app_.poll(kSlice)) {
     case App::Polled::kGone:
       return lose_camera(kFirstRetry);
     case App::Polled::kSignalled:
-      after_frame();
+      regulate();
+      if (app_.outputs().accepted) keep_reference();
       break;
     case App::Polled::kWaiting:
       break;
@@ -135,6 +129,16 @@ void Daemon::watch_camera() {
   }
 }
 
+// The first time the sensor has said which one it is: what was kept may be its own.
+void Daemon::camera_started() {
+  ++camera_starts_;
+  streaming_ = true;
+  stalled_since_ = devices_.clock.now();
+  if (looked_for_kept_) return;
+  looked_for_kept_ = true;
+  if (keepsake::load(keepsake_, periphery_.keep.memory())) resumed_ = app_.resume(keepsake_.slot.contents);
+}
+
 void Daemon::lose_camera(Micros retry_after) {
   if (gone_why_ == Reason::kNone) gone_why_ = Reason::kCameraGone;
   streaming_ = false;
@@ -142,8 +146,8 @@ void Daemon::lose_camera(Micros retry_after) {
   try_at_ = devices_.clock.now() + retry_after;
 }
 
-// What follows from a frame: the grip, and what is kept of it.
-void Daemon::after_frame() {
+// What follows from a frame for the grip. Without a camera, too: GRIP and RELEASE are obeyed all the same.
+void Daemon::regulate() {
   const pipeline::Result& result = app_.result();
   const supervisor::Outputs& outputs = app_.outputs();
   const bool trusted = outputs.accepted && (outputs.state == DeviceState::kOk || outputs.state == DeviceState::kSlip);
@@ -159,7 +163,6 @@ void Daemon::after_frame() {
   if (release_asked_) opened_ = true;
   if (grip_asked_) opened_ = false;
   grip_asked_ = release_asked_ = false;
-  if (outputs.accepted) keep_reference();
 }
 
 void Daemon::keep_reference() {
@@ -178,8 +181,8 @@ void Daemon::keep_reference() {
 
 // The gripper holds on while no process runs; the next one goes on tightening from where this one was.
 void Daemon::resume_grip() {
-  if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
   if (!keepsake::load(kept_grip_, periphery_.keep.memory()) || kept_grip_.slot.contents.gripping == 0) return;
+  if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
   const keepsake::Grip& kept = kept_grip_.slot.contents;
   regulator_ = {};
   regulator_.phase = regulator::Phase::kHolding;

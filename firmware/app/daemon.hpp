@@ -64,8 +64,9 @@ class Daemon {
  private:
   void mind_the_clock();
   void watch_camera();
+  void camera_started();
   void lose_camera(Micros retry_after);
-  void after_frame();
+  void regulate();
   void serve_link();
   void read_inputs();
   void move_gripper();
@@ -82,8 +83,8 @@ class Daemon {
   Periphery periphery_;
   App app_;
   Params params_{};
-  bool auto_size_ = false;
   bool streaming_ = false;
+  bool looked_for_kept_ = false;  // a reference, once a camera said which sensor it is
   bool resumed_ = false;
   Micros seen_now_{};
   Micros try_at_{};       // a camera that is gone
@@ -123,7 +124,7 @@ class Daemon {
   Micros kept_at_{};
 };
 
-// What the daemon adds to the App: 3.2 kB of gripper and ports, and the slot of the keepsake.
+// What the daemon adds to the App: gripper and ports, and the slot of the keepsake, which is most of it.
 static_assert(sizeof(Daemon) - sizeof(App) <= 40'000, "fixed memory around the pipeline");
 
 }  // namespace holdfast

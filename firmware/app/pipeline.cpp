@@ -56,12 +56,7 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
   if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) {
     return rejected(state, out, lit(luma, s));
   }
-  out.grid = state.tracker.field.grid;
-  out.markers = state.tracker.field.valid_count();
-  if (const Status s = enough(state.tracker.field, config.fault_markers_pct); !s.ok()) {
-    return rejected(state, out, lit(luma, s));
-  }
-  return feel(state, config, config.with_imprint ? &luma : nullptr, out);
+  return feel(state, config, &luma, out);
 }
 
 namespace {
@@ -118,7 +113,9 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
   const MarkerField& field = state.tracker.field;
   out.grid = field.grid;
   out.markers = field.valid_count();
-  if (const Status s = enough(field, config.fault_markers_pct); !s.ok()) return rejected(state, out, s);
+  if (const Status s = enough(field, config.fault_markers_pct); !s.ok()) {
+    return rejected(state, out, luma == nullptr ? s : lit(*luma, s));
+  }
 
   if (state.resuming) end_resuming(state, luma);
   if (reference::update(state.reference, config.reference, field)) {
@@ -129,7 +126,7 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     imprint::place_again(state.imprint);
   }
   if (!state.reference.known) {
-    if (luma == nullptr) return out;
+    if (luma == nullptr || !config.with_imprint) return out;
     if (state.reference.count == 1) imprint::forget(state.imprint);
     learn_empty(state, config, *luma, field, state.reference.first, out.timestamp);
     return out;
@@ -143,7 +140,7 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     out.features.field =
         field_features::update(state.field, config.field, state.displacement, out.timestamp, state.saturations);
   }
-  if (luma != nullptr) {
+  if (luma != nullptr && config.with_imprint) {
     out.features.imprint =
         imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
                         state.contact.empty, out.timestamp, state.saturations);

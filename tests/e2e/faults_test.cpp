@@ -69,10 +69,8 @@ TEST(Faults, TheJudgeCountsEveryMicrosecondBeyondTheRule) {
 TEST(Faults, AreSafeInTimeAndEndWell) {
   for (int k = 0; k < kTroubles; ++k) {
     const auto trouble = static_cast<Trouble>(k);
-    const bool must_stay_fine = info(trouble).component == Component::kSerial || trouble == Trouble::kGripperSlow;
     for (const bool held : {true, false}) {
-      const Run run = play(std::string(info(trouble).name) + (held ? ", held" : ", empty"), setup_of(trouble, held),
-                           must_stay_fine);
+      const Run run = play(trouble, held);
       check(run);
       check_was_fine(run);
     }
@@ -87,7 +85,7 @@ TEST(Faults, RecoverInTime) {
   };
   for (const Case& c : {Case{Trouble::kCameraGone, 2s}, {Trouble::kCameraRefused, 2s}, {Trouble::kKilled, 3s}}) {
     for (const bool held : {true, false}) {
-      const Run run = play(std::string(info(c.trouble).name), setup_of(c.trouble, held));
+      const Run run = play(c.trouble, held);
       check(run);
       CHECK_TRUE_TEXT(run.judgement.to_recover && *run.judgement.to_recover <= c.within, run.name.c_str());
       if (c.trouble == Trouble::kKilled) LONGS_EQUAL(1, run.outcome.resumed);
@@ -101,8 +99,7 @@ TEST(Faults, TwoAtOnceAreSafe) {
   for (const Row& a : rows()) {
     for (const Row& b : rows()) {
       if (b.number <= a.number || !a.trouble || !b.trouble || ++pair % 5 != 0) continue;
-      check(play(std::string(info(*a.trouble).name) + " + " + std::string(info(*b.trouble).name),
-                 setup_of(*a.trouble, *b.trouble, pair % 2 == 0)));
+      check(play(*a.trouble, *b.trouble, pair % 2 == 0));
     }
   }
 }

@@ -94,11 +94,25 @@ TEST_GROUP(Daemon) {
   }
 
   void build(std::vector<sim::FaultSpan> faults = {}, std::string_view identity = "28D1-D7C6") {
+    plug(std::move(faults), identity);
+    start();
+  }
+  // The camera is not there yet, and refuses to start three times.
+  void build_without_camera(std::string_view identity = "28D1-D7C6") {
+    plug({{0, 3, sim::CameraFault::kGone, {}}}, identity);
+    hal::Frame frame;
+    CHECK_TRUE(camera->start());
+    CHECK_TRUE(camera->next(frame, 0us) == hal::Capture::kGone);
+    start();
+  }
+  void plug(std::vector<sim::FaultSpan> faults, std::string_view identity) {
     std::vector<LumaView> views;
     for (const Picture& picture : pictures) views.push_back(picture.view());
     memory = std::make_unique<sim::CameraMemory>(
         clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
     camera = std::make_unique<sim::FaultyCamera>(*memory, clock, std::move(faults), std::size_t{320 * 240});
+  }
+  void start() {
     hand = std::make_unique<sim::HandE>(clock);
     daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg}, Periphery{*hand, keep});
     CHECK_TRUE(daemon->start(params).ok());
@@ -303,6 +317,48 @@ TEST(Daemon, LearnsAnewForAnotherSensorAnotherPitchOrAfterATare) {
   daemon.reset();  // before it has learned
   build({}, "ABCD-1234");
   CHECK_FALSE(daemon->resumed());
+}
+
+// The sensor is there only later than the process: it says then which one it is, and what was kept counts from then on.
+TEST(Daemon, GoesOnWithAGraspWhenItsCameraComesLater) {
+  film();
+  build();
+  run(10s);  // saved several times
+  daemon.reset();
+  film(true);
+  build_without_camera();
+  CHECK_FALSE(daemon->resumed());
+  run(2s);
+  CHECK_TRUE(daemon->streaming() && daemon->resumed());
+  CHECK_TRUE(daemon->app().result().referenced);
+  (void)ask(Command::kTare, 1);
+  run(1s);  // learned anew, and saved as the newest
+  const MarkerField rest = daemon->app().state().reference.rest;
+  daemon.reset();
+  build();
+  run(200ms);
+  CHECK_TRUE(daemon->resumed());
+  LONGS_EQUAL(rest.markers[31].x.raw(), daemon->app().state().reference.rest.markers[31].x.raw());
+  // And another sensor that comes later is still another sensor.
+  daemon.reset();
+  build_without_camera("ABCD-1234");
+  run(2s);
+  CHECK_TRUE(daemon->streaming() && !daemon->resumed());
+}
+
+// A grip whose sensor is gone can still be put down.
+TEST(Daemon, ReleasesWithoutACamera) {
+  film();
+  params.gripper = static_cast<std::int32_t>(Gripper::kHandE);
+  build({{100, 1'000'000, sim::CameraFault::kGone, {}}});
+  hand->put_object({.width_mm = 20.0});
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(5s);
+  CHECK_TRUE(!daemon->streaming() && hand->object_held());
+  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  run(3s);
+  CHECK_FALSE(hand->object_held());
+  CHECK_FALSE(fine());
 }
 
 // Another picture size is another lattice: the kept rest position does not fit, and is learned.

@@ -3,23 +3,10 @@
 // as libFuzzer's dictionary:
 //   link_seeds FOLDER DICTIONARY
 #include <cstdio>
-#include <fstream>
 #include <string>
 
 #include "tests/fuzz/link_check.hpp"
-
-namespace {
-
-bool write(const std::string& path, const std::string& bytes) {
-  std::ofstream file(path, std::ios::binary);
-  file << bytes;
-  if (file.flush()) return true;
-  std::fprintf(stderr, "error: cannot write %s (no such folder, or the disk is full). Next: make the folder\n",
-               path.c_str());
-  return false;
-}
-
-}  // namespace
+#include "tests/fuzz/seed_file.hpp"
 
 int main(int argc, char** argv) {
   if (argc != 3) {
@@ -29,9 +16,10 @@ int main(int argc, char** argv) {
   int number = 0;
   for (const holdfast::test::LinkBytes& bytes : holdfast::test::link_seeds()) {
     const std::string text(bytes.begin(), bytes.end());
-    if (!write(argv[1] + ("/seed_" + std::to_string(++number)) + ".link", text)) return 1;
+    if (!holdfast::test::write_seed(argv[1] + ("/seed_" + std::to_string(++number)) + ".link", text)) return 1;
   }
-  return write(argv[2], "\"\\x00\\x04\\x01\\x01\"\n\"\\x00\\x05\\x01\\x02\"\n\"\\x00\\x05\\x01\\x03\"\n\"help\\x0a\"\n")
+  return holdfast::test::write_seed(
+             argv[2], "\"\\x00\\x04\\x01\\x01\"\n\"\\x00\\x05\\x01\\x02\"\n\"\\x00\\x05\\x01\\x03\"\n\"help\\x0a\"\n")
              ? 0
              : 1;
 }

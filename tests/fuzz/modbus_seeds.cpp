@@ -3,23 +3,10 @@
 // frames as libFuzzer's dictionary:
 //   modbus_seeds FOLDER DICTIONARY
 #include <cstdio>
-#include <fstream>
 #include <string>
 
 #include "tests/fuzz/modbus_check.hpp"
-
-namespace {
-
-bool write(const std::string& path, const std::string& bytes) {
-  std::ofstream file(path, std::ios::binary);
-  file << bytes;
-  if (file.flush()) return true;
-  std::fprintf(stderr, "error: cannot write %s (no such folder, or the disk is full). Next: make the folder\n",
-               path.c_str());
-  return false;
-}
-
-}  // namespace
+#include "tests/fuzz/seed_file.hpp"
 
 int main(int argc, char** argv) {
   using namespace holdfast;
@@ -30,10 +17,10 @@ int main(int argc, char** argv) {
   int number = 0;
   for (const test::ModbusBytes& bytes : test::modbus_seeds()) {
     const std::string file = argv[1] + ("/seed_" + std::to_string(++number)) + ".script";
-    if (!write(file, {bytes.begin(), bytes.end()})) return 1;
+    if (!test::write_seed(file, {bytes.begin(), bytes.end()})) return 1;
   }
   const std::string dictionary =
       "\"\\x09\\x03\\x06\"\n\"\\x09\\x04\\x06\"\n\"\\x09\\x17\\x06\"\n\"\\x09\\x84\"\n"
       "\"\\x09\\x10\\x03\\xE8\\x00\\x03\\x01\\x30\"\n";
-  return write(argv[2], dictionary) ? 0 : 1;
+  return test::write_seed(argv[2], dictionary) ? 0 : 1;
 }

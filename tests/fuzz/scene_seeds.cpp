@@ -3,23 +3,10 @@
 // the reader's own table, as libFuzzer's dictionary:
 //   scene_seeds FOLDER DICTIONARY
 #include <cstdio>
-#include <fstream>
 #include <string>
 
 #include "tests/fuzz/scene_check.hpp"
-
-namespace {
-
-bool write(const std::string& path, const std::string& text) {
-  std::ofstream file(path, std::ios::binary);
-  file << text;
-  if (file.flush()) return true;
-  std::fprintf(stderr, "error: cannot write %s (no such folder, or the disk is full). Next: make the folder\n",
-               path.c_str());
-  return false;
-}
-
-}  // namespace
+#include "tests/fuzz/seed_file.hpp"
 
 int main(int argc, char** argv) {
   using namespace holdfast;
@@ -29,7 +16,7 @@ int main(int argc, char** argv) {
   }
   int number = 0;
   for (const std::string& text : test::scene_seeds()) {
-    if (!write(argv[1] + ("/seed_" + std::to_string(++number)) + ".json", text)) return 1;
+    if (!test::write_seed(argv[1] + ("/seed_" + std::to_string(++number)) + ".json", text)) return 1;
   }
   std::string dictionary;
   const auto add = [&](std::string_view word) { dictionary += "\"\\\"" + std::string(word) + "\\\"\"\n"; };
@@ -42,5 +29,5 @@ int main(int argc, char** argv) {
   for (const auto name : scene::kShapeNames) add(name);
   for (const auto name : scene::kTextureNames) add(name);
   for (const auto name : scene::kFaultNames) add(name);
-  return write(argv[2], dictionary) ? 0 : 1;
+  return test::write_seed(argv[2], dictionary) ? 0 : 1;
 }

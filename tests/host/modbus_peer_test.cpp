@@ -70,8 +70,8 @@ class Slave {
     while (!ends_ && std::chrono::steady_clock::now() < end) {
       const int size = modbus_receive(context_, request.data());
       if (size > 0) {
+        ++served_;  // before the reply: whoever has that may look at once
         if (modbus_reply(context_, request.data(), size, map_) < 0) break;
-        ++served_;
         live();
       } else if (size < 0 && errno != ETIMEDOUT) {
         if (errno == EIO || errno == EBADF) break;

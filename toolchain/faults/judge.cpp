@@ -52,7 +52,6 @@ void Judge::take(const sim::TapeEvent& event) {
       judgement_.ended = true;
       judgement_.end = time;
       break;
-    case sim::TapeKind::kFrames:
     case sim::TapeKind::kUnsafe:
       break;
   }

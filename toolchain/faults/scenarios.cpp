@@ -2,10 +2,12 @@
 #include "toolchain/faults/scenarios.hpp"
 
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <new>
@@ -26,6 +28,10 @@ constexpr Micros kCalmAfter = 6s;  // a gripper that is activated anew and then 
 // What takes a person, or time of its own, to end.
 bool leaves_traces(Trouble trouble) {
   return trouble == Trouble::kCameraLate || trouble == Trouble::kLinesSlow;  // late frames count for 10 s
+}
+
+const char* situation_name(bool held) {
+  return held ? ", held" : ", empty";
 }
 
 bool uses_jpeg(const Setup& setup) {
@@ -196,6 +202,9 @@ Run play(std::string name, Setup setup, bool expect_fine) {
   (void)std::fflush(nullptr);
   const pid_t child = ::fork();
   if (child == 0) {
+    // Ends with its observer, and with Ctrl-C at once: it would wait for a reader of its tape for ever.
+    (void)::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    (void)std::signal(SIGINT, SIG_DFL);
     World world(std::move(setup), *tape);
     *outcome = world.run();
     ::_exit(0);
@@ -217,6 +226,19 @@ Run play(std::string name, Setup setup, bool expect_fine) {
   run.outcome = *outcome;
   ::munmap(memory, sizeof(Outcome));
   return run;
+}
+
+bool must_stay_fine(Trouble trouble) {
+  return info(trouble).component == Component::kSerial || trouble == Trouble::kGripperSlow;
+}
+
+Run play(Trouble trouble, bool held) {
+  return play(std::string(info(trouble).name) + situation_name(held), setup_of(trouble, held), must_stay_fine(trouble));
+}
+
+Run play(Trouble first, Trouble second, bool held) {
+  return play(std::string(info(first).name) + " + " + std::string(info(second).name) + situation_name(held),
+              setup_of(first, second, held));
 }
 
 }  // namespace holdfast::faults

@@ -56,6 +56,13 @@ struct Run {
 // Plays `setup` in a child process; this one observes. `expect_fine` as in Run.
 [[nodiscard]] Run play(std::string name, Setup setup, bool expect_fine = false);
 
+// A fault that nobody should notice.
+[[nodiscard]] bool must_stay_fine(Trouble trouble);
+
+// One fault, or two at once, by setup_of().
+[[nodiscard]] Run play(Trouble trouble, bool held);
+[[nodiscard]] Run play(Trouble first, Trouble second, bool held);
+
 // Windows of 2 s from about 4 s on; the second of a pair begins 0.4 s later.
 [[nodiscard]] Setup setup_of(Trouble trouble, bool held);
 [[nodiscard]] Setup setup_of(Trouble first, Trouble second, bool held);

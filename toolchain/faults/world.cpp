@@ -593,28 +593,20 @@ struct World::Parts {
     keep.before_start(setup.seed + static_cast<std::uint64_t>(situation.clock.now().count()));
     camera.stop();
     daemon = std::make_unique<Daemon>(devices(), Periphery{hand, keep});
-    running = daemon->start(params).ok();
-    if (!running) daemon.reset();
-    if (running && daemon->resumed()) ++outcome.resumed;
+    if (!daemon->start(params).ok()) daemon.reset();
+    if (daemon && daemon->resumed()) ++outcome.resumed;
     said = {};
   }
 
-  void end_process() {
-    if (daemon) {
-      outcome.frames += accepted;
-      outcome.faults += daemon->app().supervisor().faults;
-    }
-    accepted = 0;
-    daemon.reset();
-  }
+  void end_process() { daemon.reset(); }
 
   // Kills and stops first: nobody runs in them.
-  [[nodiscard]] bool process_fault() {
+  void process_fault() {
     const Micros now = situation.clock.now();
     if (const Window* w = situation.open(Trouble::kStopped, now)) {
       situation.stand_until(w->to);
       gpio.settle();
-      return false;
+      return;
     }
     // No call can be left in its middle here: the last one before a kill is not made.
     if (const Micros kill = situation.next(Trouble::kKilled); kill - now < Daemon::kSlice) situation.stand_until(kill);
@@ -628,13 +620,12 @@ struct World::Parts {
         end_process();
         start();
       }
-      return false;
+      return;
     }
     end_process();
     situation.stand_until(killed->to);
     gpio.settle();
     start();
-    return true;
   }
 
   void gripper_faults() {
@@ -703,10 +694,6 @@ struct World::Parts {
       grip_again = Micros{};
       link.send(command_frame::Command::kGrip, 1);
     }
-    if (setup.arm_at != Micros{} && !armed && now >= setup.arm_at) {
-      armed = true;
-      send_arm();
-    }
   }
 
   void tell_state() {
@@ -719,7 +706,7 @@ struct World::Parts {
   }
 
   void step() {
-    (void)process_fault();
+    process_fault();
     if (!daemon) {
       situation.pass_until(situation.clock.now() + 100ms);
       start();
@@ -730,7 +717,7 @@ struct World::Parts {
     const std::uint32_t before = daemon->app().result().sequence;
     daemon->poll();
     gpio.settle();
-    if (daemon->app().outputs().accepted && daemon->app().result().sequence != before) ++accepted;
+    if (daemon->app().outputs().accepted && daemon->app().result().sequence != before) ++outcome.frames;
     tell_state();
   }
 
@@ -746,11 +733,8 @@ struct World::Parts {
   tool::OneThreadDecoder jpeg;
   Params params;
   std::unique_ptr<Daemon> daemon;
-  bool running = false;
   bool gripped = false;
-  bool armed = false;
   Micros grip_again{};
-  std::uint64_t accepted = 0;
   const Window* met = nullptr;
   std::map<Trouble, const Window*> in_window;
   sim::LineTrouble trouble_now = sim::LineTrouble::kNone;

@@ -122,7 +122,6 @@ struct Setup {
   Micros period{40'000};
   int drop_every = 0;  // every so many frames one is lost on the way; 0: none
   Micros end{9'000'000};
-  Micros arm_at{};  // ARM is sent then; 0: never
   std::uint64_t seed = 1;
   std::vector<Window> windows;  // in the order of their beginnings
 };
@@ -130,7 +129,6 @@ struct Setup {
 // Facts for a report, beside what the tape tells.
 struct Outcome {
   std::uint64_t frames = 0;   // accepted
-  std::uint32_t faults = 0;   // entered
   std::uint32_t resumed = 0;  // processes that went on with a kept reference
   long growth_kb = 0;         // of the resident set, from the first second on
   int open_files = 0;         // more than at the start

@@ -51,16 +51,6 @@ std::string verdict(const Run& run) {
   return run.passed() ? "ok" : fmt::format("ends in {}", info(run.judgement.last_state).name);
 }
 
-// Faults that nobody should notice.
-bool must_stay_fine(Trouble trouble) {
-  return faults::info(trouble).component == faults::Component::kSerial || trouble == Trouble::kGripperSlow;
-}
-
-Run play_one(Trouble trouble, bool held) {
-  const std::string name = fmt::format("{}, {}", faults::info(trouble).name, held ? "held" : "empty");
-  return faults::play(name, faults::setup_of(trouble, held), must_stay_fine(trouble));
-}
-
 // Longest time to safe and to recover of both situations; the worse verdict.
 struct Both {
   Run held, empty;
@@ -169,7 +159,7 @@ void print_pairs(const std::vector<Run>& runs) {
 bool play_all(Suite& suite, const Options& options) {
   for (int k = 0; k < faults::kTroubles; ++k) {
     for (const bool held : {true, false}) {
-      if (!suite.add(play_one(static_cast<Trouble>(k), held))) return false;
+      if (!suite.add(faults::play(static_cast<Trouble>(k), held))) return false;
     }
   }
   if (!options.pairs) return true;
@@ -177,9 +167,7 @@ bool play_all(Suite& suite, const Options& options) {
     for (const faults::Row& b : faults::rows()) {
       if (b.number <= a.number || !a.trouble || !b.trouble) continue;
       for (const bool held : {true, false}) {
-        const std::string name = fmt::format("{} + {}, {}", faults::info(*a.trouble).name,
-                                             faults::info(*b.trouble).name, held ? "held" : "empty");
-        if (!suite.add(faults::play(name, faults::setup_of(*a.trouble, *b.trouble, held)))) return false;
+        if (!suite.add(faults::play(*a.trouble, *b.trouble, held))) return false;
       }
     }
   }
@@ -225,6 +213,7 @@ int soak(const Options& options) {
   const faults::Setup setup = faults::soak_setup(options.soak, options.seed);
   const std::size_t troubles = setup.windows.size();
   const Run run = faults::play(fmt::format("soak, seed {}", options.seed), setup);
+  if (interrupted()) return fail(interrupted_line());
   const bool leak = run.outcome.growth_kb > 4096 || run.outcome.open_files > 0;
   const bool good = run.passed() && !leak && faults::false_faults(run) <= 1;
   if (options.json) {
