@@ -20,14 +20,14 @@ build libopencv-imgproc-dev 4.6.0+dfsg-12
 build libopencv-imgcodecs-dev 4.6.0+dfsg-12
 build libopencv-videoio-dev 4.6.0+dfsg-12
 build libopencv-ml-dev 4.6.0+dfsg-12
+build libopencv-features2d-dev 4.6.0+dfsg-12
+build libopencv-video-dev 4.6.0+dfsg-12
 build libjpeg62-turbo-dev 1:2.1.5-2
 build libcli11-dev 2.1.2+ds-1
 build libfmt-dev 9.1.0+ds1-2
 build nlohmann-json3-dev 3.11.2-2
 test libcpputest-dev 4.0-2
 test libmodbus-dev 3.1.6-2.1+deb12u1
-test libopencv-features2d-dev 4.6.0+dfsg-12
-test libopencv-video-dev 4.6.0+dfsg-12
 test clang-format 1:14.0-55.7~deb12u1
 test clang-tidy 1:14.0-55.7~deb12u1
 test valgrind 1:3.19.0-1

@@ -97,7 +97,7 @@ inline constexpr std::array<ParamInfo, 26> kParams{{
      "3 suits x86-64, 2 Cortex-A72; 0 takes about twice as long and no memory of its own"},
     {&Params::jpeg_rows_pct, "jpeg_rows_pct", "%", 50, 100,
      "rows of the picture that are decoded, from the top (mode fast)",
-     "below 100: saves its share of the time, but pictures that lost data above are no longer refused (85: 9 of 10)"},
+     "below 100: saves its share of the time, and two in three pictures that lost data above are no longer refused"},
     {&Params::all_features, "all_features", "", 0, 1,
      "1: compute every feature, also those that the model does not read", "instructions only; for recording data"},
     {&Params::sensitivity, "sensitivity", "", 0, static_cast<std::int32_t>(kSensitivityNames.size()) - 1,

@@ -173,7 +173,7 @@ void take_lattice(State& state, const Config& config, const LumaView& luma) {
   state.field = state.lattice.field;
   if (first_sight) {
     state.pitch = state.lattice.pitch;
-    state.window_size = std::min({window::size_for(state.pitch), luma.width, luma.height});
+    state.window_size = std::min({window::size_for(state.pitch, config.window_pct), luma.width, luma.height});
   }
   std::array<std::int32_t, kMaxMarkers> areas{};
   int n = 0;

@@ -28,6 +28,9 @@ struct Config {
   dots::Config dots;
   // Re-centrings per window. Price of each: about 500 aarch64 instructions for every marker that moved.
   int passes = 4;
+  // Least side of a window in percent of the pitch; sides go in steps (window::size_for). Price of more: its pixels,
+  // and a neighbour's rim inside; of less: the dot's own rim outside when it moves.
+  std::int32_t window_pct = window::kSizePct;
   // Markers lost from one frame to the next that start a search of the whole picture. Price of less: 3 M instructions
   // each time.
   int lost_to_search = 3;

@@ -95,10 +95,10 @@ Sums sums_scalar(const std::uint8_t* top_left, std::int32_t stride, std::int32_t
   return out;
 }
 
-std::int32_t size_for(PixelsQ8 pitch) {
+std::int32_t size_for(PixelsQ8 pitch, std::int32_t pct) {
   constexpr std::array<std::int32_t, 6> kSizes{16, 24, 32, 48, 64, 96};
   for (const std::int32_t size : kSizes) {
-    if (size * 10 * 256 >= pitch.raw() * 7) return size;
+    if (size * 100 * 256 >= pitch.raw() * pct) return size;
   }
   return kMaxSize;
 }

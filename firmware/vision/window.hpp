@@ -48,10 +48,12 @@ struct Plane {
 [[nodiscard]] Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Plane& plane,
                         std::uint8_t cap);
 
-// Window size for a lattice: the smallest of at least 0.70 pitch. A dot of 0.52 pitch then keeps room to its rim, also
-// when it is 1.25 px off the middle (pitch 25.5 px: 0.029 px rms, but 0.157 in a window of 16); a neighbour's rim, 0.74
-// pitch away, stays outside.
-[[nodiscard]] std::int32_t size_for(PixelsQ8 pitch);
+// Window size for a lattice: the smallest of at least so many percent of the pitch. With 70 a dot of 0.52 pitch keeps
+// room to its rim, also when it is 1.25 px off the middle (pitch 25.5 px: 0.029 px rms, but 0.157 in a window of 16); a
+// neighbour's rim, 0.74 pitch away, stays outside.
+// Range: pct 1..1000; a pitch beyond the largest size gets that.
+inline constexpr std::int32_t kSizePct = 70;
+[[nodiscard]] std::int32_t size_for(PixelsQ8 pitch, std::int32_t pct = kSizePct);
 
 // Finds the dot near (dot.x, dot.y), re-centring the window at most `passes` times; dot.contrast is what to expect.
 // Returns false, and leaves `dot` as it was, when there is nothing dark enough or the centre does not settle.

@@ -537,6 +537,14 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"trade", "sim", kScene, "--csv", in("x"), "--svg", in("x")}, "x", "--csv and --svg");
   refuse({"trade", "sim", kScene, "--csv", kScene}, "sphere_slip.json", "would change a scene");
   refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
+  refuse({"trade", "firmware", "--shard", "3/2"}, "'3/2'", "1/4, 2/4");
+  refuse({"trade", "firmware", "--shard", "1/2", "--svg", in("x")}, "a piece has no picture", "trade show");
+  refuse({"trade", "firmware", "--films", "7"}, "--films", "holdfast trade firmware --help");
+  refuse({"trade", "firmware", "--csv", in("x"), "--modes", in("x")}, "x", "--csv and --modes");
+  refuse(Words{"trade", "show"}, "CSV", "holdfast trade show --help");
+  refuse({"trade", "show", in("none.csv")}, "none.csv", "trade firmware --csv");
+  refuse({"trade", "show", in("no.csv")}, "no.csv:1", "no table of prices");
+  refuse({"trade", "show", in("no.csv"), "--csv", in("no.csv")}, "no.csv", "would change a table");
   refuse({"sim", kScene, "--fps", "3"}, "'--fps'", "holdfast sim --help");
 }
 
@@ -768,7 +776,8 @@ TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   LONGS_EQUAL(63, summary["markers_least"].get<int>());
   CHECK(summary["slip_frames"].is_array() && summary["slip_times_s"].is_array());
   for (const Words& command : {Words{}, Words{"replay"}, Words{"sim"}, Words{"scene", "check"}, Words{"scene", "list"},
-                               Words{"scene", "describe"}, Words{"scene", "make"}, Words{"trade", "sim"}}) {
+                               Words{"scene", "describe"}, Words{"scene", "make"}, Words{"trade", "sim"},
+                               Words{"trade", "firmware"}, Words{"trade", "show"}}) {
     Words arguments = command;
     arguments.emplace_back("--help");
     const Finished help = succeed(arguments);
@@ -807,6 +816,21 @@ TEST(Tool, PricesTheContactLevels) {
   STRCMP_CONTAINS("grid leaves out", done.out.c_str());
   LONGS_EQUAL(13, read_csv(dir / "trade.csv").rows.size());
   STRCMP_CONTAINS("</svg>", read_file(dir / "trade.svg").c_str());
+}
+
+TEST(Tool, PricesASettingAndReadsTheTableOff) {
+  const Finished piece =
+      succeed({"trade", "firmware", "--shard", "1/60", "--films", "1", "--every", "16", "--csv", in("part.csv")});
+  STRCMP_CONTAINS("filmed grasps", piece.out.c_str());
+  LONGS_EQUAL(1, read_csv(dir / "part.csv").rows.size());
+  check_line(ask({"trade", "show", in("part.csv")}), "a piece alone", "mode balanced", "missing");
+  const std::string table = HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv";
+  const Finished shown =
+      succeed({"trade", "show", table, "--csv", in("whole.csv"), "--svg", in("trade.svg"), "--modes", in("modes.md")});
+  STRCMP_CONTAINS("dominated: ", shown.out.c_str());
+  CHECK(read_file(table) == read_file(dir / "whole.csv"));
+  STRCMP_CONTAINS("</svg>", read_file(dir / "trade.svg").c_str());
+  STRCMP_CONTAINS("| `balanced` |", read_file(dir / "modes.md").c_str());
 }
 
 // The bar appears because eight-megapixel pictures take more than a second; then the user has had enough.

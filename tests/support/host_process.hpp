@@ -29,10 +29,10 @@ class HostProcess {
   HostProcess& operator=(const HostProcess&) = delete;
 
   // False: it ended, or the deadline passed, without having said so.
-  [[nodiscard]] bool err_says(std::string_view text, std::chrono::seconds deadline = std::chrono::seconds(60));
+  [[nodiscard]] bool err_says(std::string_view text, std::chrono::seconds deadline = std::chrono::seconds(300));
   void send(int signal) const;
   // Reads to the end; kills the program at the deadline.
-  [[nodiscard]] Finished finish(std::chrono::seconds deadline = std::chrono::seconds(60));
+  [[nodiscard]] Finished finish(std::chrono::seconds deadline = std::chrono::seconds(300));
 
  private:
   // Waits for output. False: none can come any more, or none came before `until`.

@@ -2,15 +2,14 @@
 # The OpenCV modules that Holdfast's host side uses, as imported targets (so their headers are system headers):
 #   holdfast::opencv       core imgproc imgcodecs videoio        (replay, pictures; required)
 #   holdfast::opencv_ml    core and ml                              (training; required)
-#   holdfast::opencv_test  the above, features2d and video       (test oracles; only there when installed)
+#   holdfast::opencv_all   the above, features2d and video       (rivals in `holdfast trade`, test oracles; required)
 # Debian's libopencv-*-dev packages ship neither OpenCVConfig.cmake nor opencv4.pc; both are in the libopencv-dev
 # metapackage, which pulls in every module there is.
 include(FindPackageHandleStandardArgs)
 
 find_path(HoldfastOpenCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4)
-set(holdfast_opencv_modules core imgproc imgcodecs videoio ml)
-set(holdfast_opencv_test_modules features2d video)
-foreach(module IN LISTS holdfast_opencv_modules holdfast_opencv_test_modules)
+set(holdfast_opencv_modules core imgproc imgcodecs videoio ml features2d video)
+foreach(module IN LISTS holdfast_opencv_modules)
   find_library(HoldfastOpenCV_${module}_LIBRARY opencv_${module})
   mark_as_advanced(HoldfastOpenCV_${module}_LIBRARY)
 endforeach()
@@ -19,7 +18,7 @@ mark_as_advanced(HoldfastOpenCV_INCLUDE_DIR)
 list(TRANSFORM holdfast_opencv_modules REPLACE "(.+)" "HoldfastOpenCV_\\1_LIBRARY" OUTPUT_VARIABLE holdfast_opencv_libraries)
 find_package_handle_standard_args(HoldfastOpenCV
   REQUIRED_VARS HoldfastOpenCV_INCLUDE_DIR ${holdfast_opencv_libraries}
-  REASON_FAILURE_MESSAGE "Install libopencv-{core,imgproc,imgcodecs,videoio,ml}-dev (toolchain/packages.sh lists all packages).")
+  REASON_FAILURE_MESSAGE "Install libopencv-{core,imgproc,imgcodecs,videoio,ml,features2d,video}-dev (toolchain/packages.sh lists all packages).")
 
 # holdfast_opencv_target(NAME MODULE...): one interface target over the modules, when all of them are there.
 function(holdfast_opencv_target name)
@@ -42,5 +41,5 @@ endfunction()
 if(HoldfastOpenCV_FOUND)
   holdfast_opencv_target(holdfast::opencv core imgproc imgcodecs videoio)
   holdfast_opencv_target(holdfast::opencv_ml core ml)
-  holdfast_opencv_target(holdfast::opencv_test ${holdfast_opencv_test_modules} ${holdfast_opencv_modules})
+  holdfast_opencv_target(holdfast::opencv_all ${holdfast_opencv_modules})
 endif()

@@ -34,6 +34,9 @@ struct CommonOptions {
 // A check for numbers, "nan" among those refused: CLI11's own range check lets it pass.
 [[nodiscard]] std::function<std::string(const std::string&)> number_from_to(double least, double most);
 
+// `I/N`: piece I of N, counted from 1. Empty, or an error line.
+[[nodiscard]] std::string parse_shard(const std::string& text, int& shard, int& shards);
+
 // Adds the options that replay and sim share.
 void add_common_options(CLI::App& command, CommonOptions& options);
 
@@ -88,6 +91,24 @@ struct TradeSimOptions {
   int repeats = 3;
 };
 [[nodiscard]] int trade_sim(const TradeSimOptions& options);
+
+struct TradeFirmwareOptions {
+  std::string csv;
+  std::string svg;
+  std::string modes;
+  std::string shard = "1/1";
+  int films = 6;
+  int every = 10;
+};
+[[nodiscard]] int trade_firmware(const TradeFirmwareOptions& options);
+
+struct TradeShowOptions {
+  std::vector<std::string> tables;
+  std::string csv;
+  std::string svg;
+  std::string modes;
+};
+[[nodiscard]] int trade_show(const TradeShowOptions& options);
 
 // Commands that bring their own options: each adds itself to `app` and what it does to `commands`.
 struct Command {

@@ -101,6 +101,19 @@ std::string load_model(const std::string& path, model::Tree& tree) {
 
 }  // namespace
 
+std::string parse_shard(const std::string& text, int& shard, int& shards) {
+  const char* const end = text.data() + text.size();
+  const auto [slash, first] = std::from_chars(text.data(), end, shard);
+  if (first == std::errc{} && slash != end && *slash == '/') {
+    const auto [rest, second] = std::from_chars(slash + 1, end, shards);
+    if (second == std::errc{} && rest == end && shard >= 1 && shard <= shards) return {};
+  }
+  return fmt::format(
+      "--shard '{}': not a piece of a whole. Likely cause: not written as I/N, or counted from 0. Next: give 1/4, 2/4, "
+      "3/4 and 4/4 to four runs",
+      text);
+}
+
 std::function<std::string(const std::string&)> number_from_to(double least, double most) {
   return [least, most](const std::string& text) {
     double value = 0.0;

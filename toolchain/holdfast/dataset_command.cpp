@@ -4,7 +4,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
 #include <ctime>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -31,19 +30,6 @@ struct DatasetOptions {
 };
 
 // "I/N". Empty, or what is wrong.
-std::string parse_shard(const std::string& text, learn::PlanOptions& plan) {
-  const char* const end = text.data() + text.size();
-  const auto [slash, first] = std::from_chars(text.data(), end, plan.shard);
-  if (first == std::errc{} && slash != end && *slash == '/') {
-    const auto [rest, second] = std::from_chars(slash + 1, end, plan.shards);
-    if (second == std::errc{} && rest == end && plan.shard >= 1 && plan.shard <= plan.shards) return {};
-  }
-  return fmt::format(
-      "--shard '{}': not a piece of a whole. Likely cause: not written as I/N, or counted from 0. Next: give 1/4, 2/4, "
-      "3/4 and 4/4 to four runs",
-      text);
-}
-
 double cpu_s() {
   return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
 }
@@ -111,7 +97,8 @@ void print_made(const DatasetOptions& options, const learn::Samples& samples, do
 }
 
 int dataset(DatasetOptions options) {
-  if (const std::string error = parse_shard(options.shard, options.plan); !error.empty()) return fail(error);
+  if (const std::string error = parse_shard(options.shard, options.plan.shard, options.plan.shards); !error.empty())
+    return fail(error);
   const auto* inject = std::ranges::find(scene::kInjectNames, options.inject);
   options.variation.inject = static_cast<scene::Inject>(inject - scene::kInjectNames.begin());
   AtomicFile out(options.out, options.recordings);

@@ -131,6 +131,42 @@ int run(int argc, char** argv) {
   trade_sim_command->footer(
       "Example:\n  holdfast trade sim tests/scenes/sphere_slip.json --csv trade.csv --svg trade.svg");
 
+  TradeFirmwareOptions firmware_options;
+  CLI::App* trade_firmware_command = trade_command->add_subcommand(
+      "firmware", "settings of the firmware: time and memory against markers, entropy and decisions");
+  const auto add_outputs = [](CLI::App* command, std::string& csv, std::string& svg, std::string& modes) {
+    command->add_option("--csv", csv, "write the table: CSV")->check(not_empty);
+    command->add_option("--svg", svg, "write a picture: SVG")->check(not_empty);
+    command->add_option("--modes", modes, "write the shipped modes as a table: Markdown")->check(not_empty);
+  };
+  add_outputs(trade_firmware_command, firmware_options.csv, firmware_options.svg, firmware_options.modes);
+  trade_firmware_command
+      ->add_option("--shard", firmware_options.shard, "piece I of N of the settings, for N runs side by side")
+      ->capture_default_str();
+  trade_firmware_command
+      ->add_option("--films", firmware_options.films, "grasps filmed by the camera, 11 s and more each")
+      ->check(CLI::Range(1, 6))
+      ->capture_default_str();
+  trade_firmware_command
+      ->add_option("--every", firmware_options.every, "every so many-th of 600 grasps from the markers on")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
+  trade_firmware_command->footer(
+      "Example:\n"
+      "  holdfast trade firmware --csv trade.csv --svg trade.svg\n"
+      "Side by side with GNU parallel, then merged into the whole:\n"
+      "  parallel holdfast trade firmware --shard {}/8 --csv part_{}.csv ::: {1..8}\n"
+      "  holdfast trade show part_{1..8}.csv --csv trade.csv --svg trade.svg\n"
+      "The same as a Slurm array:\n"
+      "  sbatch --array=1-8 --wrap='holdfast trade firmware --shard $SLURM_ARRAY_TASK_ID/8 "
+      "--csv part_$SLURM_ARRAY_TASK_ID.csv'");
+  TradeShowOptions show_options;
+  CLI::App* trade_show_command =
+      trade_command->add_subcommand("show", "put pieces of `trade firmware` together, and read them off");
+  trade_show_command->add_option("CSV", show_options.tables, "the pieces, in any order")->required()->check(not_empty);
+  add_outputs(trade_show_command, show_options.csv, show_options.svg, show_options.modes);
+  trade_show_command->footer("Example:\n  holdfast trade show part_{1..8}.csv --csv trade.csv --svg trade.svg");
+
   std::vector<Command> commands;
   add_dataset(app, commands);
   add_train(app, commands);
@@ -164,6 +200,10 @@ int run(int argc, char** argv) {
     status = scene_describe(described);
   } else if (*make_command) {
     status = scene_make(make_options);
+  } else if (*trade_firmware_command) {
+    status = trade_firmware(firmware_options);
+  } else if (*trade_show_command) {
+    status = trade_show(show_options);
   } else {
     status = trade_sim(trade_options);
   }

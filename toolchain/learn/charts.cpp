@@ -8,6 +8,8 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
+#include <vector>
 
 namespace holdfast::learn::charts {
 namespace {
@@ -299,6 +301,119 @@ std::string draw(const Curves& chart) {
       svg.path(d, color(s), 1.6, R"( stroke-linejoin="round")");
       svg.path(dots, color(s), 6, R"( stroke-linecap="round")");
     }
+  }
+  return svg.done();
+}
+
+namespace {
+
+// The axis of some values, a little beyond them; logarithmic ones in decades.
+Scale scale_of(const Scatter::Panel& panel, double Scatter::Dot::*value, bool logarithmic, double from, double to) {
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for (const Scatter::Dot& dot : panel.dots) {
+    const double at = logarithmic ? std::log10(dot.*value) : dot.*value;
+    low = std::min(low, at);
+    high = std::max(high, at);
+  }
+  if (!(low <= high)) low = 0.0, high = 1.0;
+  const double margin = high > low ? 0.06 * (high - low) : logarithmic ? 0.1 : std::max(0.05 * std::abs(low), 1e-9);
+  return {low - margin, high + margin, from, to};
+}
+
+// 1, 2 and 5 times powers of ten, as logarithms.
+std::vector<double> log_ticks(const Scale& scale) {
+  std::vector<double> out;
+  for (double decade = std::floor(scale.low); decade <= scale.high; ++decade) {
+    for (const double lead : {1.0, 2.0, 5.0}) {
+      const double at = decade + std::log10(lead);
+      if (at >= scale.low && at <= scale.high) out.push_back(at);
+    }
+  }
+  return out;
+}
+
+// Puts labels beside their dots where they cover neither a label nor a dot; one that fits nowhere is left out.
+class Labels {
+ public:
+  Labels(double left, double right) : left_(left), right_(right) {}
+
+  void keep_free(double x, double y) { boxes_.push_back({x - 4, y - 4, x + 4, y + 4}); }
+  void put(Svg& svg, const Scatter::Dot& dot, double x, double y) {
+    const int size = dot.large ? 11 : 9;
+    const double width = 0.58 * size * static_cast<double>(dot.label.size());
+    for (const double dy : {-6.0, 13.0, -17.0, 24.0, -28.0, 35.0}) {
+      for (const bool right : {true, false}) {
+        const double from = right ? x + 8 : x - 8 - width;
+        const Box box{from, y + dy - 0.8 * size, from + width, y + dy + 0.2 * size};
+        const bool covers = std::any_of(boxes_.begin(), boxes_.end(), [&](const Box& b) {
+          return box.x0 < b.x1 && b.x0 < box.x1 && box.y0 < b.y1 && b.y0 < box.y1;
+        });
+        if (covers || box.x0 < left_ || box.x1 > right_) continue;
+        boxes_.push_back(box);
+        return svg.text(from, y + dy, "start", dot.label, size, dot.large ? kInk : kSoft, dot.large);
+      }
+    }
+  }
+
+ private:
+  struct Box {
+    double x0, y0, x1, y1;
+  };
+  double left_, right_;
+  std::vector<Box> boxes_;
+};
+
+}  // namespace
+
+std::string draw(const Scatter& chart) {
+  constexpr double kLeft = 64, kTop = 76, kPlot = 320, kWidth = 430, kGap = 20, kBottom = 48;
+  double legend_width = 12;
+  for (const std::string& kind : chart.kinds) legend_width += entry_width(kind);
+  Svg svg(std::max((kLeft + kWidth + kGap) * static_cast<double>(chart.panels.size()), legend_width),
+          kTop + kPlot + kBottom, chart.title);
+  double legend = 12;
+  for (std::size_t k = 0; k < chart.kinds.size(); ++k) {
+    svg.path(fmt::format("M{:.1f} 38h0", legend + 8), color(k), 9, R"( stroke-linecap="round")");
+    svg.text(legend + 20, 42, "start", chart.kinds[k]);
+    legend += entry_width(chart.kinds[k]);
+  }
+  for (std::size_t p = 0; p < chart.panels.size(); ++p) {
+    const Scatter::Panel& panel = chart.panels[p];
+    const double left = kLeft + (kLeft + kWidth + kGap) * static_cast<double>(p);
+    const Scale x = scale_of(panel, &Scatter::Dot::x, panel.x.logarithmic, left, left + kWidth);
+    const Scale y = scale_of(panel, &Scatter::Dot::y, panel.y.logarithmic, kTop + kPlot, kTop);
+    svg.text(left, kTop - 10, "start", panel.name + ": " + panel.y.name, 12, kInk, true);
+    const auto shown = [](double at, bool logarithmic) {
+      return fmt::format("{:.3g}", logarithmic ? std::pow(10.0, at) : at);
+    };
+    for (const double at : panel.x.logarithmic ? log_ticks(x) : ticks(x.low, x.high, 6)) {
+      svg.line(x(at), kTop, x(at), kTop + kPlot);
+      svg.text(x(at), kTop + kPlot + 16, "middle", shown(at, panel.x.logarithmic));
+    }
+    for (const double at : panel.y.logarithmic ? log_ticks(y) : ticks(y.low, y.high, 6)) {
+      svg.line(left, y(at), left + kWidth, y(at));
+      svg.text(left - 6, y(at) + 4, "end", shown(at, panel.y.logarithmic));
+    }
+    svg.text(left + kWidth / 2, kTop + kPlot + 36, "middle", panel.x.name, 11, kInk);
+    std::vector<std::pair<double, double>> front;
+    const auto place = [&](const Scatter::Dot& dot) {
+      return std::pair(x(panel.x.logarithmic ? std::log10(dot.x) : dot.x),
+                       y(panel.y.logarithmic ? std::log10(dot.y) : dot.y));
+    };
+    Labels labels(left, left + kWidth + kGap);
+    for (const Scatter::Dot& dot : panel.dots) labels.keep_free(place(dot).first, place(dot).second);
+    for (const Scatter::Dot& dot : panel.dots) {
+      const auto [at_x, at_y] = place(dot);
+      svg.path(fmt::format("M{:.1f} {:.1f}h0", at_x, at_y), color(dot.kind), dot.large ? 12 : 7,
+               R"( stroke-linecap="round")");
+      labels.put(svg, dot, at_x, at_y);
+      if (dot.on_front) front.emplace_back(at_x, at_y);
+    }
+    std::sort(front.begin(), front.end());
+    std::string d;
+    for (const auto& at : front) d += fmt::format("{}{:.1f} {:.1f}", d.empty() ? 'M' : 'L', at.first, at.second);
+    if (!d.empty()) svg.path(d, kInk, 1.0, R"( stroke-dasharray="4 3")");
   }
   return svg.done();
 }

@@ -85,6 +85,34 @@ struct Curves {
 };
 [[nodiscard]] std::string draw(const Curves& chart);
 
+// Points of several kinds over two axes, panels side by side. A front is a dashed line through the dots that are on it.
+// On a logarithmic axis values must be above 0. A label for which there is no room is left out: dots that matter most
+// come first.
+struct Scatter {
+  struct Axis {
+    std::string name;
+    bool logarithmic = false;
+  };
+  struct Dot {
+    double x = 0.0;
+    double y = 0.0;
+    std::size_t kind = 0;
+    std::string label = {};
+    bool large = false;
+    bool on_front = false;
+  };
+  struct Panel {
+    std::string name;
+    Axis x;
+    Axis y;
+    std::vector<Dot> dots;
+  };
+  std::string title;
+  std::vector<std::string> kinds;  // at most 7
+  std::vector<Panel> panels;
+};
+[[nodiscard]] std::string draw(const Scatter& chart);
+
 // Pictures of draw(), one below the other in one file.
 [[nodiscard]] std::string stacked(const std::vector<std::string>& pictures);
 

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "drivers/sim/scene/contact.hpp"
 #include "slip/classifier.hpp"
 #include "toolchain/learn/firmware_row.hpp"
 #include "toolchain/play/play.hpp"
@@ -26,12 +25,21 @@ scene::Scene varied(scene::Scene scene, const Variation& variation) {
   return scene;
 }
 
-Label label_of(const scene::Snapshot& truth) {
-  if (truth.contact.normal_n < kTouch_n) return Label::kEmpty;
-  return truth.level >= scene::SlipLevel::kHalf ? Label::kSlip : Label::kHold;
-}
-
 }  // namespace
+
+std::vector<Label> labels_of(std::span<const Truth> truth) {
+  std::vector<Label> labels;
+  double most_n = 0.0;
+  for (const Truth& now : truth) {
+    const bool touches = now.normal_n >= kTouch_n;
+    labels.push_back(!touches ? Label::kEmpty : now.level >= scene::SlipLevel::kHalf ? Label::kSlip : Label::kHold);
+    most_n = std::max(most_n, now.normal_n);
+  }
+  for (std::size_t k = truth.size(); k-- > 0 && truth[k].normal_n < kReleaseShare * most_n;) {
+    if (labels[k] != Label::kEmpty) labels[k] = Label::kOpen;
+  }
+  return labels;
+}
 
 void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation,
                const Watch& watch) {
@@ -42,7 +50,7 @@ void play_into(Samples& samples, const Planned& planned, const Params& params, c
   App& app = rig.connect(player.camera());
   Trial trial = planned.trial;
   trial.first = static_cast<int>(samples.rows.size());
-  std::vector<double> press_n;
+  std::vector<Truth> truths;
   if (app.start(all).ok()) {
     while (player.step(app, all, false)) {
       const scene::Snapshot& truth = player.snapshot();
@@ -50,19 +58,17 @@ void play_into(Samples& samples, const Planned& planned, const Params& params, c
       row.trial = static_cast<int>(samples.trials.size());
       row.frame = truth.frame;
       row.t_s = truth.t_s;
-      row.label = label_of(truth);
       row.slip_fraction = truth.contact.slip_fraction;
       row.slide_mm_s = truth.slide_mm_s;
       samples.rows.push_back(row);
-      press_n.push_back(truth.contact.normal_n);
+      truths.push_back({truth.contact.normal_n, truth.level});
       if (watch) watch(app, truth);
     }
   }
-  trial.count = static_cast<int>(press_n.size());
-  const double most_n = press_n.empty() ? 0.0 : std::ranges::max(press_n);
-  for (std::size_t k = press_n.size(); k-- > 0 && press_n[k] < kReleaseShare * most_n;) {
-    Label& label = samples.rows[static_cast<std::size_t>(trial.first) + k].label;
-    if (label != Label::kEmpty) label = Label::kOpen;
+  trial.count = static_cast<int>(truths.size());
+  const std::vector<Label> labels = labels_of(truths);
+  for (std::size_t k = 0; k < labels.size(); ++k) {
+    samples.rows[static_cast<std::size_t>(trial.first) + k].label = labels[k];
   }
   samples.trials.push_back(trial);
 }

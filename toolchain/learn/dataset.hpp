@@ -6,11 +6,13 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "app/params.hpp"
+#include "drivers/sim/scene/contact.hpp"
 #include "drivers/sim/scene/scene.hpp"
 #include "toolchain/learn/samples.hpp"
 
@@ -38,10 +40,17 @@ struct Planned {
   scene::Scene scene;
 };
 
-// Plays one scene and appends its trial. Labels: empty without contact (under 0.02 N); open from the release on, which
-// is after the last frame that presses with half of the largest force; else slip when more than half of the contact's
-// area slips (contact.hpp, SlipLevel::kHalf), else hold.
-// `watch` sees the firmware and the truth of each frame, whose row is the last one then; its label may yet turn open.
+// What the truth of one grasp says, frame by frame: empty without contact (under 0.02 N); open from the release on,
+// which is after the last frame that presses with half of the largest force; else slip when more than half of the
+// contact's area slips (contact.hpp, SlipLevel::kHalf), else hold.
+struct Truth {
+  double normal_n = 0.0;
+  scene::SlipLevel level = scene::SlipLevel::kNone;
+};
+[[nodiscard]] std::vector<Label> labels_of(std::span<const Truth> truth);
+
+// Plays one scene and appends its trial, with these labels.
+// `watch` sees the firmware and the truth of each frame, whose row is the last one then; its label comes at the end.
 using Watch = std::function<void(const App&, const scene::Snapshot&)>;
 void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {},
                const Watch& watch = {});

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// holdfast trade firmware: what each setting costs and leaves wrong; holdfast trade show: the same from its tables.
+#include <fmt/format.h>
+
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/progress.hpp"
+#include "toolchain/trade/film.hpp"
+#include "toolchain/trade/price.hpp"
+#include "toolchain/trade/table.hpp"
+
+namespace holdfast::tool {
+namespace {
+
+struct Output {
+  std::string_view option;
+  const std::string& path;
+};
+using Outputs = std::array<Output, 3>;
+
+// Which output would destroy another, or an input. Empty: none.
+std::string collision(const Outputs& outputs, const std::vector<std::string>& inputs) {
+  for (std::size_t a = 0; a < outputs.size(); ++a) {
+    if (outputs[a].path.empty()) continue;
+    for (std::size_t b = a + 1; b < outputs.size(); ++b) {
+      if (outputs[b].path.empty() || !same_place(outputs[a].path, outputs[b].path)) continue;
+      return fmt::format(
+          "{}: given for both {} and {}. Likely cause: a typing error. Next: give each output a file of its own",
+          outputs[a].path, outputs[a].option, outputs[b].option);
+    }
+    for (const std::string& input : inputs) {
+      if (!same_place(outputs[a].path, input)) continue;
+      return fmt::format(
+          "{}: {} would change a table of this run. Likely cause: the same name given twice. Next: give another place "
+          "for the output",
+          input, outputs[a].option);
+    }
+  }
+  return {};
+}
+
+int put_out(const std::vector<trade::Line>& lines, bool whole, const Outputs& outputs) {
+  const auto [csv, svg, modes] = outputs;
+  std::vector<std::pair<std::filesystem::path, std::string>> files;
+  if (!csv.path.empty()) files.emplace_back(csv.path, trade::csv(lines));
+  if (!svg.path.empty()) files.emplace_back(svg.path, trade::svg(lines));
+  if (!modes.path.empty()) files.emplace_back(modes.path, trade::modes_markdown(lines));
+  if (const std::string error = write_all("", files); !error.empty()) return fail(error);
+  fmt::print("{}", trade::text(lines, whole));
+  fmt::print(
+      "a frame: thread CPU time on this machine, from the bytes of a 3280x2464 JPEG to the decision; px of a picture "
+      "320 "
+      "wide\n");
+  for (const auto& file : files) fmt::print("written   {}\n", file.first.string());
+  return 0;
+}
+
+}  // namespace
+
+int trade_firmware(const TradeFirmwareOptions& options) {
+  int shard = 1;
+  int shards = 1;
+  if (const std::string error = parse_shard(options.shard, shard, shards); !error.empty()) return fail(error);
+  const Outputs outputs{{{"--csv", options.csv}, {"--svg", options.svg}, {"--modes", options.modes}}};
+  if (const std::string error = collision(outputs, {}); !error.empty()) return fail(error);
+  if (shards > 1 && (!options.svg.empty() || !options.modes.empty())) {
+    return fail(
+        "--shard: a piece has no picture and no table of modes. Likely cause: --svg or --modes given to a piece. Next: "
+        "give them to holdfast trade show with all the pieces");
+  }
+  const std::vector<trade::Point> points = trade::points();
+  std::vector<long> mine;
+  std::vector<trade::Trialled> trialled;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (static_cast<int>(i % static_cast<std::size_t>(shards)) + 1 != shard) continue;
+    mine.push_back(static_cast<long>(i));
+    trialled.emplace_back(points[i]);
+  }
+  const std::vector<learn::PlannedGrasp> grasps = trade::planned_grasps(options.every);
+  // A film takes about as long as so many grasps, filming and one setting each.
+  constexpr long kFilmInGrasps = 20;
+  const auto settings = static_cast<long>(mine.size());
+  Progress progress("trade", static_cast<long>(grasps.size()) + options.films * kFilmInGrasps * (settings + 8) / 8);
+  long done = 0;
+  for (int which = 0; which < options.films; ++which) {
+    const trade::Film film = trade::shoot(which);
+    done += kFilmInGrasps;
+    progress.update(done);
+    const auto frames = static_cast<long>(film.shots.size());
+    for (long k = 0; k < frames; ++k) {
+      for (trade::Trialled& one : trialled) one.show(film, static_cast<std::size_t>(k));
+      progress.update(done + settings * kFilmInGrasps * k / frames / 8);
+      if (interrupted()) return fail(interrupted_line());
+    }
+    done += settings * kFilmInGrasps / 8;
+  }
+  for (const learn::PlannedGrasp& planned : grasps) {
+    const trade::Grasp grasp = trade::play(planned);
+    for (trade::Trialled& one : trialled) one.show(grasp);
+    progress.update(++done);
+    if (interrupted()) return fail(interrupted_line());
+  }
+  progress.clear();
+  std::vector<trade::Line> lines;
+  for (std::size_t i = 0; i < trialled.size(); ++i) {
+    lines.push_back(trade::line_of(mine[i], points[static_cast<std::size_t>(mine[i])], trialled[i].price()));
+  }
+  return put_out(lines, shards == 1, outputs);
+}
+
+int trade_show(const TradeShowOptions& options) {
+  const Outputs outputs{{{"--csv", options.csv}, {"--svg", options.svg}, {"--modes", options.modes}}};
+  if (const std::string error = collision(outputs, options.tables); !error.empty()) return fail(error);
+  std::vector<trade::Line> lines;
+  for (const std::string& path : options.tables) {
+    std::ifstream in(path, std::ios::binary);
+    std::error_code ignored;
+    if (!in || std::filesystem::is_directory(path, ignored)) {
+      return fail(fmt::format(
+          "{}: cannot be read. Likely cause: no such file, a folder, or no right to read it. Next: give what holdfast "
+          "trade firmware --csv wrote",
+          path));
+    }
+    if (const auto error = trade::read_csv(in, path, lines)) return fail(*error);
+  }
+  if (const auto error = trade::put_together(lines)) return fail(*error);
+  return put_out(lines, true, outputs);
+}
+
+}  // namespace holdfast::tool

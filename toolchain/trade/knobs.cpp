@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/trade/knobs.hpp"
+
+#include <fmt/format.h>
+
+#include <cstddef>
+#include <initializer_list>
+#include <string_view>
+#include <utility>
+
+#include "app/app.hpp"
+#include "base/math.hpp"
+
+namespace holdfast::trade {
+namespace {
+
+class List {
+ public:
+  Point& add(std::string_view knob, std::string value) {
+    Point& point = all_.emplace_back();
+    point.knob = knob;
+    point.value = std::move(value);
+    return point;
+  }
+  void sweep(std::int32_t Params::*member, std::initializer_list<std::int32_t> values) {
+    for (const ParamInfo& row : kParams) {
+      if (row.member != member) continue;
+      for (const std::int32_t value : values) {
+        Point& point = add(row.name, fmt::format("{}{}{}", value, row.unit.empty() ? "" : " ", row.unit));
+        point.params.*member = value;
+      }
+    }
+  }
+  [[nodiscard]] std::vector<Point> take() { return std::move(all_); }
+
+ private:
+  std::vector<Point> all_;
+};
+
+// Rounds to so many bits of fraction, halves away from zero.
+std::int32_t rounded(std::int32_t q8, int bits) {
+  const std::int32_t unit = 1 << (8 - bits);
+  return static_cast<std::int32_t>(div_round(q8, unit)) * unit;
+}
+
+}  // namespace
+
+std::vector<Point> points() {
+  List list;
+  for (std::size_t i = 0; i < kModes.size(); ++i) {
+    Point& point = list.add("mode", std::string(kModes[i].name));
+    point.mode = kModes[i].name;
+    point.params.mode = static_cast<std::int32_t>(i);
+  }
+  list.sweep(&Params::jpeg_lanes, {0, 1, 2});
+  list.add("jpeg_decoder", "libjpeg-turbo").tuning.library_jpeg = true;
+  list.sweep(&Params::jpeg_rows_pct, {95, 85, 70});
+  for (const int passes : {1, 2, 3}) {
+    list.add("passes", fmt::format("{}", passes)).tuning.passes = passes;
+  }
+  for (const int pct : {50, 100, 150}) {
+    list.add("window", fmt::format("{} % of the pitch", pct)).tuning.window_pct = pct;
+  }
+  list.sweep(&Params::reference_frames, {1, 3, 30});
+  list.add("features", "the paper's four").tuning.model = ModelChoice::kPaper;
+  for (const int every : {2, 3}) {
+    Point& point = list.add("frame rate", fmt::format("{:.3g} fps", 25.0 / every));
+    point.tuning.frame_every = every;
+    // The gel is left empty for half a second only.
+    point.params.reference_frames /= every;
+  }
+  list.sweep(&Params::sensitivity, {0, 2});
+  list.sweep(&Params::raise_frames, {1, 3, 5});
+  list.sweep(&Params::hold_ms, {0, 80, 1000});
+  list.sweep(&Params::histogram_range_um, {950, 1425, 2850, 3800});
+  Point& fewer = list.add("markers", "every second row and column");
+  fewer.tuning.marker_every = 2;
+  fewer.params.pitch_um *= 2;
+  for (const int bits : {6, 4, 3, 2, 0}) {
+    list.add("centres", fmt::format("Q{}", bits)).tuning.centre_bits = bits;
+  }
+  const auto rival = [&](std::string_view name, Rival which) {
+    list.add("others", std::string(name)).tuning.rival = which;
+  };
+  rival("OpenCV 1/8 + Canny + SimpleBlob", Rival::kBlobs);
+  rival("the same after blur", Rival::kBlurredBlobs);
+  rival("OpenCV 1/8 + Lucas-Kanade", Rival::kFlow);
+  rival("OpenCV full size + Canny + SimpleBlob", Rival::kFullBlobs);
+  return list.take();
+}
+
+pipeline::Config config_of(const Point& point, const model::Tree* tree) {
+  pipeline::Config config = pipeline_config(point.params, false, tree);
+  config.tracker.passes = point.tuning.passes;
+  config.tracker.window_pct = point.tuning.window_pct;
+  return config;
+}
+
+MarkerField coarsened(const MarkerField& field, const Tuning& tuning) {
+  MarkerField out;
+  const int every = tuning.marker_every;
+  const auto kept = [&](int count) { return static_cast<std::uint8_t>((count + every - 1) / every); };
+  out.grid = {kept(field.grid.rows), kept(field.grid.cols)};
+  for (std::int32_t i = 0; i < out.grid.count(); ++i) {
+    const std::int32_t row = i / out.grid.cols * every;
+    const std::int32_t col = i % out.grid.cols * every;
+    Marker& marker = out.markers[idx(i)];
+    marker = field.markers[idx(row * field.grid.cols + col)];
+    marker.x = PixelsQ8::from_raw(rounded(marker.x.raw(), tuning.centre_bits));
+    marker.y = PixelsQ8::from_raw(rounded(marker.y.raw(), tuning.centre_bits));
+  }
+  return out;
+}
+
+}  // namespace holdfast::trade

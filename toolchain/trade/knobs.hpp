@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// The settings whose price `holdfast trade` measures: mode fast, and what differs from it in one knob at a time.
+//
+// Most are parameters of the firmware (app/params.hpp). The others are choices that it has made: how many centrings and
+// how large a window, how fine a centre is kept, how many markers there are. They are swept all the same, because a
+// choice that nobody has priced is a guess; Tuning says how each is imposed from outside.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "app/params.hpp"
+#include "app/pipeline.hpp"
+#include "tactile/types.hpp"
+
+namespace holdfast::trade {
+
+// What others do with the same pictures, told where the markers lie at first; pictures alone.
+enum class Rival : std::uint8_t {
+  kNone,
+  kBlobs,         // OpenCV: grey at 1/8, Canny, SimpleBlobDetector: the paper's method
+  kBlurredBlobs,  // the same after a Gaussian blur of 5 pixels
+  kFlow,          // OpenCV: grey at 1/8, pyramidal Lucas-Kanade: what the vendor's library does
+  kFullBlobs,     // the paper's method at full size
+};
+
+enum class ModelChoice : std::uint8_t { kCommitted, kPaper };
+
+struct Tuning {
+  bool library_jpeg = false;  // libjpeg-turbo decodes at every scale, also at 1/8
+  int passes = tracker::Config{}.passes;
+  std::int32_t window_pct = tracker::Config{}.window_pct;
+  ModelChoice model = ModelChoice::kCommitted;
+  // Of what was filmed at 25 fps, every so many-th frame.
+  int frame_every = 1;
+  // From here on what only a run from markers can impose (Grasp).
+  int marker_every = 1;  // of the rows, and of the columns
+  int centre_bits = 8;   // of a centre's fraction: the rest is rounded away
+  Rival rival = Rival::kNone;
+};
+
+struct Point {
+  std::string knob;
+  std::string value;
+  std::string mode;  // the shipped mode that this is; empty: none
+  Params params;
+  Tuning tuning;
+
+  // Whether a picture cannot show it: such a setting is tried on markers alone.
+  [[nodiscard]] bool needs_markers() const { return tuning.marker_every > 1 || tuning.centre_bits < 8; }
+};
+
+// The first three are the shipped modes, in their order.
+[[nodiscard]] std::vector<Point> points();
+
+// The pipeline of a point; `tree` as pipeline_config() wants it.
+[[nodiscard]] pipeline::Config config_of(const Point& point, const model::Tree* tree);
+
+// What a tracker with fewer markers, or with coarser centres, would have seen. Fewer markers are a coarser lattice.
+[[nodiscard]] MarkerField coarsened(const MarkerField& field, const Tuning& tuning);
+
+}  // namespace holdfast::trade

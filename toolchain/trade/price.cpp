@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/trade/price.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <ctime>
+#include <memory>
+#include <span>
+#include <utility>
+
+#include "app/app.hpp"
+#include "base/math.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
+#include "hal/crew.hpp"
+#include "tactile/entropy.hpp"
+#include "toolchain/learn/calibrate.hpp"
+#include "toolchain/trade/rival.hpp"
+#include "toolchain/treec/tree_model.hpp"
+
+namespace holdfast::trade {
+namespace {
+
+// Notes what decoding takes of the frame's time.
+class TimedDecoder final : public JpegDecoder {
+ public:
+  explicit TimedDecoder(JpegDecoder& decoder) : decoder_(decoder) {}
+
+  [[nodiscard]] double us() const { return us_; }
+
+ private:
+  [[nodiscard]] Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale, LumaBuffer& out) override {
+    const double start = thread_us();
+    const Status status = decoder_.decode(bytes, scale, out);
+    us_ = thread_us() - start;
+    return status;
+  }
+
+  JpegDecoder& decoder_;
+  double us_ = 0.0;
+};
+
+struct Firmware {
+  explicit Firmware(const Point& point) {
+    if (point.tuning.model == ModelChoice::kPaper) {
+      treec::Model model;
+      (void)treec::parse(learn::paper_model_text(), model);
+      tree = std::make_unique<model::Tree>(treec::to_table(model));
+    }
+    config = config_of(point, tree.get());
+    ours = std::make_unique<EighthDecoder>(jpeg_config(point.params), library, std::span(worker.get(), 1), crew);
+    timed = std::make_unique<TimedDecoder>(point.tuning.library_jpeg ? static_cast<JpegDecoder&>(library) : *ours);
+  }
+
+  std::unique_ptr<model::Tree> tree;
+  pipeline::Config config;
+  drivers::TurboJpegDecoder library;
+  std::unique_ptr<jpeg_fast::Worker> worker = std::make_unique<jpeg_fast::Worker>();
+  hal::Alone crew;
+  std::unique_ptr<EighthDecoder> ours;
+  std::unique_ptr<TimedDecoder> timed;
+};
+
+// One trial's rows and verdicts, and then its place in the counts.
+class Trial {
+ public:
+  Trial(const learn::Trial& trial, const std::vector<learn::Label>& labels) : labels_(labels) {
+    samples_.trials.push_back(trial);
+    samples_.trials.front().first = 0;
+  }
+
+  void add(std::size_t frame, Micros time, const pipeline::Result& result) {
+    learn::Row& row = samples_.rows.emplace_back();
+    row.frame = static_cast<int>(frame);
+    row.t_s = static_cast<double>(time.count()) * 1e-6;
+    row.label = labels_[frame];
+    row.accepted = result.quality.ok() && result.referenced;
+    verdicts_.push_back(row.accepted && result.verdict == Verdict::kSlip ? 1 : 0);
+  }
+  void count(const decision::Config& config, Decisions& out) {
+    samples_.trials.front().count = static_cast<int>(samples_.rows.size());
+    for (std::size_t k = 0; k < verdicts_.size(); ++k) {
+      const learn::Row& row = samples_.rows[k];
+      const bool contact = row.label == learn::Label::kHold || row.label == learn::Label::kSlip;
+      if (learn::judged(row)) out.frames.add(row.label == learn::Label::kSlip, verdicts_[k] != 0);
+      if (contact && !row.accepted) ++out.refused;
+    }
+    out.events.add(learn::event_of(samples_, 0, verdicts_, config));
+  }
+
+ private:
+  const std::vector<learn::Label>& labels_;
+  learn::Samples samples_;
+  std::vector<std::uint8_t> verdicts_;
+};
+
+// Mean of |E - E of the truth|.
+struct EntropyError {
+  void add(const features::Config& config, const DisplacementField& truth, const pipeline::Result& result) {
+    if (!result.quality.ok() || !result.referenced) return;
+    const std::int32_t q24 = entropy::of_counts_q24(features::histogram_of(truth, config.histogram_range_um));
+    sum += std::abs(result.features.entropy.raw() / 65536.0 - q24 / 16777216.0);
+    ++count;
+  }
+  [[nodiscard]] double mean() const { return count > 0 ? sum / static_cast<double>(count) : 0.0; }
+
+  double sum = 0.0;
+  long count = 0;
+};
+
+double percentile(std::vector<double> values, double share) {
+  return learn::quantile(std::move(values), share).value_or(0.0);
+}
+
+hal::Frame frame_of(const Film& film, std::size_t k) {
+  hal::Frame frame{};
+  frame.bytes = film.shots[k].jpeg;
+  frame.format = hal::PixelFormat::kMjpeg;
+  frame.width = film.width;
+  frame.height = film.height;
+  frame.timestamp = film.shots[k].time + Micros{1};
+  frame.sequence = static_cast<std::uint32_t>(k);
+  return frame;
+}
+
+// What is left of a picture when two kilobytes are lost in this share of it: they are zero, as a frame of which a
+// packet is missing has them.
+std::vector<std::uint8_t> damaged(const std::vector<std::uint8_t>& jpeg, double share) {
+  constexpr double kLost = 2048.0;
+  std::vector<std::uint8_t> out = jpeg;
+  const auto from = static_cast<std::ptrdiff_t>(share * (static_cast<double>(out.size()) - kLost));
+  std::fill_n(out.begin() + from, static_cast<std::ptrdiff_t>(kLost), std::uint8_t{0});
+  return out;
+}
+// Every so many-th frame is damaged, in these places.
+constexpr std::size_t kDamageEvery = 25;
+constexpr std::array<double, 5> kDamagedAt{0.1, 0.3, 0.5, 0.7, 0.9};
+
+struct Times {
+  std::vector<double> all_us;
+  std::vector<double> decode_us;
+};
+
+}  // namespace
+
+double thread_us() {
+  timespec now{};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
+}
+
+struct Trialled::State {
+  explicit State(Point asked) : point(std::move(asked)) {
+    if (point.tuning.rival == Rival::kNone) {
+      firmware = std::make_unique<Firmware>(point);
+    } else {
+      rival = std::make_unique<RivalTracker>(point.tuning.rival);
+    }
+  }
+
+  // As the next frame, which leaves no trace.
+  void damage(const hal::Frame& frame) {
+    for (const double share : kDamagedAt) {
+      const std::vector<std::uint8_t> jpeg = damaged({frame.bytes.begin(), frame.bytes.end()}, share);
+      hal::Frame broken = frame;
+      broken.bytes = jpeg;
+      const auto luma = std::make_unique<luma_input::State>(pipeline->luma);
+      LumaView view;
+      ++seen.damaged;
+      if (luma_input::update(*luma, firmware->config.luma, *firmware->timed, broken, view).ok()) ++seen.damaged_used;
+    }
+  }
+
+  Point point;
+  std::unique_ptr<Firmware> firmware;
+  std::unique_ptr<RivalTracker> rival;
+  std::unique_ptr<pipeline::State> pipeline;
+  std::optional<Trial> trial;
+  Times times;
+  Seen seen;
+  MarkerError markers;
+  EntropyError filmed_entropy, grasped_entropy;
+  std::optional<Decisions> filmed, grasped;
+};
+
+Trialled::Trialled(const Point& point) : state_(std::make_unique<State>(point)) {}
+Trialled::~Trialled() = default;
+Trialled::Trialled(Trialled&&) noexcept = default;
+
+void Trialled::show(const Film& film, std::size_t k) {
+  State& s = *state_;
+  if (s.point.needs_markers()) return;
+  const Shot& shot = film.shots[k];
+  if (s.rival) {
+    if (k % static_cast<std::size_t>(s.rival->every()) != 0) return;
+    if (k == 0) s.rival->begin(film);
+    const double start = thread_us();
+    s.rival->update(shot.jpeg);
+    s.times.all_us.push_back(thread_us() - start);
+    s.times.decode_us.push_back(s.rival->decode_us());
+    ++s.seen.frames;
+    s.rival->judge(shot.markers, film.width, s.markers);
+    return;
+  }
+  if (!s.filmed) s.filmed.emplace();
+  const pipeline::Config& config = s.firmware->config;
+  if (k == 0) {
+    s.pipeline = std::make_unique<pipeline::State>();
+    s.trial.emplace(film.trial, film.labels);
+  }
+  if (k % static_cast<std::size_t>(s.point.tuning.frame_every) == 0) {
+    const hal::Frame frame = frame_of(film, k);
+    const double start = thread_us();
+    const pipeline::Result result = pipeline::update(*s.pipeline, config, *s.firmware->timed, frame);
+    s.times.all_us.push_back(thread_us() - start);
+    s.times.decode_us.push_back(s.firmware->timed->us());
+    ++s.seen.frames;
+    s.trial->add(k, shot.time, result);
+    if (result.quality.ok()) {
+      s.markers.add(s.pipeline->tracker.field, shot.markers, luma_input::reduction(config.luma, frame), film.width);
+      s.filmed_entropy.add(config.features, shot.moved, result);
+    } else {
+      ++s.seen.rejected;
+    }
+  }
+  if (k % kDamageEvery == kDamageEvery - 1) s.damage(frame_of(film, k));
+  if (k + 1 < film.shots.size()) return;
+  s.trial->count(config.decision, *s.filmed);
+  s.pipeline.reset();
+}
+
+void Trialled::show(const Grasp& grasp) {
+  State& s = *state_;
+  if (s.rival) return;
+  if (!s.grasped) s.grasped.emplace();
+  const pipeline::Config& config = s.firmware->config;
+  const auto state = std::make_unique<pipeline::State>();
+  Trial trial(grasp.trial, grasp.labels);
+  for (std::size_t k = 0; k < grasp.sights.size(); k += static_cast<std::size_t>(s.point.tuning.frame_every)) {
+    const Sight& sight = grasp.sights[k];
+    const pipeline::Result result = pipeline::update_markers(*state, config, coarsened(sight.markers, s.point.tuning),
+                                                             sight.time, static_cast<std::uint32_t>(k));
+    trial.add(k, sight.time, result);
+    // Fewer markers are not the histogram of all.
+    if (s.point.tuning.marker_every == 1) s.grasped_entropy.add(config.features, sight.moved, result);
+  }
+  trial.count(config.decision, *s.grasped);
+}
+
+Price Trialled::price() const {
+  const State& s = *state_;
+  Price price;
+  price.memory_bytes = memory_bytes(s.point);
+  if (s.seen.frames > 0) {
+    price.seen = s.seen;
+    price.seen->us_p50 = percentile(s.times.all_us, 0.5);
+    price.seen->us_p99 = percentile(s.times.all_us, 0.99);
+    price.seen->decode_us_p50 = percentile(s.times.decode_us, 0.5);
+    price.seen->rms_px = s.markers.rms();
+    price.seen->missed = s.markers.missed;
+    price.seen->entropy_error_nat = s.filmed_entropy.mean();
+    price.filmed = s.filmed;
+  }
+  if (s.grasped) {
+    price.grasped = s.grasped;
+    price.grasped_entropy_error_nat = s.grasped_entropy.mean();
+  }
+  return price;
+}
+
+std::int64_t memory_bytes(const Point& point) {
+  const Params& params = point.params;
+  const auto scale = static_cast<std::int32_t>(kModes[static_cast<std::size_t>(params.mode)].scale);
+  const std::int64_t picture = std::int64_t{3280 / scale} * (2464 / scale);
+  const std::int64_t pipeline = static_cast<std::int64_t>(sizeof(App) - sizeof(LumaBuffer));
+  const bool library = point.tuning.library_jpeg || scale != 8;
+  const auto walk = params.jpeg_lanes == 0 ? sizeof(jpeg_dc::State)
+                                           : sizeof(EighthDecoder) + static_cast<std::size_t>(params.jpeg_threads) *
+                                                                         sizeof(jpeg_fast::Worker);
+  constexpr auto kLibrary = drivers::TurboJpegDecoder::kMemory.tables + drivers::TurboJpegDecoder::kMemory.picture;
+  return pipeline + picture + static_cast<std::int64_t>(library ? kLibrary : walk);
+}
+
+}  // namespace holdfast::trade

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// What one setting costs and gains, measured: time, memory, and what is left of the truth.
+//
+// Time is thread CPU time of this machine, median over the frames; ratios are what may be compared between machines.
+// Marker error: RMS over all markers and frames of the films, in px of a picture 320 wide. Error of E: mean of |E minus
+// the E of the true displacements in the same bins|. Decisions are counted by learn/metrics.hpp, the verdict frame by
+// frame and the request event by event.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+#include "toolchain/learn/evaluate.hpp"
+#include "toolchain/learn/metrics.hpp"
+#include "toolchain/trade/film.hpp"
+#include "toolchain/trade/knobs.hpp"
+
+namespace holdfast::trade {
+
+struct Decisions {
+  learn::Confusion frames;
+  long refused = 0;  // frames of contact that were not judged
+  learn::EventGroup events;
+};
+
+// Of the films: from the JPEG's bytes on.
+struct Seen {
+  double us_p50 = 0.0;  // a frame, all of it
+  double us_p99 = 0.0;
+  double decode_us_p50 = 0.0;
+  double rms_px = 0.0;
+  long missed = 0;    // markers, of all frames
+  long rejected = 0;  // frames
+  long frames = 0;
+  // Of pictures whose bytes were lost in one place, those that are taken for whole all the same.
+  long damaged = 0;
+  long damaged_used = 0;
+  double entropy_error_nat = 0.0;
+};
+
+struct Price {
+  std::int64_t memory_bytes = 0;  // of the pipeline and the decoder with the pictures that this setting works on
+  std::optional<Seen> seen;       // rms and entropy mean nothing when all was rejected
+  std::optional<Decisions> filmed;
+  std::optional<Decisions> grasped;        // from the markers on: without the imprint
+  double grasped_entropy_error_nat = 0.0;  // likewise
+};
+
+// One setting on trial. Whoever tries several shows each frame to all of them by turns: what the machine does meanwhile
+// meets all alike.
+class Trialled {
+ public:
+  explicit Trialled(const Point& point);
+  ~Trialled();
+  Trialled(Trialled&&) noexcept;
+  Trialled& operator=(Trialled&&) = delete;
+  Trialled(const Trialled&) = delete;
+  Trialled& operator=(const Trialled&) = delete;
+
+  // Frame k = 0, 1, ... of a film through the pipeline. Nothing happens when the point needs markers.
+  void show(const Film& film, std::size_t k);
+  // A whole grasp from its markers on. Nothing happens when the point wants pictures.
+  void show(const Grasp& grasp);
+  [[nodiscard]] Price price() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+[[nodiscard]] std::int64_t memory_bytes(const Point& point);
+
+[[nodiscard]] double thread_us();
+
+}  // namespace holdfast::trade

@@ -1,0 +1,309 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/trade/table.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <istream>
+#include <limits>
+
+#include "toolchain/learn/charts.hpp"
+#include "toolchain/learn/evaluate_report.hpp"
+
+namespace holdfast::trade {
+namespace {
+
+using learn::charts::Scatter;
+
+constexpr double kTimesTremble = 0.05;
+
+constexpr std::array<Figure, kFigures> kTable{{
+    {"us_p50", "us", 0, Better::kLess, kTimesTremble},
+    {"us_p99", "us p99", 0},
+    {"decode_us_p50", "decode", 0},
+    {"memory_bytes", "kB", 0, Better::kLess},
+    {"marker_rms_px", "rms px", 4, Better::kLess},
+    {"markers_missed_pct", "lost %", 2, Better::kLess},
+    {"frames_rejected", "refused", 0, Better::kLess},
+    {"damaged_used_pct", "used %", 1, Better::kLess},
+    {"film_entropy_error_nat", "E err", 4},
+    {"film_balanced_pct", "bal. %", 1, Better::kMore},
+    {"film_onsets", "onsets", 0},
+    {"film_unnoticed", "not", 0, Better::kLess},
+    {"film_delay_ms_p50", "ms p50", 0, Better::kLess},
+    {"film_delay_ms_p95", "ms p95", 0},
+    {"film_alarms_per_hour", "alarms/h", 0, Better::kLess},
+    {"grasp_entropy_error_nat", "E err", 4},
+    {"grasp_balanced_pct", "bal. %", 1, Better::kMore},
+    {"grasp_onsets", "onsets", 0},
+    {"grasp_unnoticed", "not", 0, Better::kLess},
+    {"grasp_delay_ms_p50", "ms p50", 0, Better::kLess},
+    {"grasp_delay_ms_p95", "ms p95", 0},
+    {"grasp_alarms_per_hour", "alarms/h", 0, Better::kLess},
+}};
+
+constexpr std::array<std::string_view, 4> kNames{"index", "knob", "value", "mode"};
+
+std::string header() {
+  std::string out;
+  for (const std::string_view name : kNames) out += fmt::format("{}{}", out.empty() ? "" : ",", name);
+  for (const Figure& figure : kTable) out += fmt::format(",{}", figure.id);
+  return out;
+}
+
+void decisions_of(const Decisions& decisions, Line& line, std::size_t balanced) {
+  const learn::EventGroup& events = decisions.events;
+  auto& figures = line.figures;
+  if (decisions.frames.count() > 0) figures[balanced] = 100.0 * decisions.frames.balanced_accuracy();
+  figures[balanced + 1] = events.onsets;
+  figures[balanced + 2] = events.missed + events.before;
+  figures[balanced + 3] = learn::quantile(events.ms, 0.5);
+  figures[balanced + 4] = learn::quantile(events.ms, 0.95);
+  figures[balanced + 5] = events.alarms_per_hour();
+}
+
+// -1: a is worse, 0: no difference, 1: better.
+int compared(const Figure& figure, double a, double b) {
+  if (std::abs(a - b) <= figure.same_within * std::max(std::abs(a), std::abs(b))) return 0;
+  return (a < b) == (figure.better == Better::kLess) ? 1 : -1;
+}
+
+// Whether `a` is as good as `b` in these and better in one; both have all of them that either has.
+template <typename Indices>
+bool beats(const Line& a, const Line& b, const Indices& indices) {
+  bool better = false;
+  for (const std::size_t i : indices) {
+    if (a.figures[i].has_value() != b.figures[i].has_value()) return false;
+    if (!a.figures[i]) continue;
+    const int sign = compared(kTable[i], *a.figures[i], *b.figures[i]);
+    if (sign < 0) return false;
+    better = better || sign > 0;
+  }
+  return better;
+}
+
+std::vector<std::string> cells_of(std::string_view line) {
+  std::vector<std::string> cells(1);
+  for (const char c : line) {
+    if (c == ',') {
+      cells.emplace_back();
+    } else if (c != '\r') {
+      cells.back() += c;
+    }
+  }
+  return cells;
+}
+
+template <typename Number>
+bool to_number(std::string_view text, Number& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc{} && end == text.data() + text.size();
+}
+
+}  // namespace
+
+const std::array<Figure, kFigures>& figures() {
+  return kTable;
+}
+
+Line line_of(long index, const Point& point, const Price& price) {
+  Line line;
+  line.index = index;
+  line.knob = point.knob;
+  line.value = point.value;
+  line.mode = point.mode;
+  auto& figures = line.figures;
+  if (point.tuning.rival == Rival::kNone) figures[kMemory] = static_cast<double>(price.memory_bytes);
+  if (price.seen) {
+    const Seen& seen = *price.seen;
+    figures[kUsP50] = seen.us_p50;
+    figures[kUsP99] = seen.us_p99;
+    figures[kDecodeUs] = seen.decode_us_p50;
+    if (seen.frames > seen.rejected) figures[kRms] = seen.rms_px;
+    const double markers = 63.0 * static_cast<double>(std::max(1L, seen.frames - seen.rejected));
+    figures[kMissed] = 100.0 * static_cast<double>(seen.missed) / markers;
+    figures[kRejected] = static_cast<double>(seen.rejected);
+    if (seen.damaged > 0)
+      figures[kDamagedUsed] = 100.0 * static_cast<double>(seen.damaged_used) / static_cast<double>(seen.damaged);
+    if (price.filmed && price.filmed->frames.count() > 0) figures[kEntropyError] = seen.entropy_error_nat;
+  }
+  if (price.filmed) decisions_of(*price.filmed, line, kFilmBalanced);
+  if (price.grasped) {
+    const bool all_markers = point.tuning.marker_every == 1;
+    if (all_markers && price.grasped->frames.count() > 0) figures[kGraspEntropyError] = price.grasped_entropy_error_nat;
+    decisions_of(*price.grasped, line, kGraspBalanced);
+  }
+  return line;
+}
+
+std::string csv(const std::vector<Line>& lines) {
+  std::string out = header() + '\n';
+  for (const Line& line : lines) {
+    out += fmt::format("{},{},{},{}", line.index, line.knob, line.value, line.mode);
+    for (std::size_t i = 0; i < kFigures; ++i) {
+      const int digits = kTable[i].decimals == 0 ? 0 : kTable[i].decimals + 2;
+      out += line.figures[i] ? fmt::format(",{:.{}f}", *line.figures[i], digits) : ",";
+    }
+    out += '\n';
+  }
+  return out;
+}
+
+std::optional<std::string> read_csv(std::istream& in, std::string_view name, std::vector<Line>& lines) {
+  std::string row;
+  if (!std::getline(in, row) || cells_of(row) != cells_of(header())) {
+    return fmt::format(
+        "{}:1: no table of prices. Likely cause: another file, or one of another version. Next: give what holdfast "
+        "trade firmware --csv wrote",
+        name);
+  }
+  for (int number = 2; std::getline(in, row); ++number) {
+    const std::vector<std::string> cells = cells_of(row);
+    const auto wrong = [&](std::string_view what) {
+      return fmt::format("{}:{}: {}. Likely cause: the file was cut off or edited. Next: measure that piece again",
+                         name, number, what);
+    };
+    if (cells == cells_of(header())) continue;  // pieces that were put one behind the other
+    if (cells.size() != kNames.size() + kFigures) return wrong(fmt::format("{} cells", cells.size()));
+    Line line;
+    if (!to_number(cells[0], line.index)) return wrong("no index");
+    line.knob = cells[1];
+    line.value = cells[2];
+    line.mode = cells[3];
+    for (std::size_t i = 0; i < kFigures; ++i) {
+      const std::string& cell = cells[kNames.size() + i];
+      if (cell.empty()) continue;
+      double value = 0.0;
+      if (!to_number(cell, value) || !std::isfinite(value)) return wrong(fmt::format("'{}' is no number", cell));
+      line.figures[i] = value;
+    }
+    lines.push_back(std::move(line));
+  }
+  return {};
+}
+
+std::optional<std::string> put_together(std::vector<Line>& lines) {
+  std::ranges::sort(lines, {}, &Line::index);
+  const std::vector<Point> all = points();
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const bool twice = i + 1 < lines.size() && lines[i].index == lines[i + 1].index;
+    if (twice || i >= lines.size() || lines[i].index != static_cast<long>(i) || lines[i].knob != all[i].knob ||
+        lines[i].value != all[i].value) {
+      return fmt::format(
+          "setting {} ({} {}) is {}. Likely cause: a piece left out, given twice, or measured by another version. "
+          "Next: "
+          "give each of the N pieces of one run once",
+          i, all[i].knob, all[i].value, twice ? "there twice" : "missing");
+    }
+  }
+  if (lines.size() > all.size())
+    return "more settings than there are. Likely cause: another version measured. Next: measure again";
+  return {};
+}
+
+const Line* dominated_by(const Line& line, const std::vector<Line>& lines) {
+  std::vector<std::size_t> judged;
+  for (std::size_t i = 0; i < kFigures; ++i) {
+    if (kTable[i].better != Better::kNeither) judged.push_back(i);
+  }
+  const auto found = std::ranges::find_if(lines, [&](const Line& other) { return beats(other, line, judged); });
+  return found == lines.end() ? nullptr : &*found;
+}
+
+bool on_front(const Line& line, const std::vector<Line>& lines, std::size_t a, std::size_t b) {
+  if (!line.figures[a] || !line.figures[b]) return false;
+  return std::ranges::none_of(lines, [&](const Line& other) {
+    return beats(other, line, std::array<std::size_t, 2>{a, b});
+  });
+}
+
+std::string text(const std::vector<Line>& lines, bool whole) {
+  learn::Table table;
+  table.columns = {{.id = "knob", .title = "", .group = ""}, {.id = "value", .title = "", .group = ""}};
+  constexpr std::array<std::size_t, 16> kShown{
+      kUsP50,          kDecodeUs,      kMemory,        kRms,        kDamagedUsed,       kEntropyError,
+      kFilmBalanced,   kFilmUnnoticed, kFilmDelayP50,  kFilmAlarms, kGraspEntropyError, kGraspBalanced,
+      kGraspUnnoticed, kGraspDelayP50, kGraspDelayP95, kGraspAlarms};
+  for (const std::size_t i : kShown) {
+    table.columns.push_back({.id = std::string(kTable[i].id),
+                             .title = std::string(kTable[i].title),
+                             .group = i <= kMemory         ? "a frame"
+                                      : i <= kEntropyError ? "pictures"
+                                      : i <= kFilmAlarms   ? "filmed grasps"
+                                                           : "grasps from markers on",
+                             .decimals = kTable[i].decimals});
+  }
+  for (const Line& line : lines) {
+    std::vector<learn::Cell> row{learn::Cell(line.knob), learn::Cell(line.value)};
+    for (const std::size_t i : kShown) {
+      row.emplace_back(i == kMemory && line.figures[i] ? std::optional(*line.figures[i] / 1e3) : line.figures[i]);
+    }
+    table.rows.push_back(std::move(row));
+  }
+  std::string out = learn::text(table);
+  if (!whole) return out;
+  for (const Line& line : lines) {
+    if (!line.mode.empty() && on_front(line, lines, kUsP50, kRms)) {
+      out += fmt::format("mode {}: nothing is faster and nearer\n", line.mode);
+    }
+  }
+  for (const Line& line : lines) {
+    const Line* const better = dominated_by(line, lines);
+    if (better == nullptr) continue;
+    out += fmt::format("dominated: {} {}, by {} {}\n", line.knob, line.value, better->knob, better->value);
+  }
+  return out;
+}
+
+std::string svg(const std::vector<Line>& lines) {
+  Scatter chart;
+  chart.title = "Settings of the firmware: what speed costs";
+  const auto panel = [&](std::string_view name, std::size_t a, std::string_view x, std::size_t b, std::string_view y,
+                         bool logarithmic) {
+    Scatter::Panel out{std::string(name), {std::string(x), logarithmic}, {std::string(y), logarithmic}, {}};
+    for (const Line& line : lines) {
+      if (!line.figures[a] || !line.figures[b]) continue;
+      if (logarithmic && (*line.figures[a] <= 0.0 || *line.figures[b] <= 0.0)) continue;  // nothing was seen
+      // Settings that change nothing here lie on mode fast.
+      const Line& base = lines.front();
+      const bool same = line.index != 0 && base.figures[a] &&
+                        compared(kTable[a], *line.figures[a], *base.figures[a]) == 0 &&
+                        compared(kTable[b], *line.figures[b], *base.figures[b]) == 0;
+      if (same) continue;
+      std::size_t kind = 0;
+      for (; kind < chart.kinds.size() && chart.kinds[kind] != line.knob; ++kind) {
+      }
+      if (kind == chart.kinds.size() && kind < 6) chart.kinds.push_back(line.knob);
+      const double unit = a == kUsP50 ? 1e-3 : 1.0;
+      out.dots.push_back({*line.figures[a] * unit, *line.figures[b], std::min<std::size_t>(kind, 6),
+                          line.mode.empty() ? fmt::format("{} {}", line.knob, line.value) : line.mode,
+                          !line.mode.empty(), on_front(line, lines, a, b)});
+    }
+    chart.panels.push_back(std::move(out));
+  };
+  panel("Pictures", kUsP50, "CPU time of a frame, ms (this machine)", kRms, "marker error, px of 320", true);
+  panel("Decisions, from the markers on", kGraspAlarms, "false alarms an hour held", kGraspDelayP50, "median delay, ms",
+        false);
+  if (chart.kinds.size() == 6) chart.kinds.emplace_back("others");
+  return learn::charts::draw(chart);
+}
+
+std::string modes_markdown(const std::vector<Line>& lines) {
+  std::string out =
+      "| mode | time of a frame | memory | marker error | error of E | grasps filmed: balanced accuracy, median delay "
+      "|\n"
+      "|---|---|---|---|---|---|\n";
+  const auto at = [](const Line& line, std::size_t i) { return line.figures[i].value_or(0.0); };
+  for (const Line& line : lines) {
+    if (line.mode.empty()) continue;
+    out += fmt::format("| `{}` | {:.2f}x | {:.1f} MB | {:.4f} px | {:.4f} nat | {:.1f} %, {:.0f} ms |\n", line.mode,
+                       at(line, kUsP50) / at(lines.front(), kUsP50), at(line, kMemory) / 1e6, at(line, kRms),
+                       at(line, kEntropyError), at(line, kFilmBalanced), at(line, kFilmDelayP50));
+  }
+  return out;
+}
+
+}  // namespace holdfast::trade

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// The prices of all settings as one table: a CSV whose pieces put together are the whole, and what can be read off it.
+//
+// A row that has a figure for everything and is no better than another in anything is dominated: nobody should choose
+// it. The front of a picture is what nothing beats in both of its axes.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <iosfwd>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "toolchain/trade/price.hpp"
+
+namespace holdfast::trade {
+
+// A figure of a row: where it stands in the CSV, and what is better.
+enum class Better : std::uint8_t { kLess, kMore, kNeither };
+struct Figure {
+  std::string_view id;     // of the CSV's column
+  std::string_view title;  // for people
+  int decimals = 1;        // for people; the CSV has two more
+  Better better = Better::kNeither;
+  double same_within = 0.0;  // of its own size: less apart is no difference. Times tremble
+};
+inline constexpr std::size_t kFigures = 22;
+enum : std::uint8_t {
+  kUsP50,
+  kUsP99,
+  kDecodeUs,
+  kMemory,
+  kRms,
+  kMissed,
+  kRejected,
+  kDamagedUsed,
+  kEntropyError,
+  kFilmBalanced,
+  kFilmOnsets,
+  kFilmUnnoticed,
+  kFilmDelayP50,
+  kFilmDelayP95,
+  kFilmAlarms,
+  kGraspEntropyError,
+  kGraspBalanced,
+  kGraspOnsets,
+  kGraspUnnoticed,
+  kGraspDelayP50,
+  kGraspDelayP95,
+  kGraspAlarms,
+};
+[[nodiscard]] const std::array<Figure, kFigures>& figures();
+
+struct Line {
+  long index = 0;  // of points(), from 0
+  std::string knob;
+  std::string value;
+  std::string mode;
+  std::array<std::optional<double>, kFigures> figures{};
+};
+[[nodiscard]] Line line_of(long index, const Point& point, const Price& price);
+
+[[nodiscard]] std::string csv(const std::vector<Line>& lines);
+// Adds the lines of one CSV. Nothing, or one line: what is wrong, likely cause, next step.
+[[nodiscard]] std::optional<std::string> read_csv(std::istream& in, std::string_view name, std::vector<Line>& lines);
+// Puts lines of any order into theirs. As above: one that is missing, or there twice.
+[[nodiscard]] std::optional<std::string> put_together(std::vector<Line>& lines);
+
+// The line that is as good in everything and better in something; null: none, or a figure is missing.
+[[nodiscard]] const Line* dominated_by(const Line& line, const std::vector<Line>& lines);
+// Whether nothing else is better in one of the two and as good in the other.
+[[nodiscard]] bool on_front(const Line& line, const std::vector<Line>& lines, std::size_t a, std::size_t b);
+
+// `whole`: these are all lines, so that one can be compared with the others.
+[[nodiscard]] std::string text(const std::vector<Line>& lines, bool whole);
+[[nodiscard]] std::string svg(const std::vector<Line>& lines);
+// The shipped modes as a table in Markdown.
+[[nodiscard]] std::string modes_markdown(const std::vector<Line>& lines);
+
+}  // namespace holdfast::trade
