@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <span>
 
+#include "base/math.hpp"
+
 namespace holdfast {
 namespace {
 
@@ -131,7 +133,7 @@ void Daemon::watch_camera() {
 
 // The first time the sensor has said which one it is: what was kept may be its own.
 void Daemon::camera_started() {
-  ++camera_starts_;
+  count_up(camera_starts_);
   streaming_ = true;
   stalled_since_ = devices_.clock.now();
   if (looked_for_kept_) return;

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <span>
 
+#include "base/math.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
 #include "hal/camera.hpp"
@@ -72,7 +73,7 @@ inline constexpr std::size_t kSampled = 4096;
   state.fingerprint = fingerprint;
   state.sequence = frame.sequence;
   if (!same) return kOkStatus;
-  ++state.frozen_frames;
+  count_up(state.frozen_frames);
   return {Reason::kFrameFrozen};
 }
 
@@ -89,7 +90,7 @@ inline constexpr std::size_t kSampled = 4096;
   std::uint64_t& word = state.late[static_cast<std::size_t>(state.late_at) / 64];
   const std::uint64_t bit = std::uint64_t{1} << (state.late_at % 64);
   word = late ? word | bit : word & ~bit;
-  if (late) ++state.late_frames;
+  if (late) count_up(state.late_frames);
 
   if (state.stamp_count == kRateFrames) {
     const State::Stamp& oldest = state.stamps[static_cast<std::size_t>((state.newest + 1) % kRateFrames)];

@@ -18,6 +18,7 @@
 #include <type_traits>
 
 #include "base/crc32.hpp"
+#include "base/math.hpp"
 #include "base/units.hpp"
 #include "tactile/imprint.hpp"
 #include "vision/markers.hpp"
@@ -129,7 +130,7 @@ template <typename Kept>
     const bool blank = state.slot.magic == 0;
     const bool sound = state.slot.magic == kMagic && state.slot.version == kVersion && state.slot.bytes == kSlot &&
                        state.slot.crc == detail::crc_of(state.slot) && detail::is_sane(state.slot.contents);
-    if (!sound && !blank) ++state.discarded;
+    if (!sound && !blank) count_up(state.discarded);
     if (!sound || (best < 2 && state.slot.sequence <= state.sequence)) continue;
     best = k;
     state.sequence = state.slot.sequence;

@@ -16,6 +16,7 @@
 #include <string_view>
 
 #include "app/pipeline.hpp"
+#include "base/math.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
 
@@ -151,7 +152,7 @@ inline void follow_rules(State& state, const Seen& seen, Reason rejection, const
                                                     : rule.reason;
     if (rule.stays) return;
     if (rule.to == DeviceState::kFault && state.device != DeviceState::kFault && state.any_accepted) {
-      ++state.faults;  // what was never well has nothing to recover
+      count_up(state.faults);  // what was never well has nothing to recover
       state.armed = false;
     }
     state.device = rule.to;

@@ -25,7 +25,8 @@ namespace holdfast {
   return static_cast<std::uint32_t>(root);
 }
 
-// log2 of value in Q8, rounded down. Range: any value >= 1; result 0..16383. One squaring a bit, always eight.
+// log2 of value in Q8, rounded down. Range: any value >= 1; result 0..16383. One squaring a bit, always eight; each
+// cuts off less than 2^-31, so that a value less than 2^-22 of an LSB above a step may still count as below it.
 [[nodiscard]] constexpr std::int32_t log2_q8(std::uint64_t value) {
   const int power = 63 - std::countl_zero(value);
   std::uint64_t mantissa = power > 31 ? value >> (power - 31) : value << (31 - power);  // [1, 2) in Q31
@@ -39,8 +40,14 @@ namespace holdfast {
   return log;
 }
 
+// Range: |value| <= 3'037'000'499, the root of 2^63.
 [[nodiscard]] constexpr std::int64_t square(std::int64_t value) {
   return value * value;
+}
+
+// For what is counted since start: stays at its largest value. One that wrapped would say that nothing had happened.
+constexpr void count_up(std::uint32_t& counter, std::uint32_t by = 1) {
+  counter += by < UINT32_MAX - counter ? by : UINT32_MAX - counter;
 }
 
 // Array index of a non-negative int; spares a static_cast at each use.

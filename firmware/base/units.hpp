@@ -10,11 +10,15 @@
 #include <compare>
 #include <cstdint>
 
+#include "base/math.hpp"
+
 namespace holdfast {
 
 using Micros = std::chrono::microseconds;
 
-// How often a stage had to clamp since start. Shown in telemetry; a healthy grasp keeps it at 0.
+// How often a stage had to clamp since start, at most UINT32_MAX: 128 markers at 25 fps would wrap it in eight
+// days.
+// Shown in telemetry; a healthy grasp keeps it at 0.
 struct Saturations {
   std::uint32_t count = 0;
 };
@@ -38,11 +42,11 @@ class Quantity {
   // Range: any int64. Clamps to [kMin, kMax] and counts each clamp.
   [[nodiscard]] static constexpr Quantity saturate(std::int64_t raw, Saturations& saturations) {
     if (raw < kMin) {
-      ++saturations.count;
+      count_up(saturations.count);
       return Quantity(kMin);
     }
     if (raw > kMax) {
-      ++saturations.count;
+      count_up(saturations.count);
       return Quantity(kMax);
     }
     return Quantity(static_cast<std::int32_t>(raw));

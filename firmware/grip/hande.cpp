@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <optional>
 
+#include "base/math.hpp"
+
 namespace holdfast::hande {
 namespace {
 
@@ -146,7 +148,7 @@ void activate(State& state, const Config& config, Micros now) {
     return;
   }
   ++state.attempts;
-  ++state.counters.activations;
+  count_up(state.counters.activations);
   forget_contact(state);
   enter(state, Step::kClear, now);
 }
@@ -250,7 +252,7 @@ void reply_missed(State& state, const Config& config, bool damaged, Micros now) 
   state.damaged = damaged;
   state.acknowledged = false;
   state.in_step = false;
-  ++state.counters.missed;
+  count_up(state.counters.missed);
 }
 
 void take(State& state, const Config& config, modbus_rtu::Result result, Micros now) {
@@ -300,7 +302,7 @@ void begin_write(State& state, const Config& config, const Outputs& outputs) {
   if (opens) forget_contact(state);
   state.outputs = outputs;
   state.acknowledged = false;
-  ++state.counters.writes;
+  count_up(state.counters.writes);
   state.exchange = config.read_write ? Exchange::kReadWrite : Exchange::kWrite;
   if (config.read_write) {
     modbus_rtu::begin_read_write(state.bus, config.bus, kStatus, kRegisters, kOutputs, outputs);
@@ -333,7 +335,7 @@ void begin(State& state, const Config& config, const Wanted& wanted, Micros now)
   const bool busy = wanted.go || wanted.emergency_release || state.step != Step::kNone;
   const bool due = now - state.bus.sent >= (busy ? config.poll : config.idle_poll);
   if (!due && state.exchange != Exchange::kWrite) return;
-  if (has_them) ++state.counters.suppressed;
+  if (has_them) count_up(state.counters.suppressed);
   begin_read(state, config);
 }
 

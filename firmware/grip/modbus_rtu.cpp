@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cassert>
 
+#include "base/math.hpp"
+
 namespace holdfast::modbus_rtu {
 namespace {
 
@@ -66,7 +68,7 @@ void drain(State& state, hal::Serial& port) {
   static_assert(kMostBytesPerUpdate % stray.size() == 0);
   for (std::size_t read = 0; read < kMostBytesPerUpdate; read += stray.size()) {
     const std::size_t count = port.read(stray);
-    state.counters.stray_bytes += static_cast<std::uint32_t>(count);
+    count_up(state.counters.stray_bytes, static_cast<std::uint32_t>(count));
     if (count < stray.size()) return;
   }
 }
@@ -82,14 +84,14 @@ Result send(State& state, const Config& config, hal::Serial& port, Micros now) {
   if (!line_is_free(state, config, now)) return Result::kBusy;
   if (!port.write(std::span(state.request).first(state.request_size))) {
     state.phase = State::Phase::kIdle;
-    ++state.counters.refused;
+    count_up(state.counters.refused);
     return Result::kRefused;
   }
   state.phase = State::Phase::kAwaiting;
   state.used = true;
   state.sent = state.heard = now;
   state.reply_count = 0;
-  ++state.counters.requests;
+  count_up(state.counters.requests);
   return Result::kBusy;
 }
 
@@ -129,7 +131,7 @@ Result receive(State& state, const Config& config, hal::Serial& port, Micros now
   }
   const auto end = [&](Result result, std::uint32_t& counter) {
     state.phase = State::Phase::kIdle;
-    ++counter;
+    count_up(counter);
     return result;
   };
   if (state.reply_count >= kException && is_exception(state)) {

@@ -98,7 +98,8 @@ void keep_order(State& state) {
     const std::int64_t home_y = state.home.y[idx(j)].raw() - state.home.y[idx(i)].raw();
     const std::int64_t dx = second.x.raw() - first.x.raw();
     const std::int64_t dy = second.y.raw() - first.y.raw();
-    // Projection on the home direction, times pitch. Range: pitch < 2^18, so products stay below 2^42.
+    // Projection on the home direction, times pitch. Range: places seen are 2^19 apart at most, predicted ones at home
+    // 2^21: `along` < 2^41, times 20 < 2^46; pitch <= 2^20.
     const std::int64_t along = dx * home_x + dy * home_y;
     if (along * 20 >= pitch * pitch * 7 && along * 4 <= pitch * pitch * 7) return;
     if (disagreement(state, a) > disagreement(state, b)) {
@@ -158,7 +159,7 @@ bool outer_line_lost(const State& state) {
 // Finds dots in the whole picture and lays the lattice over them. Centres are then refined by the windows; a marker
 // that no window confirms is not valid.
 Status search(State& state, const Config& config, const LumaView& luma) {
-  ++state.searches;
+  count_up(state.searches);
   Status status = dots::detect(state.dots_state, config.dots, luma, state.dots);
   if (!status.ok()) return status;
   status = grid::register_dots(state.grid_state, config.grid, state.dots, state.acquired ? &state.before : nullptr,

@@ -64,6 +64,49 @@ TEST(Math, RootIsTheLargestWhoseSquareFits) {
   for (int i = 0; i < 100'000; ++i) check(random() >> (random() % 64));
 }
 
+// log2 rounded down: where a power 2^(k/256) lies between two integers, those are at its two sides; k in all its range.
+// Oracle: long double, which holds 64 bits on x86; elsewhere, and above 2^50, too near to a step to be told is left
+// out.
+TEST(Math, Log2StepsWhereThePowersOfTwoDo) {
+  for (int k = 1; k < 64 * 256; ++k) {
+    const long double step = std::exp2(static_cast<long double>(k) / 256.0L);
+    const auto below = static_cast<std::uint64_t>(step);
+    for (const std::uint64_t value : {below, below + 1}) {
+      const long double exact = 256.0L * std::log2(static_cast<long double>(value));
+      const std::int32_t got = log2_q8(value);
+      CHECK_TRUE(static_cast<long double>(got) <= exact + 1e-6L);
+      CHECK_TRUE(static_cast<long double>(got) >= exact - 1.0L - 1e-6L);
+      // Whole octaves are exact, and so is what is not within 2^-22 LSB of a step.
+      const long double over = exact - std::floor(exact);
+      if (over > 0x1p-22L && over < 1.0L - 1e-6L) LONGS_EQUAL(static_cast<long>(std::floor(exact)), got);
+    }
+  }
+}
+
+TEST(Math, SquaresUpToTheRootOfTheirRange) {
+  constexpr std::int64_t kRoot = 3'037'000'499;
+  CHECK_TRUE(square(kRoot) == square(-kRoot));
+  CHECK_TRUE(static_cast<std::uint64_t>(square(kRoot)) + 2 * kRoot + 1 > std::uint64_t{INT64_MAX});
+  LONGS_EQUAL(kRoot, isqrt(std::uint64_t{INT64_MAX}));
+}
+
+TEST(Math, CountsStayAtTheirEnd) {
+  std::uint32_t counter = UINT32_MAX - 3;
+  count_up(counter);
+  UNSIGNED_LONGS_EQUAL(UINT32_MAX - 2, counter);
+  count_up(counter, 2);
+  UNSIGNED_LONGS_EQUAL(UINT32_MAX, counter);
+  count_up(counter);
+  count_up(counter, UINT32_MAX);
+  UNSIGNED_LONGS_EQUAL(UINT32_MAX, counter);
+  counter = 1;
+  count_up(counter, UINT32_MAX);
+  UNSIGNED_LONGS_EQUAL(UINT32_MAX, counter);
+  counter = 0;
+  count_up(counter, 0);
+  UNSIGNED_LONGS_EQUAL(0, counter);
+}
+
 // Up to 768: what the grid stage sorts at most (four neighbours of each of 192 dots).
 TEST(Math, SortsAndFindsTheLowerMiddle) {
   std::mt19937_64 random(3);

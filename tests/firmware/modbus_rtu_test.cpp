@@ -300,6 +300,19 @@ TEST(ModbusRtu, WhatCameBeforeTheRequestIsThrownAway) {
   LONGS_EQUAL(52, state.counters.stray_bytes);
 }
 
+// A line that babbles at 115200 baud for five days has said 2^32 bytes.
+TEST(ModbusRtu, CountersStayAtTheirEnd) {
+  const Golden& read = kGoldens[11];
+  state.counters = {.requests = UINT32_MAX, .replies = UINT32_MAX, .stray_bytes = UINT32_MAX - 5};
+  for (int k = 0; k < 2; ++k) {
+    feed(hex("09 04 06 B900 00FF BD00 AAAA"));
+    CHECK_TRUE(Result::kOk == reply(read, hex(read.reply)));
+    UNSIGNED_LONGS_EQUAL(UINT32_MAX, state.counters.stray_bytes);
+    UNSIGNED_LONGS_EQUAL(UINT32_MAX, state.counters.requests);
+    UNSIGNED_LONGS_EQUAL(UINT32_MAX, state.counters.replies);
+  }
+}
+
 TEST(ModbusRtu, ABabblingLineCostsABoundedNumberOfBytesPerCall) {
   CountingPort babbling;
   Bytes noise(60'000, 0x39);
