@@ -182,9 +182,12 @@ bool App::is_stale() const {
   return devices_.clock.now() - result_.timestamp > kOldestFrame;
 }
 
-// A frame that tells of long ago vouches for nothing; one from the future would lock out all that follow it.
+// A frame that tells of long ago vouches for nothing; one from the future would lock out all that follow it. Range: any
+// stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
 void App::take(const hal::Frame& frame) {
-  const Micros age = devices_.clock.now() - frame.timestamp;
+  constexpr Micros kFarthest{std::int64_t{1} << 62};
+  const Micros timestamp = std::clamp(frame.timestamp, -kFarthest, kFarthest);
+  const Micros age = devices_.clock.now() - timestamp;
   Status news = age > kOldestFrame   ? Status{Reason::kFrameStale}
                 : age < -kClockSlack ? Status{Reason::kTimeNotForward}
                                      : kOkStatus;
@@ -193,13 +196,13 @@ void App::take(const hal::Frame& frame) {
     result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
     if (result_.quality.ok() && is_stale()) result_.quality = {Reason::kFrameStale};  // decided too late
   } else {
-    result_.timestamp = frame.timestamp;
+    result_.timestamp = timestamp;
     result_.sequence = frame.sequence;
     result_.quality = news;
   }
   if (!result_.quality.ok() || !devices_.camera.live()) return;
-  const Micros decided_after = devices_.clock.now() - frame.timestamp;
-  strain_ = health::strain(health_, health_config_, frame.timestamp, frame.sequence, decided_after);
+  const Micros decided_after = devices_.clock.now() - timestamp;
+  strain_ = health::strain(health_, health_config_, timestamp, frame.sequence, decided_after);
 }
 
 void App::step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence) {
@@ -293,7 +296,7 @@ void App::report() {
   }
   std::array<std::uint8_t, status_frame::kWireBytes> wire{};
   const std::size_t size = status_frame::encode(frame, wire);
-  if (!devices_.link.write(std::span(wire).first(size))) ++link_refused_;
+  if (!devices_.link.write(std::span(wire).first(size))) count_up(link_refused_);
 }
 
 }  // namespace holdfast
