@@ -17,7 +17,8 @@ struct Config {
   std::int32_t pitch_um = 2020;  // printed spacing; 1000..5000. Measured on 7x9 gels: 2.02 mm
 };
 
-// Range: offsets up to 2^21 in Q8 px, pitch_um up to 5000: products below 2^34.
+// Range: offsets up to 2^21 in Q8 px, pitch_um up to 5000: products below 2^34; pitch at least 1 (reference.hpp knows
+// no rest position without one). What leaves +-65.5 mm is clamped and counted.
 inline void update(const Config& config, const MarkerField& now, const MarkerField& rest, PixelsQ8 pitch,
                    Saturations& saturations, DisplacementField& out) {
   out.grid = now.grid;

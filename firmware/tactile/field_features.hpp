@@ -35,7 +35,7 @@ struct Config {
 
 inline constexpr Micros kLag{100'000};
 inline constexpr Micros kFade{300'000};
-// Fields are kept at most this often: eighteen reach back two lags at any rate.
+// Fields are kept at most this often: eighteen reach back two lags at any rate up to 250 frames a second.
 inline constexpr Micros kKeepEvery{12'000};
 inline constexpr int kKept = 18;
 
@@ -104,8 +104,10 @@ struct Shape {
   std::int64_t dilation_ppm = 0;
 };
 
-// Range, with n <= 128, |d| <= 2^17.5, |g| <= 2^4.5 (half pitches): n sum g.d <= 2^7 * 2^7 * 2^22 = 2^36; times 1e6
-// 2^56. (sum |d| Q4)^2 <= (2^7 * 2^21.5)^2 = 2^57, times 4 2^59. Residuals |r| Q4 <= 2^23: sum of squares 2^53.
+// Range: any field, with n <= 128, |d| <= 2^17.5 and |g| <= 2^7 (half pitches; 128 in one line): n sum g.d and the
+// product of the sums <= 2^7 * 2^7 * 2^24.5 = 2^38.5 each; both times 2e6 2^60.5. (sum |d| Q4)^2 <= (2^7 * 2^21.5)^2 =
+// 2^57, times 4 2^59. About the mean |u| Q4 <= 2^22.5: sum of squares 2^52, and the best rotation, being a
+// least-squares fit, leaves no more but its rounding.
 inline Shape shape_of(const Vectors& v, std::int32_t pitch_um) {
   Shape out;
   const std::int32_t cols = v.grid.cols, rows = v.grid.rows;

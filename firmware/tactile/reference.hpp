@@ -34,7 +34,8 @@ struct State {
 };
 
 // Mean length of the links between neighbours. 0 when no two neighbours are valid.
-// Range: 2 * 128 links of at most 2^20 sum to 2^28.
+// Range: any field. 2 * 128 links of at most 2^21.5 sum to 2^29.5; a mean above the format's 4096 px, two pictures'
+// width, is cut to it.
 [[nodiscard]] inline PixelsQ8 pitch_of(const MarkerField& field) {
   std::int64_t sum = 0;
   std::int32_t links = 0;
@@ -52,7 +53,8 @@ struct State {
       if (r + 1 < grid.rows) add(r * grid.cols + c, (r + 1) * grid.cols + c);
     }
   }
-  return PixelsQ8::from_raw(links == 0 ? 0 : static_cast<std::int32_t>(div_round(sum, links)));
+  return PixelsQ8::from_raw(
+      links == 0 ? 0 : static_cast<std::int32_t>(std::min<std::int64_t>(div_round(sum, links), PixelsQ8::kMax)));
 }
 
 inline void forget(State& state) {
@@ -62,6 +64,7 @@ inline void forget(State& state) {
 
 // Takes one frame into the mean; returns true once, with the frame that completes it. A marker that was seen in less
 // than half of the frames gets no rest position; one that flickers does not hold the others up.
+// Range: any field; up to 100 frames, whose offsets (2^21) fit int32 whatever `still` allows.
 [[nodiscard]] inline bool update(State& state, const Config& config, const MarkerField& field) {
   if (state.known) return false;
   bool still = state.count > 0 && state.first.grid == field.grid;
@@ -115,7 +118,8 @@ inline void pause(State& state) {
 // pixel in a second. Returns true when it moved. A quarter of the mean offset per step and at most 1/32 px, so that a
 // touch too light to be noticed is not taken for rest; and never further than a twentieth of a pitch (0.1 mm) from what
 // was learned, so that no slow shear can be followed away: then only TARE helps.
-// Range: 64 offsets of at most 2^20 fit int32.
+// Range: places in a picture, which is a quarter of what PixelsQ8 holds; 64 offsets of any two PixelsQ8 (2^21) fit
+// int32.
 [[nodiscard]] inline bool follow(State& state, const Config& config, const MarkerField& field) {
   constexpr std::int32_t kMostStep_px_q8 = 8;
   if (!state.known || field.grid != state.rest.grid) return false;
