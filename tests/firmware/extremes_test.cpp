@@ -672,6 +672,25 @@ TEST(Extremes, GelsOfEveryContrast) {
   CHECK_TRUE(first_seen >= 10 && first_seen <= 14);
 }
 
+// Markers that are known are followed further down: to the ten levels that the tracker asks of a dot. What fades is
+// lost, not guessed, and found again.
+TEST(Extremes, GelsThatFade) {
+  scene::PictureConfig view = scene::cropped_320x240();
+  view.noise_sigma = 0.0;
+  view.shading = 0.0;
+  const auto tracked = std::make_unique<tracker::State>();
+  const auto markers_at = [&](int contrast) {
+    view.dot_level = view.background - contrast;
+    const Picture picture = dots_of({}, view);
+    CHECK_TRUE(tracker::update(*tracked, {}, picture.view()).ok());
+    return tracked->field.valid_count();
+  };
+  for (int contrast = 75; contrast >= 1; contrast -= 1 + contrast / 20) {
+    LONGS_EQUAL(contrast >= 10 ? 63 : 0, markers_at(contrast));
+  }
+  LONGS_EQUAL(63, markers_at(75));
+}
+
 TEST(Extremes, ExposureOfPicturesTooSmallToSample) {
   const std::array<std::uint8_t, 64> black{};
   for (std::int32_t side = 0; side <= 8; ++side) {
