@@ -18,7 +18,7 @@ declare -A what=(
   [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
-  [long]="the runs that take long: faults in pairs, soak, kills, book pulls"
+  [long]="the runs that take long: faults in pairs, soak, kills, book pulls, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
 
@@ -32,7 +32,7 @@ USAGE
   for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
   --long       add the runs that take long, half an hour or more: all pairs of faults, a soak of a day of frames, 200
-               kills and stops, 200 book pulls
+               kills and stops, 200 book pulls, the entropy of every histogram
   --system     add the runs on an emulated machine: there are none yet
   --help       this
 Logs are in build/test-logs. NO_COLOR is honoured.
@@ -197,6 +197,8 @@ part_long() {
   count_one "HOLDFAST_KILLS=200 host_tests -sg Process" $?
   step "long grip" env HOLDFAST_GRIP_PULLS=200 build/sim/bin/host_tests -v -sg Grip
   count_one "HOLDFAST_GRIP_PULLS=200 host_tests -sg Grip" $?
+  step "long histograms" env HOLDFAST_ALL_HISTOGRAMS=1 build/sim/bin/firmware_tests -v -sg Entropy
+  count_one "HOLDFAST_ALL_HISTOGRAMS=1 firmware_tests -sg Entropy" $?
 }
 part_rpi4() {
   step "rpi4 sysroot" toolchain/sysroot.sh || {
@@ -217,7 +219,7 @@ closing() {
   local line
   for line in "${skips[@]}"; do say "skipped: $line"; done
   say "left out under sanitizers and emulation: ${slow_groups//|/, } (they ran in part sim)"
-  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls"
+  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls, all histograms"
   say "left out: emulated machine (--system): there are none yet"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"

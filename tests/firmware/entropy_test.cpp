@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Against long double: -sum p ln p. The bound of DESIGN.md is 1.1 LSB of Q24.
+// Against long double: -sum p ln p. The bound of DESIGN.md is 1.1 LSB of Q24. HOLDFAST_ALL_HISTOGRAMS=1 tries every
+// histogram of up to 63 markers (6 379 546 but for the order of the bins), 20 s, and says how near the worst comes.
 #include "tactile/entropy.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
+#include <cstdlib>
 #include <random>
 #include <vector>
 
@@ -90,17 +93,19 @@ void throw_balls(std::mt19937_64& random, int n, std::array<std::uint8_t, kBins>
 
 TEST_GROUP(Entropy){};
 
-TEST(Entropy, IsWithinItsBoundForAllHistogramsOfUpTo20Markers) {
+TEST(Entropy, IsWithinItsBoundForAllHistograms) {
+  const bool all = std::getenv("HOLDFAST_ALL_HISTOGRAMS") != nullptr;
   Worst worst;
   long cases = 0;
-  for (int n = 0; n <= 20; ++n) {
+  for (int n = 0; n <= (all ? 63 : 20); ++n) {
     std::vector<int> counts;
     each_partition(n, n, kBins, counts, [&](const std::vector<int>& c) {
       worst.take(c);
       ++cases;
     });
   }
-  LONGS_EQUAL(2688, cases);  // partitions of 0..20 (2 714) less the 26 that have more than 15 parts
+  LONGS_EQUAL(all ? 6'379'546 : 2'688, cases);  // partitions of 0..63 or 0..20 into at most 15 parts
+  if (all) std::printf("\nall histograms: %ld, at worst %.4f LSB of Q24 off\n", cases, worst.lsb);
   CHECK_TRUE(worst.lsb <= kBoundLsb);
 }
 
