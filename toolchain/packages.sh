@@ -28,6 +28,7 @@ build libfmt-dev 9.1.0+ds1-2
 build nlohmann-json3-dev 3.11.2-2
 test libcpputest-dev 4.0-2
 test libmodbus-dev 3.1.6-2.1+deb12u1
+test librapidcheck-dev 0~1033-08b5058-3
 test clang-format 1:14.0-55.7~deb12u1
 test clang-tidy 1:14.0-55.7~deb12u1
 test valgrind 1:3.19.0-1
