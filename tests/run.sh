@@ -8,7 +8,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
 
-parts=(packages format sim heap tidy asan tsan rpi4 fuzz)
+parts=(packages format sim heap tidy asan tsan integer rpi4 fuzz)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
   [format]="clang-format on every source"
@@ -17,6 +17,7 @@ declare -A what=(
   [tidy]="clang-tidy on every source that the host build compiles"
   [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
   [tsan]="tests of the worker threads with ThreadSanitizer"
+  [integer]="firmware tests by clang with its checks of integers: unsigned wraps and lossy conversions, too"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
@@ -180,6 +181,17 @@ part_tsan() {
   step "tsan jpeg" build/tsan/bin/jpeg_tests -v -sg JpegFast -sn NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures ||
     status=1
   count_one "tsan (tests/run.sh --only tsan)" "$status"
+}
+part_integer() {
+  step "integer configure" cmake --preset integer || {
+    count_one "integer: configure" 1
+    return 1
+  }
+  step "integer build" cmake --build --preset integer --target firmware_tests integer_selftest || {
+    count_one "integer: build" 1
+    return 1
+  }
+  run_ctest "integer tests" integer --tests-regex '^(firmware_tests|checks\.integer)' --exclude-regex "$slow_groups"
 }
 part_fuzz() {
   local status=0

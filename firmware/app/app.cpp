@@ -278,7 +278,8 @@ bool App::distrusts(const supervisor::Outputs& outputs) {
 
 void App::report() {
   status_frame::StatusFrame frame{};
-  frame.sequence = report_sequence_++;
+  frame.sequence = report_sequence_;
+  report_sequence_ = static_cast<std::uint16_t>(report_sequence_ + 1);  // wraps
   frame.timestamp_us = status_frame::low_timestamp_us(result_.timestamp);
   frame.age_100us = status_frame::age_100us(devices_.clock.now() - result_.timestamp);
   frame.state = outputs_.state;

@@ -253,6 +253,31 @@ TEST(Extremes, FrameNumbersWrap) {
   LONGS_EQUAL(1000, after.features.vx.raw());
 }
 
+// The status frame counts in 16 bits and ALIVE in one; camera frames in 32. All three pass their ends here.
+TEST(Extremes, StatusFramesCountOnPastTheirEnd) {
+  sim::Clock clock;
+  sim::Gpio gpio(clock);
+  sim::Serial link;
+  StampedCamera camera(reference_model::flat(64, 48, 0));
+  const auto app = std::make_unique<App>(Devices{camera, gpio, link, clock, jpeg});
+  CHECK_TRUE(app->start(Params{}).ok());
+  Features still;
+  still.markers = 63;
+  const std::uint32_t first = UINT32_MAX - 33'000;
+  for (std::uint32_t k = 0; k < 66'000; ++k) {
+    clock.advance(40ms);
+    link.clear_output();
+    app->step_features(still, {7, 9}, clock.now(), first + k);
+    const status_frame::Decoded told = status_frame::decode(link.output_bytes());
+    CHECK_TRUE(told.ok() && told.frame.grip_ok);
+    CHECK_TRUE(told.frame.sequence == (k & 0xFFFF));
+    CHECK_TRUE(told.frame.alive == (k % 2 == 0));
+    CHECK_TRUE(app->result().sequence == first + k);
+  }
+  UNSIGNED_LONGS_EQUAL(66'000, gpio.edges(hal::Line::kAlive));
+  app->stop();
+}
+
 // --- Time ---
 
 // A micrometre is a whole number of steps here, so a speed is off by its own rounding alone.
