@@ -198,6 +198,9 @@ part_fuzz() {
   step fuzz tests/fuzz/run.sh 60 || status=1
   grep -E 'executions|finding' "$logs/fuzz.log" | sed 's/^/   /'
   count_one "fuzz (tests/fuzz/run.sh)" "$status"
+  ((status == 0)) || return 1
+  step "fuzz digest build" ninja -C build/fuzz digest && step "fuzz digest" build/fuzz/bin/digest tests/checks/digest.txt
+  count_one "digest by clang (build/fuzz/bin/digest tests/checks/digest.txt)" $?
 }
 part_long() {
   build sim || return 1
