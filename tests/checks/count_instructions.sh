@@ -4,7 +4,8 @@
 #   count_instructions.sh QEMU PLUGIN LIMIT FEW MANY PROGRAM [ARGUMENT...]
 # runs `PROGRAM ARGUMENT... N` with N = FEW and N = MANY frames; the difference over MANY - FEW is the cost of one
 # frame without start-up. Fails when that is above LIMIT, or when PROGRAM fails. QEMU may carry arguments of its own
-# ("qemu-aarch64 -L DIR"); it must be the one of the package qemu-user (the static one refuses plugins).
+# ("qemu-aarch64 -L DIR"); it must be the one of the package qemu-user (the static one refuses plugins). The figure goes
+# to the file MEASURED, too, when that is set, as "instructions.NAME figure" (costs.sh).
 set -euo pipefail
 if (($# < 6)); then
   echo "usage: count_instructions.sh QEMU PLUGIN LIMIT FEW MANY PROGRAM [ARGUMENT...]" >&2
@@ -36,4 +37,8 @@ short=$(count "$few")
 long=$(count "$many")
 per_frame=$(((long - short) / (many - few)))
 echo "$(basename "$1"): $per_frame instructions per frame (limit $limit; $((many - few)) frames: $long - $short)"
+if [[ -n ${MEASURED:-} ]]; then
+  mkdir -p "$(dirname "$MEASURED")"
+  echo "instructions.$(basename "$MEASURED") $per_frame" >"$MEASURED"
+fi
 ((per_frame > 0 && per_frame <= limit))
