@@ -17,7 +17,7 @@ declare -A what=(
   [tidy]="clang-tidy on every source that the host build compiles"
   [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
   [tsan]="tests of the worker threads with ThreadSanitizer"
-  [integer]="firmware tests by clang with its checks of integers: unsigned wraps and lossy conversions, too"
+  [integer]="tests of firmware and JPEG by clang with its checks of integers: unsigned wraps and lossy conversions, too"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
@@ -187,11 +187,11 @@ part_integer() {
     count_one "integer: configure" 1
     return 1
   }
-  step "integer build" cmake --build --preset integer --target firmware_tests integer_selftest || {
+  step "integer build" cmake --build --preset integer --target firmware_tests jpeg_tests integer_selftest || {
     count_one "integer: build" 1
     return 1
   }
-  run_ctest "integer tests" integer --tests-regex '^(firmware_tests|checks\.integer)' --exclude-regex "$slow_groups"
+  run_ctest "integer tests" integer --tests-regex '^(firmware_tests|jpeg_tests|checks\.integer)' --exclude-regex "$slow_groups"
 }
 part_fuzz() {
   local status=0

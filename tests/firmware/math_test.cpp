@@ -64,9 +64,8 @@ TEST(Math, RootIsTheLargestWhoseSquareFits) {
   for (int i = 0; i < 100'000; ++i) check(random() >> (random() % 64));
 }
 
-// log2 rounded down: where a power 2^(k/256) lies between two integers, those are at its two sides; k in all its range.
-// Oracle: long double, which holds 64 bits on x86; elsewhere, and above 2^50, too near to a step to be told is left
-// out.
+// log2 rounded down: the integers on both sides of every power 2^(k/256). What lies nearer to a step than 2^-22 LSB may
+// fall on its other side (math.hpp), and long double cannot tell nearer ones than 1e-6 from below.
 TEST(Math, Log2StepsWhereThePowersOfTwoDo) {
   for (int k = 1; k < 64 * 256; ++k) {
     const long double step = std::exp2(static_cast<long double>(k) / 256.0L);
@@ -76,7 +75,6 @@ TEST(Math, Log2StepsWhereThePowersOfTwoDo) {
       const std::int32_t got = log2_q8(value);
       CHECK_TRUE(static_cast<long double>(got) <= exact + 1e-6L);
       CHECK_TRUE(static_cast<long double>(got) >= exact - 1.0L - 1e-6L);
-      // Whole octaves are exact, and so is what is not within 2^-22 LSB of a step.
       const long double over = exact - std::floor(exact);
       if (over > 0x1p-22L && over < 1.0L - 1e-6L) LONGS_EQUAL(static_cast<long>(std::floor(exact)), got);
     }
