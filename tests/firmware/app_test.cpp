@@ -307,6 +307,36 @@ TEST(App, RefusesToStartWithoutSoundParametersLinesOrCamera) {
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
 }
 
+TEST(App, RefusesToStartWhenAliveCannotBeLowered) {
+  film(1);
+  build();
+  CHECK_TRUE(gpio.set(Line::kAlive, Level::kHigh));
+  gpio.stick(Line::kAlive);
+  reason_is(Reason::kGpioFailed, app->start(Params{}).reason);
+  gpio.stick(Line::kAlive, false);
+  reason_is(Reason::kNone, app->start(Params{}).reason);
+}
+
+// The watching thread lowered GRIP_OK while this one was away: that is a fault, told once, and not made good silently.
+TEST(App, FaultsWhenTheWatchdogHadToLowerTheLine) {
+  film(30);
+  build();
+  start();
+  run(15);
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
+  const std::uint32_t faults = app->supervisor().faults;
+  CHECK_FALSE(app->watchdog().watch(gpio, clock.now()));
+  CHECK_TRUE(app->watchdog().watch(gpio, clock.now() + OutputWatchdog::kHold + 1us));
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+  CHECK_TRUE(app->step());
+  sequence += 2;  // the fault has a status frame of its own, so that nobody misses it
+  link.clear_output();
+  LONGS_EQUAL(faults + 1, app->supervisor().faults);
+  run(3);
+  LONGS_EQUAL(faults + 1, app->supervisor().faults);
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
+}
+
 TEST(App, LearnsThenVouches) {
   film(15);
   build();

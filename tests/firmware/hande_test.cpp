@@ -138,6 +138,15 @@ TEST(HandE, ConfigIsChecked) {
   CHECK_TRUE(refused([](auto& c) { c.retries = 0; }));
   CHECK_TRUE(refused([](auto& c) { c.back_off = 2s; }));
   CHECK_TRUE(refused([](auto& c) { c.activations = 0; }));
+  CHECK_TRUE(refused([](auto& c) { c.bus.timeout = 500'001us; }));
+  CHECK_TRUE(refused([](auto& c) { c.bus.quiet = -1us; }));
+  CHECK_TRUE(refused([](auto& c) { c.bus.settled = c.bus.spacing - 1us; }));
+  CHECK_TRUE(refused([](auto& c) { c.poll = 500'001us; }));
+  CHECK_TRUE(refused([](auto& c) { c.idle_poll = 9999us; }));
+  CHECK_TRUE(refused([](auto& c) { c.back_off = 0us; }));
+  CHECK_TRUE(refused([](auto& c) { c.longest_back_off = 60'000'001us; }));
+  CHECK_TRUE(refused([](auto& c) { c.echo_within = c.poll; }));
+  CHECK_TRUE(refused([](auto& c) { c.activation_within = 0us; }));
 }
 
 TEST(HandE, ActivatesAGripperThatIsNot) {

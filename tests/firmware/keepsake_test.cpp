@@ -126,6 +126,15 @@ TEST(Keepsake, RefusesWhatAnotherBuildMayHaveWritten) {
                 std::memcpy(static_cast<void*>(&s.contents.rest.markers[3].x), &far, sizeof far);
               }));
   LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.pitch = {}; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.rest.grid = {7, 0}; }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) {
+                const std::int32_t far = PixelsQ8::kMin - 1;
+                std::memcpy(static_cast<void*>(&s.contents.rest.markers[127].y), &far, sizeof far);
+              }));
+  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) {
+                const std::int32_t wide = PixelsQ8::kMax + 1;
+                std::memcpy(static_cast<void*>(&s.contents.pitch), &wide, sizeof wide);
+              }));
 }
 
 TEST(Keepsake, IsGoneAfterForget) {

@@ -381,6 +381,49 @@ TEST(Pipeline, SaysWhyAPictureIsNoReference) {
   LONGS_EQUAL(static_cast<int>(Reason::kNone), why(picture()));
 }
 
+// More pictures of the same empty gel teach the imprint its noise; the rest position stays the first one's.
+TEST(Pipeline, LearnsTheNoiseOfTheEmptyGelFromMorePictures) {
+  const Picture more = picture();
+  const auto learn_more = [&](const Picture& shown) {
+    return pipeline::learn_more(*state, config, jpeg, frame_of(shown)).reason;
+  };
+  CHECK_TRUE(learn_more(more) == Reason::kNoLattice);  // nothing was learned that it could add to
+  CHECK_TRUE(pipeline::learn(*state, config, jpeg, frame_of(picture())).ok());
+  const MarkerField rest = state->reference.rest;
+  LONGS_EQUAL(1, state->imprint.empty.frames);
+  for (int k = 0; k < 5; ++k) CHECK_TRUE(learn_more(picture()) == Reason::kNone);
+  LONGS_EQUAL(6, state->imprint.empty.frames);
+  CHECK_TRUE(learn_more(flat(160, 120, 100)) == Reason::kFrameFormat);
+  LONGS_EQUAL(6, state->imprint.empty.frames);
+  config.with_imprint = false;
+  CHECK_TRUE(learn_more(picture()) == Reason::kNone);
+  LONGS_EQUAL(6, state->imprint.empty.frames);
+  for (std::size_t i = 0; i < 63; ++i) {
+    CHECK_TRUE(rest.markers[i].x == state->reference.rest.markers[i].x);
+    CHECK_TRUE(rest.markers[i].y == state->reference.rest.markers[i].y);
+  }
+}
+
+// A simulation that leaves the picture out is held to the order of time as well.
+TEST(Pipeline, RefusesMarkersAndFeaturesThatDoNotComeForward) {
+  learn();
+  const MarkerField field = state->tracker.field;
+  CHECK_TRUE(pipeline::update_markers(*state, config, field, now + 40ms, 1).quality.ok());
+  rejects(Reason::kTimeNotForward, pipeline::update_markers(*state, config, field, now + 40ms, 2));
+  CHECK_TRUE(pipeline::update_features(*state, config, {}, field.grid, now + 80ms, 3).quality.ok());
+  rejects(Reason::kTimeNotForward, pipeline::update_features(*state, config, {}, field.grid, now + 79ms, 4));
+  CHECK_TRUE(pipeline::update_markers(*state, config, field, now + 120ms, 5).quality.ok());
+}
+
+TEST(Pipeline, RefusesMarkersThatAreTooFew) {
+  learn();
+  MarkerField field = state->tracker.field;
+  for (std::size_t i = 0; i < 19; ++i) field.markers[i].valid = false;  // 44 of 63 are less than 71 %
+  rejects(Reason::kMarkersLost, pipeline::update_markers(*state, config, field, now + 40ms, 1));
+  field.markers[0].valid = true;
+  CHECK_TRUE(pipeline::update_markers(*state, config, field, now + 80ms, 2).quality.ok());
+}
+
 TEST(Pipeline, LearnsAgainAfterTare) {
   learn();
   for (int k = 0; k < 5; ++k) (void)show(shifted(0.1 * k, 0.0));

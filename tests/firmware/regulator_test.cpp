@@ -91,6 +91,12 @@ TEST(Regulator, TheDefaultsAreValidAndEveryLimitIsChecked) {
   CHECK_TRUE(refused([](auto& c) { c.calm_nat_q16 = -1; }));
   CHECK_TRUE(refused([](auto& c) { c.calm_after = -1us; }));
   CHECK_TRUE(refused([](auto& c) { c.hold_after = -1us; }));
+  CHECK_TRUE(refused([](auto& c) { c.start_force = c.max_force = 256; }));
+  CHECK_TRUE(refused([](auto& c) { c.start_position = -1; }));
+  CHECK_TRUE(refused([](auto& c) { c.position_step = 256; }));
+  CHECK_TRUE(refused([](auto& c) { c.force_step = 256; }));
+  CHECK_TRUE(refused([](auto& c) { c.release_step = 256; }));
+  CHECK_TRUE(refused([](auto& c) { c.grow_pct = -1; }));
 }
 
 TEST(Regulator, IdleUntilToldToGripAndThenTheStartingForce) {
