@@ -8,13 +8,14 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
 
-parts=(packages format sim heap tidy asan tsan integer rpi4 fuzz)
+parts=(packages format sim heap tidy coverage asan tsan integer rpi4 fuzz)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
   [format]="clang-format on every source"
   [sim]="host build and its tests"
   [heap]="heap calls from start() to stop(), counted"
   [tidy]="clang-tidy on every source that the host build compiles"
+  [coverage]="lines and branches of the firmware that its tests run, against baseline and list"
   [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [integer]="tests of firmware and JPEG by clang with its checks of integers: unsigned wraps and lossy conversions, too"
@@ -164,6 +165,12 @@ part_tidy() {
   step tidy tests/checks/tidy.sh build/sim || status=1
   tail -n 1 "$logs/tidy.log" | sed 's/^/   /'
   count_one "tidy (tests/checks/tidy.sh)" "$status"
+}
+part_coverage() {
+  local status=0
+  step coverage tests/checks/coverage.sh || status=1
+  sed 's/^/   /' "$logs/coverage.log"
+  count_one "coverage (tests/checks/coverage.sh)" "$status"
 }
 part_asan() { build asan && run_ctest "asan tests" asan --exclude-regex "$slow_groups"; }
 part_tsan() {

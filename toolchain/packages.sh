@@ -32,6 +32,7 @@ test librapidcheck-dev 0~1033-08b5058-3
 test clang-format 1:14.0-55.7~deb12u1
 test clang-tidy 1:14.0-55.7~deb12u1
 test valgrind 1:3.19.0-1
+test gcovr 5.2-1
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3
