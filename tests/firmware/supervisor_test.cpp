@@ -88,6 +88,12 @@ TEST_GROUP(Supervisor) {
   }
 };
 
+// A number from somewhere else: a table must have an answer, and none is the only one that claims nothing.
+TEST(Supervisor, AReasonThatThereIsNotSaysNone) {
+  POINTERS_EQUAL(&info(Reason::kNone), &info(static_cast<Reason>(255)));
+  CHECK_TRUE(info(Reason::kGpioFailed).reason == Reason::kGpioFailed);
+}
+
 TEST(Supervisor, StartsInBootAndVouchesForNothing) {
   for (const supervisor::Outputs& outputs : {supervisor::Outputs{}, supervisor::outputs_of(state, false, false)}) {
     LONGS_EQUAL(static_cast<int>(DeviceState::kBoot), static_cast<int>(outputs.state));
