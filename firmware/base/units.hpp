@@ -16,8 +16,7 @@ namespace holdfast {
 
 using Micros = std::chrono::microseconds;
 
-// How often a stage had to clamp since start, at most UINT32_MAX: 128 markers at 25 fps would wrap it in eight
-// days.
+// How often a stage had to clamp since start, at most UINT32_MAX: 128 markers at 25 fps would wrap it in eight days.
 // Shown in telemetry; a healthy grasp keeps it at 0.
 struct Saturations {
   std::uint32_t count = 0;

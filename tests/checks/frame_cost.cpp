@@ -12,17 +12,10 @@
 
 #include "app/app.hpp"
 #include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/frames.hpp"
 #include "tests/support/scene_pictures.hpp"
 
 namespace {
-
-class NoJpeg final : public holdfast::JpegDecoder {
- private:
-  [[nodiscard]] holdfast::Status do_decode(std::span<const std::uint8_t>, holdfast::DecodeScale,
-                                           holdfast::LumaBuffer&) override {
-    return {holdfast::Reason::kJpegDamaged};
-  }
-};
 
 // sphere_slip's press, glued to the gel and shaken at 2.5 Hz until it has left, with 0.8 of what friction could hold:
 // it moves in every frame from the hold on. (sphere_shake rests between, which costs 4 % less.)
@@ -53,7 +46,7 @@ int main(int argc, char** argv) {
   const long frames = std::atol(argv[2]);
   // The working image of the camera in mode fast: 410 pixels wide.
   const test::ScenePictures film = test::film(shaken(), scene::scaled(scene::camera_3280x2464(), 410));
-  NoJpeg jpeg;
+  test::NoJpeg jpeg;
   const auto state = std::make_unique<pipeline::State>();
   pipeline::Config config = pipeline_config(Params{});
   config.with_field = with != "paper";

@@ -541,6 +541,7 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"trade", "firmware", "--shard", "1/2", "--svg", in("x")}, "a piece has no picture", "trade show");
   refuse({"trade", "firmware", "--films", "7"}, "--films", "holdfast trade firmware --help");
   refuse({"trade", "firmware", "--csv", in("x"), "--modes", in("x")}, "x", "--csv and --modes");
+  refuse({"trade", "firmware", "--csv", in("none/x.csv")}, "none/x.csv", "cannot be written");  // before it measures
   refuse(Words{"trade", "show"}, "CSV", "holdfast trade show --help");
   refuse({"trade", "show", in("none.csv")}, "none.csv", "trade firmware --csv");
   refuse({"trade", "show", in("no.csv")}, "no.csv:1", "no table of prices");

@@ -20,6 +20,7 @@
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/serial.hpp"
+#include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -29,6 +30,7 @@ using namespace holdfast::reference_model;
 using namespace std::chrono_literals;
 using hal::Level;
 using hal::Line;
+using test::NoJpeg;
 
 namespace {
 
@@ -45,12 +47,6 @@ const model::Tree kSpreadTree = [] {
   spread.nodes[2] = {.kind = model::Kind::kSlip};
   return spread;
 }();
-
-class NoJpeg final : public JpegDecoder {
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer&) override {
-    return {Reason::kJpegDamaged};
-  }
-};
 
 // One picture for ever, every 40 ms, as old as the plan says when it arrives: ages[k] for the k-th frame, then 40 ms.
 class AgedCamera final : public hal::Camera {

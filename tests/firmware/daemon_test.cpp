@@ -17,6 +17,7 @@
 #include "drivers/sim/hande.hpp"
 #include "drivers/sim/keep.hpp"
 #include "drivers/sim/serial.hpp"
+#include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -29,14 +30,9 @@ using command_frame::Result;
 using hal::Input;
 using hal::Level;
 using hal::Line;
+using test::NoJpeg;
 
 namespace {
-
-class NoJpeg final : public JpegDecoder {
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer&) override {
-    return {Reason::kJpegDamaged};
-  }
-};
 
 // Endless bytes, and a count of how many were asked for at once.
 class Flood final : public hal::Serial {

@@ -17,6 +17,7 @@
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/serial.hpp"
+#include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 #include "vision/exposure.hpp"
 #include "vision/window.hpp"
@@ -26,6 +27,8 @@
 using namespace holdfast;
 using namespace std::chrono_literals;
 using reference_model::Picture;
+using test::frame_of;
+using test::NoJpeg;
 
 namespace {
 
@@ -68,22 +71,6 @@ MarkerField lattice(std::int64_t dx_um, std::int64_t dy_um) {
 Picture dots_of(const reference_model::Grid& grid, const scene::PictureConfig& view) {
   return reference_model::picture_of(view, reference_model::lattice_px(grid, view), 1);
 }
-
-hal::Frame frame_of(const Picture& picture) {
-  hal::Frame frame;
-  frame.bytes = picture.pixels;
-  frame.format = hal::PixelFormat::kLuma8;
-  frame.width = picture.width;
-  frame.height = picture.height;
-  frame.stride = picture.width;
-  return frame;
-}
-
-class NoJpeg final : public JpegDecoder {
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer&) override {
-    return {Reason::kJpegDamaged};
-  }
-};
 
 // One picture again and again, with the stamps it is told.
 class StampedCamera final : public hal::Camera {

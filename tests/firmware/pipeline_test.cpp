@@ -12,6 +12,7 @@
 #include <numbers>
 #include <vector>
 
+#include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -19,6 +20,7 @@
 using namespace holdfast;
 using namespace holdfast::reference_model;
 using namespace std::chrono_literals;
+using test::frame_of;
 
 namespace {
 
@@ -41,16 +43,6 @@ class ScriptedJpeg final : public JpegDecoder {
     return status;
   }
 };
-
-hal::Frame frame_of(const Picture& picture) {
-  hal::Frame frame;
-  frame.bytes = picture.pixels;
-  frame.format = hal::PixelFormat::kLuma8;
-  frame.width = picture.width;
-  frame.height = picture.height;
-  frame.stride = picture.width;
-  return frame;
-}
 
 }  // namespace
 

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/holdfast/atomic_file.hpp"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <memory>
 #include <system_error>
@@ -72,6 +74,47 @@ std::string AtomicFile::commit() {
 
 void AtomicFile::fail(const std::string& what, const std::string& cause, const std::string& next) {
   error_ = path_.string() + ": " + what + ": " + cause + "; " + next;
+}
+
+OutputFiles::OutputFiles(const std::vector<Asked>& asked, const std::vector<std::string>& inputs,
+                         std::string_view kind) {
+  for (std::size_t a = 0; a < asked.size() && error_.empty(); ++a) {
+    const auto& [option, path] = asked[a];
+    if (path.empty()) continue;
+    for (const std::string& input : inputs) {
+      if (!same_place(path, input)) continue;
+      error_ = fmt::format(
+          "{}: {} would change a {} of this run. Likely cause: the same name given twice. Next: give another place for "
+          "the output",
+          input, option, kind);
+      return;
+    }
+    for (std::size_t b = 0; b < a; ++b) {
+      if (asked[b].path.empty() || !same_place(path, asked[b].path)) continue;
+      error_ = fmt::format(
+          "{}: given for both {} and {}. Likely cause: a typing error. Next: give each output a file of its own", path,
+          asked[b].option, option);
+      return;
+    }
+    files_.push_back({option, std::make_unique<AtomicFile>(path)});
+    error_ = files_.back().file->error();
+  }
+}
+
+std::ostream* OutputFiles::stream(std::string_view option) const {
+  const auto found = std::ranges::find(files_, option, &Open::option);
+  return found == files_.end() ? nullptr : &found->file->stream();
+}
+
+// Every byte is written before the first file appears.
+std::string OutputFiles::commit() {
+  for (const Open& open : files_) {
+    if (!open.file->stream().flush()) return open.file->commit();
+  }
+  for (const Open& open : files_) {
+    if (std::string error = open.file->commit(); !error.empty()) return error;
+  }
+  return {};
 }
 
 std::string refuse_folder(const std::string& folder) {

@@ -8,7 +8,9 @@
 
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -36,6 +38,32 @@ class AtomicFile {
   std::filesystem::path path_;
   std::filesystem::path temp_;
   std::ofstream stream_;
+  std::string error_;
+};
+
+// The files that a command was asked for, open from before a long run to its end: all of them appear, or none.
+class OutputFiles {
+ public:
+  struct Asked {
+    std::string_view option;
+    std::string path;  // empty: not asked for
+  };
+  // No file may be another one's, or an input's, which is a `kind` for people.
+  OutputFiles(const std::vector<Asked>& asked, const std::vector<std::string>& inputs = {}, std::string_view kind = {});
+
+  // Why they cannot be written, as far as known; empty: good.
+  [[nodiscard]] const std::string& error() const { return error_; }
+  // Null: not asked for.
+  [[nodiscard]] std::ostream* stream(std::string_view option) const;
+  // Empty, or the error line.
+  [[nodiscard]] std::string commit();
+
+ private:
+  struct Open {
+    std::string_view option;
+    std::unique_ptr<AtomicFile> file;
+  };
+  std::vector<Open> files_;
   std::string error_;
 };
 

@@ -29,41 +29,16 @@ void print_table(const std::vector<LevelPrice>& prices) {
   }
 }
 
-// Which output would destroy the other or a scene. Empty: none.
-std::string collision(const TradeSimOptions& options) {
-  for (const std::string* output : {&options.csv, &options.svg}) {
-    if (output->empty()) continue;
-    for (const std::string& scene : options.scenes) {
-      if (!same_place(*output, scene)) continue;
-      return fmt::format(
-          "{}: an output would change a scene of this run. Likely cause: the same name given twice. "
-          "Next: give another place for the output",
-          *output);
-    }
-  }
-  if (options.csv.empty() || options.svg.empty() || !same_place(options.csv, options.svg)) return {};
-  return fmt::format(
-      "{}: given for both --csv and --svg. Likely cause: a typing error. Next: give each output a file "
-      "of its own",
-      options.csv);
-}
-
 }  // namespace
 
 int trade_sim(const TradeSimOptions& options) {
-  if (const std::string error = collision(options); !error.empty()) return fail(error);
+  OutputFiles outputs({{"--csv", options.csv}, {"--svg", options.svg}}, options.scenes, "scene");
+  if (!outputs.error().empty()) return fail(outputs.error());
   std::vector<scene::Scene> scenes;
   for (const std::string& path : options.scenes) {
     std::optional<scene::Scene> scene = load_scene(path);
     if (!scene) return 1;
     scenes.push_back(*std::move(scene));
-  }
-  std::optional<AtomicFile> csv;
-  std::optional<AtomicFile> svg;
-  if (!options.csv.empty()) csv.emplace(options.csv);
-  if (!options.svg.empty()) svg.emplace(options.svg);
-  for (const auto* file : {&csv, &svg}) {
-    if (*file && !(*file)->error().empty()) return fail((*file)->error());
   }
   TradeSimConfig config;
   config.reference_cell_mm = options.reference_cell_mm;
@@ -86,16 +61,9 @@ int trade_sim(const TradeSimOptions& options) {
     fmt::print("{} leaves out\n", scene::kContactLevelNames[static_cast<std::size_t>(level)]);
     for (const std::string_view what : scene::omissions(level)) fmt::print("  {}\n", what);
   }
-  // Every byte is written before the first file appears.
-  if (csv) csv->stream() << trade_sim_csv(prices);
-  if (svg) svg->stream() << trade_sim_svg(prices);
-  for (auto* file : {&csv, &svg}) {
-    if (*file && !(*file)->stream().flush()) return fail((*file)->commit());
-  }
-  for (auto* file : {&csv, &svg}) {
-    if (!*file) continue;
-    if (const std::string error = (*file)->commit(); !error.empty()) return fail(error);
-  }
+  if (std::ostream* const csv = outputs.stream("--csv")) *csv << trade_sim_csv(prices);
+  if (std::ostream* const svg = outputs.stream("--svg")) *svg << trade_sim_svg(prices);
+  if (const std::string error = outputs.commit(); !error.empty()) return fail(error);
   return 0;
 }
 

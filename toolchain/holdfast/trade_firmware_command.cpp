@@ -2,12 +2,9 @@
 // holdfast trade firmware: what each setting costs and leaves wrong; holdfast trade show: the same from its tables.
 #include <fmt/format.h>
 
-#include <array>
 #include <filesystem>
 #include <fstream>
-#include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "toolchain/holdfast/atomic_file.hpp"
@@ -20,46 +17,20 @@
 namespace holdfast::tool {
 namespace {
 
-struct Output {
-  std::string_view option;
-  const std::string& path;
-};
-using Outputs = std::array<Output, 3>;
-
-// Which output would destroy another, or an input. Empty: none.
-std::string collision(const Outputs& outputs, const std::vector<std::string>& inputs) {
-  for (std::size_t a = 0; a < outputs.size(); ++a) {
-    if (outputs[a].path.empty()) continue;
-    for (std::size_t b = a + 1; b < outputs.size(); ++b) {
-      if (outputs[b].path.empty() || !same_place(outputs[a].path, outputs[b].path)) continue;
-      return fmt::format(
-          "{}: given for both {} and {}. Likely cause: a typing error. Next: give each output a file of its own",
-          outputs[a].path, outputs[a].option, outputs[b].option);
-    }
-    for (const std::string& input : inputs) {
-      if (!same_place(outputs[a].path, input)) continue;
-      return fmt::format(
-          "{}: {} would change a table of this run. Likely cause: the same name given twice. Next: give another place "
-          "for the output",
-          input, outputs[a].option);
-    }
-  }
-  return {};
+template <typename Options>
+std::vector<OutputFiles::Asked> asked(const Options& options) {
+  return {{"--csv", options.csv}, {"--svg", options.svg}, {"--modes", options.modes}};
 }
 
-int put_out(const std::vector<trade::Line>& lines, bool whole, const Outputs& outputs) {
-  const auto [csv, svg, modes] = outputs;
-  std::vector<std::pair<std::filesystem::path, std::string>> files;
-  if (!csv.path.empty()) files.emplace_back(csv.path, trade::csv(lines));
-  if (!svg.path.empty()) files.emplace_back(svg.path, trade::svg(lines));
-  if (!modes.path.empty()) files.emplace_back(modes.path, trade::modes_markdown(lines));
-  if (const std::string error = write_all("", files); !error.empty()) return fail(error);
+int put_out(const std::vector<trade::Line>& lines, bool whole, OutputFiles& outputs) {
+  if (std::ostream* const csv = outputs.stream("--csv")) *csv << trade::csv(lines);
+  if (std::ostream* const svg = outputs.stream("--svg")) *svg << trade::svg(lines);
+  if (std::ostream* const modes = outputs.stream("--modes")) *modes << trade::modes_markdown(lines);
+  if (const std::string error = outputs.commit(); !error.empty()) return fail(error);
   fmt::print("{}", trade::text(lines, whole));
   fmt::print(
       "a frame: thread CPU time on this machine, from the bytes of a 3280x2464 JPEG to the decision; px of a picture "
-      "320 "
-      "wide\n");
-  for (const auto& file : files) fmt::print("written   {}\n", file.first.string());
+      "320 wide\n");
   return 0;
 }
 
@@ -69,8 +40,8 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   int shard = 1;
   int shards = 1;
   if (const std::string error = parse_shard(options.shard, shard, shards); !error.empty()) return fail(error);
-  const Outputs outputs{{{"--csv", options.csv}, {"--svg", options.svg}, {"--modes", options.modes}}};
-  if (const std::string error = collision(outputs, {}); !error.empty()) return fail(error);
+  OutputFiles outputs(asked(options));
+  if (!outputs.error().empty()) return fail(outputs.error());
   if (shards > 1 && (!options.svg.empty() || !options.modes.empty())) {
     return fail(
         "--shard: a piece has no picture and no table of modes. Likely cause: --svg or --modes given to a piece. Next: "
@@ -117,8 +88,8 @@ int trade_firmware(const TradeFirmwareOptions& options) {
 }
 
 int trade_show(const TradeShowOptions& options) {
-  const Outputs outputs{{{"--csv", options.csv}, {"--svg", options.svg}, {"--modes", options.modes}}};
-  if (const std::string error = collision(outputs, options.tables); !error.empty()) return fail(error);
+  OutputFiles outputs(asked(options), options.tables, "table");
+  if (!outputs.error().empty()) return fail(outputs.error());
   std::vector<trade::Line> lines;
   for (const std::string& path : options.tables) {
     std::ifstream in(path, std::ios::binary);

@@ -6,13 +6,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <ctime>
 #include <map>
 #include <utility>
 
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "toolchain/play/play.hpp"
+#include "toolchain/play/thread_time.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -41,12 +41,6 @@ std::vector<Setting> settings(const TradeSimConfig& config) {
   add(scene::ContactLevel::kGrid, 64, config.reference_cell_mm,
       fmt::format("grid {:.2f} mm", config.reference_cell_mm));
   return all;
-}
-
-double thread_us() {
-  timespec now{};
-  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
 }
 
 double percentile(std::vector<double> values, double share) {

@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <ctime>
 #include <limits>
 #include <numeric>
 #include <set>
@@ -17,6 +16,7 @@
 #include "toolchain/learn/detectors.hpp"
 #include "toolchain/learn/score.hpp"
 #include "toolchain/learn/splits.hpp"
+#include "toolchain/play/thread_time.hpp"
 
 namespace holdfast::learn {
 
@@ -257,12 +257,6 @@ EventScore events_of(const Samples& samples, std::span<const int> trials, const 
 constexpr std::array kRaiseFrames{1, 2, 3};
 constexpr int kRaise = decision::Config{}.raise_frames;
 constexpr std::array kAlarmBudgets{0, 1, 2, 4, 8, 16, 32, 64};  // of a detector, where it learns
-
-double thread_us() {
-  timespec now{};
-  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
-}
 
 // --- the plan ---
 
@@ -636,11 +630,11 @@ class Work {
     const auto median_us = [&](int passes, const std::function<void(const Matrix&)>& predict) {
       std::vector<double> us;
       for (int i = 0; i < kRepetitions; ++i) {
-        const double start = thread_us();
+        const double start = tool::thread_us();
         for (int pass = 0; pass < passes; ++pass) {
           for (const Matrix& row : single) predict(row);
         }
-        us.push_back((thread_us() - start) / static_cast<double>(single.size()) / passes);
+        us.push_back((tool::thread_us() - start) / static_cast<double>(single.size()) / passes);
       }
       return *quantile(us, 0.5);
     };

@@ -38,6 +38,7 @@
 #include "drivers/sim/recording.hpp"
 #include "toolchain/learn/dataset.hpp"
 #include "toolchain/learn/firmware_row.hpp"
+#include "toolchain/learn/number_text.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
 
@@ -68,12 +69,6 @@ struct Clip {
   std::vector<Interval> silent;  // of high or medium confidence
   std::vector<Interval> empty;
 };
-
-template <typename Number>
-bool to_number(std::string_view text, Number& value) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc{} && end == text.data() + text.size();
-}
 
 // A cell in quotes may hold commas; two quotes in it are one.
 std::vector<std::string> cells_of(std::string_view line) {

@@ -6,15 +6,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <istream>
 #include <iterator>
 #include <ostream>
-#include <system_error>
 #include <unordered_set>
 
 #include "base/math.hpp"
+#include "toolchain/learn/number_text.hpp"
 
 namespace holdfast::learn {
 namespace {
@@ -70,13 +69,6 @@ std::size_t split(std::string_view line, Cells& cells) {
     if (end == line.size()) return count + 1;
     at = end + 1;
   }
-}
-
-template <typename Number>
-bool to_number(std::string_view cell, Number& value) {
-  const char* const end = cell.data() + cell.size();
-  const auto [rest, error] = std::from_chars(cell.data(), end, value);
-  return error == std::errc{} && rest == end;
 }
 
 using Error = std::optional<std::string>;

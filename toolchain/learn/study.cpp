@@ -289,6 +289,17 @@ double ConditionScore::within_ms(double ms) const {
   return static_cast<double>(end - events.ms.begin()) / events.onsets;
 }
 
+void ConditionScore::add(const Samples& samples, int trial, std::span<const std::uint8_t> verdicts,
+                         const decision::Config& config) {
+  const std::span<const Row> rows = samples.of(samples.trials[idx(trial)]);
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const Row& row = rows[k];
+    if (judged(row)) frames.add(row.label == Label::kSlip, verdicts[k] != 0);
+    if (!row.accepted && (row.label == Label::kHold || row.label == Label::kSlip)) ++refused;
+  }
+  events.add(event_of(samples, trial, verdicts, config));
+}
+
 void judge(const Samples& samples, const model::Tree& tree, const decision::Config& config, ConditionScore& score) {
   for (const int trial : all_trials(samples)) {
     std::vector<std::uint8_t> verdicts;
@@ -296,12 +307,9 @@ void judge(const Samples& samples, const model::Tree& tree, const decision::Conf
       std::array<std::int32_t, kFeatureCount> x{};
       const Features seen = seen_by(tree.score, row.x);
       for (int i = 0; i < tree.set->size(); ++i) x[idx(i)] = seen[tree.set->members[idx(i)]];
-      const bool slip = model::evaluate(tree, x) == Verdict::kSlip;
-      verdicts.push_back(slip ? 1 : 0);
-      if (judged(row)) score.frames.add(row.label == Label::kSlip, slip);
-      if (!row.accepted && (row.label == Label::kHold || row.label == Label::kSlip)) ++score.refused;
+      verdicts.push_back(model::evaluate(tree, x) == Verdict::kSlip ? 1 : 0);
     }
-    score.events.add(event_of(samples, trial, verdicts, config));
+    score.add(samples, trial, verdicts, config);
   }
 }
 

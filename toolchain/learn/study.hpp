@@ -111,6 +111,9 @@ struct ConditionScore {
   long refused = 0;  // frames of contact that the firmware did not judge: rejected, or no rest position
   EventGroup events;
   [[nodiscard]] double within_ms(double ms) const;  // share of the onsets
+
+  // One trial of the samples, from one verdict a row.
+  void add(const Samples& samples, int trial, std::span<const std::uint8_t> verdicts, const decision::Config& config);
 };
 // Every trial of the samples, by the tree's own features.
 void judge(const Samples& samples, const model::Tree& tree, const decision::Config& config, ConditionScore& score);

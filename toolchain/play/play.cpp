@@ -33,6 +33,17 @@ PixelsQ8 to_q8(double px, Saturations& saturations) {
 
 }  // namespace
 
+MarkerField field_of(const scene::Scene& scene, const scene::PictureConfig& picture,
+                     std::span<const scene::SeenMarker> seen, Saturations& saturations) {
+  MarkerField field;
+  field.grid = {static_cast<std::uint8_t>(scene.markers.rows), static_cast<std::uint8_t>(scene.markers.cols)};
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    const scene::PointPx at = scene::to_px(picture, seen[i].at_mm);
+    field.markers[i] = {to_q8(at.x, saturations), to_q8(at.y, saturations), seen[i].valid};
+  }
+  return field;
+}
+
 Player::Player(const scene::Scene& scene, sim::Clock& clock)
     : scene_(scene),
       clock_(clock),
@@ -81,12 +92,7 @@ bool Player::step_picture(App& app, const Params& params, bool auto_grid) {
 }
 
 void Player::step_markers(App& app) {
-  MarkerField field;
-  field.grid = {static_cast<std::uint8_t>(scene_.markers.rows), static_cast<std::uint8_t>(scene_.markers.cols)};
-  for (std::size_t i = 0; i < seen_.size(); ++i) {
-    const scene::PointPx at = scene::to_px(picture(), seen_[i].at_mm);
-    field.markers[i] = {to_q8(at.x, saturations_), to_q8(at.y, saturations_), seen_[i].valid};
-  }
+  const MarkerField field = field_of(scene_, picture(), seen_, saturations_);
   app.step_markers(field, clock_.now(), static_cast<std::uint32_t>(snapshot().frame));
 }
 

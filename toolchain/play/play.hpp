@@ -19,6 +19,10 @@
 
 namespace holdfast::tool {
 
+// The markers that see_markers() saw, in pixels of such a picture.
+[[nodiscard]] MarkerField field_of(const scene::Scene& scene, const scene::PictureConfig& picture,
+                                   std::span<const scene::SeenMarker> seen, Saturations& saturations);
+
 class Player {
  public:
   // The scene outlives the player.

@@ -6,10 +6,10 @@
 #include <cmath>
 #include <string_view>
 
-#include "base/math.hpp"
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/clock.hpp"
 #include "toolchain/learn/study.hpp"
+#include "toolchain/play/play.hpp"
 
 namespace holdfast::trade {
 namespace {
@@ -99,12 +99,7 @@ Grasp play(const learn::PlannedGrasp& grasp) {
     Sight& sight = out.sights.emplace_back();
     sight.time = Micros(std::llround(truth.t_s * 1e6) + 1);
     sight.moved = moved(truth, planned.scene);
-    sight.markers.grid = sight.moved.grid;
-    for (std::size_t i = 0; i < seen.size(); ++i) {
-      const scene::PointPx at = scene::to_px(picture, seen[i].at_mm);
-      sight.markers.markers[i] = {PixelsQ8::saturate(std::llround(at.x * 256.0), ignored),
-                                  PixelsQ8::saturate(std::llround(at.y * 256.0), ignored), seen[i].valid};
-    }
+    sight.markers = tool::field_of(planned.scene, picture, seen, ignored);
     truths.push_back({truth.contact.normal_n, truth.level});
   }
   out.labels = learn::labels_of(truths);

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
-#include <ctime>
 #include <memory>
 #include <span>
 #include <utility>
@@ -16,6 +15,7 @@
 #include "hal/crew.hpp"
 #include "tactile/entropy.hpp"
 #include "toolchain/learn/calibrate.hpp"
+#include "toolchain/play/thread_time.hpp"
 #include "toolchain/trade/rival.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
@@ -31,9 +31,9 @@ class TimedDecoder final : public JpegDecoder {
 
  private:
   [[nodiscard]] Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale, LumaBuffer& out) override {
-    const double start = thread_us();
+    const double start = tool::thread_us();
     const Status status = decoder_.decode(bytes, scale, out);
-    us_ = thread_us() - start;
+    us_ = tool::thread_us() - start;
     return status;
   }
 
@@ -78,15 +78,9 @@ class Trial {
     row.accepted = result.quality.ok() && result.referenced;
     verdicts_.push_back(row.accepted && result.verdict == Verdict::kSlip ? 1 : 0);
   }
-  void count(const decision::Config& config, Decisions& out) {
+  void count(const decision::Config& config, learn::ConditionScore& out) {
     samples_.trials.front().count = static_cast<int>(samples_.rows.size());
-    for (std::size_t k = 0; k < verdicts_.size(); ++k) {
-      const learn::Row& row = samples_.rows[k];
-      const bool contact = row.label == learn::Label::kHold || row.label == learn::Label::kSlip;
-      if (learn::judged(row)) out.frames.add(row.label == learn::Label::kSlip, verdicts_[k] != 0);
-      if (contact && !row.accepted) ++out.refused;
-    }
-    out.events.add(learn::event_of(samples_, 0, verdicts_, config));
+    out.add(samples_, 0, verdicts_, config);
   }
 
  private:
@@ -137,18 +131,27 @@ std::vector<std::uint8_t> damaged(const std::vector<std::uint8_t>& jpeg, double 
 constexpr std::size_t kDamageEvery = 25;
 constexpr std::array<double, 5> kDamagedAt{0.1, 0.3, 0.5, 0.7, 0.9};
 
+// Of the pipeline and the decoder, with the pictures that this setting works on: what a firmware built for it alone
+// would take. Ours is built for all modes.
+std::int64_t memory_bytes(const Point& point) {
+  const Params& params = point.params;
+  const auto scale = static_cast<std::int32_t>(kModes[static_cast<std::size_t>(params.mode)].scale);
+  const std::int64_t picture = std::int64_t{3280 / scale} * (2464 / scale);
+  const std::int64_t pipeline = static_cast<std::int64_t>(sizeof(App) - sizeof(LumaBuffer));
+  const bool library = point.tuning.library_jpeg || scale != 8;
+  const auto walk = params.jpeg_lanes == 0 ? sizeof(jpeg_dc::State)
+                                           : sizeof(EighthDecoder) + static_cast<std::size_t>(params.jpeg_threads) *
+                                                                         sizeof(jpeg_fast::Worker);
+  constexpr auto kLibrary = drivers::TurboJpegDecoder::kMemory.tables + drivers::TurboJpegDecoder::kMemory.picture;
+  return pipeline + picture + static_cast<std::int64_t>(library ? kLibrary : walk);
+}
+
 struct Times {
   std::vector<double> all_us;
   std::vector<double> decode_us;
 };
 
 }  // namespace
-
-double thread_us() {
-  timespec now{};
-  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
-}
 
 struct Trialled::State {
   explicit State(Point asked) : point(std::move(asked)) {
@@ -181,7 +184,7 @@ struct Trialled::State {
   Seen seen;
   MarkerError markers;
   EntropyError filmed_entropy, grasped_entropy;
-  std::optional<Decisions> filmed, grasped;
+  std::optional<learn::ConditionScore> filmed, grasped;
 };
 
 Trialled::Trialled(const Point& point) : state_(std::make_unique<State>(point)) {}
@@ -195,9 +198,9 @@ void Trialled::show(const Film& film, std::size_t k) {
   if (s.rival) {
     if (k % static_cast<std::size_t>(s.rival->every()) != 0) return;
     if (k == 0) s.rival->begin(film);
-    const double start = thread_us();
+    const double start = tool::thread_us();
     s.rival->update(shot.jpeg);
-    s.times.all_us.push_back(thread_us() - start);
+    s.times.all_us.push_back(tool::thread_us() - start);
     s.times.decode_us.push_back(s.rival->decode_us());
     ++s.seen.frames;
     s.rival->judge(shot.markers, film.width, s.markers);
@@ -211,9 +214,9 @@ void Trialled::show(const Film& film, std::size_t k) {
   }
   if (k % static_cast<std::size_t>(s.point.tuning.frame_every) == 0) {
     const hal::Frame frame = frame_of(film, k);
-    const double start = thread_us();
+    const double start = tool::thread_us();
     const pipeline::Result result = pipeline::update(*s.pipeline, config, *s.firmware->timed, frame);
-    s.times.all_us.push_back(thread_us() - start);
+    s.times.all_us.push_back(tool::thread_us() - start);
     s.times.decode_us.push_back(s.firmware->timed->us());
     ++s.seen.frames;
     s.trial->add(k, shot.time, result);
@@ -267,19 +270,6 @@ Price Trialled::price() const {
     price.grasped_entropy_error_nat = s.grasped_entropy.mean();
   }
   return price;
-}
-
-std::int64_t memory_bytes(const Point& point) {
-  const Params& params = point.params;
-  const auto scale = static_cast<std::int32_t>(kModes[static_cast<std::size_t>(params.mode)].scale);
-  const std::int64_t picture = std::int64_t{3280 / scale} * (2464 / scale);
-  const std::int64_t pipeline = static_cast<std::int64_t>(sizeof(App) - sizeof(LumaBuffer));
-  const bool library = point.tuning.library_jpeg || scale != 8;
-  const auto walk = params.jpeg_lanes == 0 ? sizeof(jpeg_dc::State)
-                                           : sizeof(EighthDecoder) + static_cast<std::size_t>(params.jpeg_threads) *
-                                                                         sizeof(jpeg_fast::Worker);
-  constexpr auto kLibrary = drivers::TurboJpegDecoder::kMemory.tables + drivers::TurboJpegDecoder::kMemory.picture;
-  return pipeline + picture + static_cast<std::int64_t>(library ? kLibrary : walk);
 }
 
 }  // namespace holdfast::trade

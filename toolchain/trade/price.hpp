@@ -3,7 +3,7 @@
 //
 // Time is thread CPU time of this machine, median over the frames; ratios are what may be compared between machines.
 // Marker error: RMS over all markers and frames of the films, in px of a picture 320 wide. Error of E: mean of |E minus
-// the E of the true displacements in the same bins|. Decisions are counted by learn/metrics.hpp, the verdict frame by
+// the E of the true displacements in the same bins|. Decisions are counted as in learn/study.hpp, the verdict frame by
 // frame and the request event by event.
 #pragma once
 
@@ -12,18 +12,11 @@
 #include <memory>
 #include <optional>
 
-#include "toolchain/learn/evaluate.hpp"
-#include "toolchain/learn/metrics.hpp"
+#include "toolchain/learn/study.hpp"
 #include "toolchain/trade/film.hpp"
 #include "toolchain/trade/knobs.hpp"
 
 namespace holdfast::trade {
-
-struct Decisions {
-  learn::Confusion frames;
-  long refused = 0;  // frames of contact that were not judged
-  learn::EventGroup events;
-};
 
 // Of the films: from the JPEG's bytes on.
 struct Seen {
@@ -43,9 +36,9 @@ struct Seen {
 struct Price {
   std::int64_t memory_bytes = 0;  // of the pipeline and the decoder with the pictures that this setting works on
   std::optional<Seen> seen;       // rms and entropy mean nothing when all was rejected
-  std::optional<Decisions> filmed;
-  std::optional<Decisions> grasped;        // from the markers on: without the imprint
-  double grasped_entropy_error_nat = 0.0;  // likewise
+  std::optional<learn::ConditionScore> filmed;
+  std::optional<learn::ConditionScore> grasped;  // from the markers on: without the imprint
+  double grasped_entropy_error_nat = 0.0;        // likewise
 };
 
 // One setting on trial. Whoever tries several shows each frame to all of them by turns: what the machine does meanwhile
@@ -69,9 +62,5 @@ class Trialled {
   struct State;
   std::unique_ptr<State> state_;
 };
-
-[[nodiscard]] std::int64_t memory_bytes(const Point& point);
-
-[[nodiscard]] double thread_us();
 
 }  // namespace holdfast::trade

@@ -9,7 +9,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "toolchain/trade/price.hpp"
+#include "toolchain/play/thread_time.hpp"
 
 namespace holdfast::trade {
 
@@ -77,11 +77,11 @@ void RivalTracker::begin(const Film& film) {
 
 void RivalTracker::update(std::span<const std::uint8_t> jpeg) {
   State& s = *state_;
-  const double start = thread_us();
+  const double start = tool::thread_us();
   const cv::Mat whole(1, static_cast<int>(jpeg.size()), CV_8UC1, const_cast<std::uint8_t*>(jpeg.data()));
   cv::Mat luma =
       cv::imdecode(whole, s.which == Rival::kFullBlobs ? cv::IMREAD_GRAYSCALE : cv::IMREAD_REDUCED_GRAYSCALE_8);
-  s.decode_us = thread_us() - start;
+  s.decode_us = tool::thread_us() - start;
   s.seen.clear();
   if (s.which == Rival::kFlow) {
     if (!s.before.empty()) {

@@ -5,19 +5,26 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <istream>
-#include <limits>
 
 #include "toolchain/learn/charts.hpp"
 #include "toolchain/learn/evaluate_report.hpp"
+#include "toolchain/learn/number_text.hpp"
 
 namespace holdfast::trade {
 namespace {
 
 using learn::charts::Scatter;
 
+enum class Better : std::uint8_t { kLess, kMore, kNeither };
+struct Figure {
+  std::string_view id;     // of the CSV's column
+  std::string_view title;  // for people
+  int decimals = 1;        // for people; the CSV has two more
+  Better better = Better::kNeither;
+  double same_within = 0.0;  // of its own size: less apart is no difference. Times tremble
+};
 constexpr double kTimesTremble = 0.05;
 
 constexpr std::array<Figure, kFigures> kTable{{
@@ -54,7 +61,7 @@ std::string header() {
   return out;
 }
 
-void decisions_of(const Decisions& decisions, Line& line, std::size_t balanced) {
+void decisions_of(const learn::ConditionScore& decisions, Line& line, std::size_t balanced) {
   const learn::EventGroup& events = decisions.events;
   auto& figures = line.figures;
   if (decisions.frames.count() > 0) figures[balanced] = 100.0 * decisions.frames.balanced_accuracy();
@@ -97,17 +104,7 @@ std::vector<std::string> cells_of(std::string_view line) {
   return cells;
 }
 
-template <typename Number>
-bool to_number(std::string_view text, Number& value) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc{} && end == text.data() + text.size();
-}
-
 }  // namespace
-
-const std::array<Figure, kFigures>& figures() {
-  return kTable;
-}
 
 Line line_of(long index, const Point& point, const Price& price) {
   Line line;
@@ -169,7 +166,7 @@ std::optional<std::string> read_csv(std::istream& in, std::string_view name, std
     if (cells == cells_of(header())) continue;  // pieces that were put one behind the other
     if (cells.size() != kNames.size() + kFigures) return wrong(fmt::format("{} cells", cells.size()));
     Line line;
-    if (!to_number(cells[0], line.index)) return wrong("no index");
+    if (!learn::to_number(cells[0], line.index)) return wrong("no index");
     line.knob = cells[1];
     line.value = cells[2];
     line.mode = cells[3];
@@ -177,7 +174,7 @@ std::optional<std::string> read_csv(std::istream& in, std::string_view name, std
       const std::string& cell = cells[kNames.size() + i];
       if (cell.empty()) continue;
       double value = 0.0;
-      if (!to_number(cell, value) || !std::isfinite(value)) return wrong(fmt::format("'{}' is no number", cell));
+      if (!learn::to_number(cell, value) || !std::isfinite(value)) return wrong(fmt::format("'{}' is no number", cell));
       line.figures[i] = value;
     }
     lines.push_back(std::move(line));
@@ -194,14 +191,12 @@ std::optional<std::string> put_together(std::vector<Line>& lines) {
         lines[i].value != all[i].value) {
       return fmt::format(
           "setting {} ({} {}) is {}. Likely cause: a piece left out, given twice, or measured by another version. "
-          "Next: "
-          "give each of the N pieces of one run once",
+          "Next: give each of the N pieces of one run once",
           i, all[i].knob, all[i].value, twice ? "there twice" : "missing");
     }
   }
-  if (lines.size() > all.size())
-    return "more settings than there are. Likely cause: another version measured. Next: measure again";
-  return {};
+  if (lines.size() == all.size()) return {};
+  return "more settings than there are. Likely cause: another version measured. Next: measure again";
 }
 
 const Line* dominated_by(const Line& line, const std::vector<Line>& lines) {
@@ -293,7 +288,8 @@ std::string svg(const std::vector<Line>& lines) {
 
 std::string modes_markdown(const std::vector<Line>& lines) {
   std::string out =
-      "| mode | time of a frame | memory | marker error | error of E | grasps filmed: balanced accuracy, median delay "
+      "| mode | time of a frame | memory it works on | marker error | error of E | grasps filmed: balanced accuracy, "
+      "median delay "
       "|\n"
       "|---|---|---|---|---|---|\n";
   const auto at = [](const Line& line, std::size_t i) { return line.figures[i].value_or(0.0); };

@@ -18,16 +18,8 @@
 
 namespace holdfast::trade {
 
-// A figure of a row: where it stands in the CSV, and what is better.
-enum class Better : std::uint8_t { kLess, kMore, kNeither };
-struct Figure {
-  std::string_view id;     // of the CSV's column
-  std::string_view title;  // for people
-  int decimals = 1;        // for people; the CSV has two more
-  Better better = Better::kNeither;
-  double same_within = 0.0;  // of its own size: less apart is no difference. Times tremble
-};
 inline constexpr std::size_t kFigures = 22;
+// What is measured of a line, in the order of the CSV's columns. The six of decisions follow each other alike.
 enum : std::uint8_t {
   kUsP50,
   kUsP99,
@@ -52,8 +44,6 @@ enum : std::uint8_t {
   kGraspDelayP95,
   kGraspAlarms,
 };
-[[nodiscard]] const std::array<Figure, kFigures>& figures();
-
 struct Line {
   long index = 0;  // of points(), from 0
   std::string knob;
