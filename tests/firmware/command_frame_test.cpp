@@ -79,6 +79,23 @@ TEST(CommandFrame, EveryFrameIsReadBack) {
   }
 }
 
+// A newer sender, or a sound CRC over a wrong length: no field is read from where it is not.
+TEST(CommandFrame, SoundFramesOfAnotherKindVersionOrLengthAreNone) {
+  const auto reads = [](const LinkBytes& body) {
+    link::Payload payload;
+    CHECK_TRUE(link::open(frame_around(body), payload) == link::DecodeError::kNone);
+    return std::string(read_command(payload) ? "C" : "") + (read_answer(payload) ? "A" : "") +
+           (status_frame::read(payload).ok() ? "S" : "");
+  };
+  STRCMP_EQUAL("C", reads({1, 2, 7, 0, 1, 0}).c_str());
+  STRCMP_EQUAL("A", reads({1, 3, 7, 0, 1, 0}).c_str());
+  for (std::uint8_t kind = 1; kind <= 4; ++kind) {
+    STRCMP_EQUAL("", reads({2, kind, 7, 0, 1, 0}).c_str());
+    STRCMP_EQUAL("", reads({1, kind, 7, 0, 1}).c_str());
+    STRCMP_EQUAL("", reads({1, kind, 7, 0, 1, 0, 0}).c_str());
+  }
+}
+
 // As for status frames no proof covers the flips of COBS codes. Measured over all commands that check() passes and all
 // their sequences (2026-11-22): of 41 943 040 flips 22 leave a sound frame, none of them a command; of the 131 072 000
 // flips of answers 59 do, none of them an answer. Every 53rd sequence here.

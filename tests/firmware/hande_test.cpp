@@ -944,6 +944,24 @@ TEST(HandEStatus, AtPositionThatMovesHasNotStopped) {
   }
 }
 
+// A grip that the gripper does not report is guessed at while it closes: fingers that are stopped on their way out hold
+// nothing.
+TEST(HandEStatus, StoppingShortOnTheWayOutIsNoGrip) {
+  puppet.position = 200;
+  run(100ms);
+  wanted = kOpen;
+  puppet.echo = 0;
+  say(1, 120);
+  CHECK_TRUE(seen.holding);
+  say(0, 129, 10);  // someone pushed them back
+  CHECK_FALSE(seen.holding);
+  CHECK_FALSE(seen.lost);
+  say(3, 129, 10, 500ms);
+  CHECK_TRUE(seen.object == Object::kAtPosition);
+  CHECK_FALSE(seen.holding);
+  CHECK_FALSE(seen.lost);
+}
+
 // gOBJ 3 short of the position and where the contact was: the gripper says that it has lost it.
 TEST(HandEStatus, AContactThatBecomesAtPositionIsLost) {
   close();

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -55,6 +56,18 @@ TEST(Keepsake, FindsNothingInBlankMemoryAndWithoutMemory) {
   CHECK_FALSE(keepsake::load(*reader, {}));
   fill(1);
   CHECK_FALSE(keepsake::save(*writer, {}));
+}
+
+// A board that has less than both slots take: not a byte of it is the keepsake's.
+TEST(Keepsake, LeavesMemoryThatIsTooSmallAlone) {
+  fill(1);
+  memory.assign(memory.size(), 0xA5);
+  const std::vector<std::uint8_t> before = memory;
+  const std::span<std::uint8_t> small = std::span(memory).first(keepsake::kBytes - 1);
+  CHECK_FALSE(keepsake::save(*writer, small));
+  CHECK_FALSE(keepsake::load(*reader, small));
+  keepsake::forget(*writer, small);
+  CHECK_TRUE(memory == before);
 }
 
 TEST(Keepsake, GivesBackTheNewestOfMany) {

@@ -80,6 +80,7 @@ TEST(Regulator, TheDefaultsAreValidAndEveryLimitIsChecked) {
   CHECK_TRUE(refused([](auto& c) { c.start_force = -1; }));
   CHECK_TRUE(refused([](auto& c) { c.max_force = 256; }));
   CHECK_TRUE(refused([](auto& c) { c.start_force = c.max_force + 1; }));
+  CHECK_TRUE(refused([](auto& c) { c.max_force = c.start_force - 1; }));
   CHECK_TRUE(refused([](auto& c) { c.force_step = 0; }));
   CHECK_TRUE(refused([](auto& c) { c.release_step = 0; }));
   CHECK_TRUE(refused([](auto& c) { c.position_step = -1; }));

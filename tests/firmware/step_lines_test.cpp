@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "drivers/sim/clock.hpp"
@@ -63,6 +64,19 @@ TEST(StepLines, StartsWithBothLinesLowAndOwesNothing) {
   for (int i = 0; i < 200; ++i) CHECK_TRUE(tick(7).ok());
   CHECK_EQUAL(0u, gpio.edges(Line::kIncrease));
   CHECK_EQUAL(0u, gpio.edges(Line::kDecrease));
+}
+
+TEST(StepLines, DoesNotStartWhileALineCannotBeLowered) {
+  for (const auto& [stuck, other] : {std::pair{Line::kIncrease, Line::kDecrease}, {Line::kDecrease, Line::kIncrease}}) {
+    CHECK_TRUE(gpio.set(stuck, Level::kHigh) && gpio.set(other, Level::kHigh));
+    gpio.stick(stuck);
+    CHECK_TRUE(step_lines::start(state, gpio, 0).reason == Reason::kGpioFailed);
+    CHECK_TRUE(gpio.level(other) == Level::kLow);  // which a gripper could take for a step
+    CHECK_TRUE(tick(1).reason == Reason::kGpioFailed);
+    CHECK_TRUE(gpio.level(other) == Level::kLow);
+    gpio.stick(stuck, false);
+    CHECK_TRUE(step_lines::start(state, gpio, 0).ok());
+  }
 }
 
 TEST(StepLines, PulsesAreAsLongAsTheConfigurationSays) {
