@@ -51,15 +51,16 @@ const model::Tree kSpreadTree = [] {
 // One picture for ever, every 40 ms, as old as the plan says when it arrives: ages[k] for the k-th frame, then 40 ms.
 class AgedCamera final : public hal::Camera {
  public:
-  AgedCamera(sim::Clock& clock, const LumaView& picture, std::vector<Micros> ages)
-      : clock_(clock), picture_(picture), ages_(std::move(ages)) {}
+  AgedCamera(sim::Clock& clock, const LumaView& picture, std::vector<Micros> ages,
+             hal::PixelFormat format = hal::PixelFormat::kLuma8)
+      : clock_(clock), picture_(picture), ages_(std::move(ages)), format_(format) {}
 
  private:
   [[nodiscard]] bool do_start() override { return true; }
   [[nodiscard]] hal::Capture do_next(hal::Frame& frame, Micros) override {
     clock_.advance(40ms);
     frame.bytes = {picture_.data, static_cast<std::size_t>(picture_.stride * picture_.height)};
-    frame.format = hal::PixelFormat::kLuma8;
+    frame.format = format_;
     frame.width = picture_.width;
     frame.height = picture_.height;
     frame.stride = picture_.stride;
@@ -74,7 +75,62 @@ class AgedCamera final : public hal::Camera {
   sim::Clock& clock_;
   LumaView picture_;
   std::vector<Micros> ages_;
+  hal::PixelFormat format_;
   std::size_t shown_ = 0;
+};
+
+// Takes its time over every picture, which is always the same.
+class SlowJpeg final : public JpegDecoder {
+ public:
+  SlowJpeg(sim::Clock& clock, const Picture& picture) : clock_(clock), picture_(picture) {}
+  Micros takes{};
+
+ private:
+  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer& out) override {
+    clock_.advance(takes);
+    out.width = picture_.width;
+    out.height = picture_.height;
+    std::copy(picture_.pixels.begin(), picture_.pixels.end(), out.pixels.begin());
+    return kOkStatus;
+  }
+  sim::Clock& clock_;
+  const Picture& picture_;
+};
+
+// Has nothing, and comes back with that before the time is over, as a driver does that a signal woke.
+class HastyCamera final : public hal::Camera {
+ public:
+  explicit HastyCamera(sim::Clock& clock) : clock_(clock) {}
+  int asked = 0;
+
+ private:
+  [[nodiscard]] bool do_start() override { return true; }
+  [[nodiscard]] hal::Capture do_next(hal::Frame&, Micros timeout) override {
+    clock_.advance(std::min(timeout, Micros{30ms}));
+    ++asked;
+    return hal::Capture::kTimeout;
+  }
+  void do_release(const hal::Frame&) override {}
+  void do_stop() override {}
+  sim::Clock& clock_;
+};
+
+// The process is stopped (SIGSTOP, a debugger) right after this line took its level, for so long.
+class StoppedAt final : public hal::Gpio {
+ public:
+  StoppedAt(sim::Gpio& inside, sim::Clock& clock, Line line) : inside_(inside), clock_(clock), line_(line) {}
+  Micros stopped{};
+
+ private:
+  [[nodiscard]] bool do_set(Line line, Level level) override {
+    const bool taken = inside_.set(line, level);
+    if (line == line_) clock_.advance(stopped);
+    return taken;
+  }
+  [[nodiscard]] std::optional<Level> do_read(hal::Input) override { return std::nullopt; }
+  sim::Gpio& inside_;
+  sim::Clock& clock_;
+  Line line_;
 };
 
 // Lines that refuse a run of calls, and an observer who notes what may never happen.
@@ -434,6 +490,24 @@ TEST(App, LowersGripOkWhenItStops) {
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
 }
 
+// GRIP_OK rises with a frame alone: the OK that is held over rejected ones speaks of an edge of ALIVE long ago.
+TEST(App, RaisesNothingAfterItStoppedWithoutAnAcceptedFrame) {
+  film(12);
+  build();
+  start();
+  run(12);
+  app->stop();
+  const std::uint64_t edges = gpio.edges(Line::kAlive);
+  (void)new_events();
+  for (int k = 0; k < 3; ++k) {
+    clock.advance(App::kFrameWait);
+    app->absent(Reason::kNoFrame);
+    state_is(DeviceState::kFault, app->outputs().state);
+  }
+  for (const sim::GpioEvent& event : new_events()) CHECK_TRUE(event.told == Level::kLow);
+  LONGS_EQUAL(edges, gpio.edges(Line::kAlive));
+}
+
 // Silence: after 150 ms without a frame the state is FAULT; a receiver knows it from ALIVE by then. With the frames
 // back it goes on without learning anew.
 TEST(App, FaultsOnSilenceAndComesBack) {
@@ -461,6 +535,42 @@ TEST(App, FaultsOnSilenceAndComesBack) {
   run(1);
   state_is(DeviceState::kOk, app->outputs().state);
   CHECK_TRUE(told_fine());
+}
+
+// A driver that comes back early with nothing is asked again: silence is told every 100 ms and not more often.
+TEST(App, WaitsOnWhenTheCameraComesBackEarlyWithNothing) {
+  HastyCamera hasty(clock);
+  App other(Devices{hasty, gpio, link, clock, jpeg});
+  CHECK_TRUE(other.start(Params{}).ok());
+  for (int k = 1; k <= 3; ++k) {
+    CHECK_TRUE(other.step());
+    LONGS_EQUAL(k * 100'000, clock.now().count());
+    LONGS_EQUAL(4 * k, hasty.asked);
+    reason_is(Reason::kNoFrame, report().reason);
+  }
+}
+
+// Frames that came and were refused say more than the silence after them; one that was accepted ends that.
+TEST(App, NamesTheRefusedFramesInTheSilenceAfterThem) {
+  film(12);
+  build(
+      {{15, 2, sim::CameraFault::kBad, {}}, {17, 20, sim::CameraFault::kOff, {}}, {45, 20, sim::CameraFault::kOff, {}}},
+      8);
+  start();
+  run(17);
+  bool silent = false;
+  for (status_frame::StatusFrame told; !app->result().quality.ok();) {
+    reason_is(Reason::kJpegDamaged, app->outputs().reason);
+    silent = silent || app->outputs().state == DeviceState::kFault;
+    CHECK_TRUE(step(&told));
+  }
+  CHECK_TRUE(silent);
+  for (int k = 0; k < 7; ++k) CHECK_TRUE(step());
+  CHECK_TRUE(app->result().quality.ok());
+  for (int k = 0; k < 3; ++k) {
+    CHECK_TRUE(step());
+    reason_is(Reason::kNoFrame, app->outputs().reason);
+  }
 }
 
 TEST(App, RejectsFramesThatRunBackwardsAndGoesOn) {
@@ -519,6 +629,49 @@ TEST(App, AcceptsFramesFrom150MillisecondsOldTo5MillisecondsAhead) {
     CHECK_TRUE(other.step());
     CHECK_TRUE(other.step());
     CHECK_TRUE(other.result().quality.ok());
+  }
+}
+
+// 40 ms old when it came, and 150 when it was decided is the most.
+TEST(App, DoesNotVouchForAFrameThatWasDecidedTooLate) {
+  film(1);
+  AgedCamera aged(clock, pictures[0].view(), {}, hal::PixelFormat::kMjpeg);
+  SlowJpeg slow(clock, pictures[0]);
+  App other(Devices{aged, gpio, link, clock, slow});
+  CHECK_TRUE(other.start(Params{}).ok());
+  for (int k = 0; k < 12; ++k) CHECK_TRUE(other.step());
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
+  slow.takes = 110ms;
+  std::uint64_t edges = gpio.edges(Line::kAlive);
+  CHECK_TRUE(other.step());
+  CHECK_TRUE(other.result().quality.ok());
+  LONGS_EQUAL(edges + 1, gpio.edges(Line::kAlive));
+  slow.takes = 110'001us;
+  edges = gpio.edges(Line::kAlive);
+  CHECK_TRUE(other.step());
+  reason_is(Reason::kFrameStale, other.result().quality.reason);
+  reason_is(Reason::kFrameStale, other.outputs().reason);
+  LONGS_EQUAL(edges, gpio.edges(Line::kAlive));
+  CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);  // 150 ms without an accepted frame
+}
+
+// Stopped between the lines: before the edge of ALIVE there is none, after it GRIP_OK is taken back at once.
+TEST(App, TakesBackWhatItSaidBeforeItWasStopped) {
+  film(14);
+  for (const Line line : {Line::kGripOk, Line::kAlive}) {
+    build();
+    StoppedAt lines(gpio, clock, line);
+    App other(Devices{*camera, lines, link, clock, jpeg});
+    CHECK_TRUE(other.start(Params{}).ok());
+    for (int k = 0; k < 12; ++k) CHECK_TRUE(other.step());
+    CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
+    lines.stopped = 111ms;  // the frame is 40 ms old by then
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    CHECK_TRUE(other.step());
+    LONGS_EQUAL(line == Line::kAlive ? 1 : 0, gpio.edges(Line::kAlive) - edges);
+    CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+    state_is(DeviceState::kFault, other.outputs().state);
+    reason_is(Reason::kFrameStale, other.outputs().reason);
   }
 }
 
