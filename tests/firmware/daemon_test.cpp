@@ -3,11 +3,14 @@
 // the process. What it does when things fail is tried by the hundred in tests/e2e/faults_test.cpp.
 #include "app/daemon.hpp"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "drivers/sim/camera_faults.hpp"
@@ -54,6 +57,75 @@ class Flood final : public hal::Serial {
   std::uint32_t random_ = 1;
 };
 
+// What the camera is plugged into: another sensor may be in it, or none that answers.
+class Socket final : public hal::Camera {
+ public:
+  Socket(hal::Camera& inside, sim::Clock& clock, std::string_view identity)
+      : sensor(identity), inside_(inside), clock_(clock) {}
+  std::string_view sensor;
+  bool silent = false;
+  bool refuses = false;
+  std::vector<Micros> starts;
+
+ private:
+  [[nodiscard]] bool do_start() override {
+    starts.push_back(clock_.now());
+    return !refuses && inside_.start();
+  }
+  [[nodiscard]] hal::Capture do_next(hal::Frame& frame, Micros timeout) override {
+    if (!silent) return inside_.next(frame, timeout);
+    clock_.advance(timeout);
+    return hal::Capture::kTimeout;
+  }
+  void do_release(const hal::Frame& frame) override { inside_.release(frame); }
+  void do_stop() override { inside_.stop(); }
+  [[nodiscard]] std::string_view do_identity() const override { return sensor; }
+
+  hal::Camera& inside_;
+  sim::Clock& clock_;
+};
+
+// A board's clock that is set back, against its contract, and a camera whose stamps are that clock's.
+class SetBack final : public hal::Clock {
+ public:
+  explicit SetBack(sim::Clock& true_time) : true_time_(true_time) {}
+  Micros by{};
+
+ private:
+  [[nodiscard]] Micros do_now() const override { return true_time_.now() - by; }
+  void do_wait(Micros time) override { true_time_.wait(time); }
+  sim::Clock& true_time_;
+};
+
+class StampedBy final : public hal::Camera {
+ public:
+  StampedBy(hal::Camera& inside, const SetBack& clock) : inside_(inside), clock_(clock) {}
+
+ private:
+  [[nodiscard]] bool do_start() override { return inside_.start(); }
+  [[nodiscard]] hal::Capture do_next(hal::Frame& frame, Micros timeout) override {
+    const hal::Capture capture = inside_.next(frame, timeout);
+    frame.timestamp -= clock_.by;
+    return capture;
+  }
+  void do_release(const hal::Frame& frame) override { inside_.release(frame); }
+  void do_stop() override { inside_.stop(); }
+  hal::Camera& inside_;
+  const SetBack& clock_;
+};
+
+// Slip is an entropy above 1 nat, and of no other picture than the markers': what the committed tree has learned is not
+// what these tests are about.
+const model::Tree kSpreadTree = [] {
+  model::Tree spread;
+  spread.set = find_feature_set("paper");
+  spread.count = 3;
+  spread.nodes[0] = {.threshold = 1 << 16, .child_false = 2, .feature = 2, .kind = model::Kind::kSplit};
+  spread.nodes[1] = {.kind = model::Kind::kHold};
+  spread.nodes[2] = {.kind = model::Kind::kSlip};
+  return spread;
+}();
+
 }  // namespace
 
 TEST_GROUP(Daemon) {
@@ -66,12 +138,15 @@ TEST_GROUP(Daemon) {
   std::vector<Picture> pictures;
   std::unique_ptr<sim::CameraMemory> memory;
   std::unique_ptr<sim::FaultyCamera> camera;
+  std::unique_ptr<Socket> socket;
   std::unique_ptr<Daemon> daemon;
   Params params;
+  const model::Tree* tree = nullptr;  // in place of the compiled one
   std::uint16_t sequence = 0;
 
   void teardown() override {
     daemon.reset();
+    socket.reset();
     camera.reset();
     memory.reset();
     hand.reset();
@@ -89,6 +164,17 @@ TEST_GROUP(Daemon) {
     }
   }
 
+  // `still` pictures of the empty gel, then those of a drag that grows over six frames and stays.
+  void film_slip(int still) {
+    const scene::PictureConfig view = scene::cropped_320x240();
+    pictures.clear();
+    for (int k = 0; k < still + 12; ++k) {
+      const double drag = std::clamp(0.3 * (k - still + 1), 0.0, 1.8);
+      pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
+                                    300 + static_cast<std::uint64_t>(k)));
+    }
+  }
+
   void build(std::vector<sim::FaultSpan> faults = {}, std::string_view identity = "28D1-D7C6") {
     plug(std::move(faults), identity);
     start();
@@ -97,8 +183,8 @@ TEST_GROUP(Daemon) {
   void build_without_camera(std::string_view identity = "28D1-D7C6") {
     plug({{0, 3, sim::CameraFault::kGone, {}}}, identity);
     hal::Frame frame;
-    CHECK_TRUE(camera->start());
-    CHECK_TRUE(camera->next(frame, 0us) == hal::Capture::kGone);
+    CHECK_TRUE(socket->start());
+    CHECK_TRUE(socket->next(frame, 0us) == hal::Capture::kGone);
     start();
   }
   void plug(std::vector<sim::FaultSpan> faults, std::string_view identity) {
@@ -107,11 +193,16 @@ TEST_GROUP(Daemon) {
     memory = std::make_unique<sim::CameraMemory>(
         clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
     camera = std::make_unique<sim::FaultyCamera>(*memory, clock, std::move(faults), std::size_t{320 * 240});
+    socket = std::make_unique<Socket>(*camera, clock, identity);
   }
+  // The gripper outlives the process.
   void start() {
-    hand = std::make_unique<sim::HandE>(clock);
-    daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg}, Periphery{*hand, keep});
+    if (!hand) hand = std::make_unique<sim::HandE>(clock);
+    daemon = std::make_unique<Daemon>(Devices{*socket, gpio, link, clock, jpeg}, Periphery{*hand, keep}, tree);
     CHECK_TRUE(daemon->start(params).ok());
+  }
+  void use(Gripper gripper) {
+    params.gripper = static_cast<std::int32_t>(gripper);
   }
 
   void run(Micros time) {
@@ -186,6 +277,56 @@ TEST(Daemon, LearnsAnewOnTareAndOnlyOnceForARepetition) {
   CHECK_TRUE(ask(Command::kTare, 0, 8) == Result::kDone);  // answered again, and not begun again
   run(200ms);
   CHECK_TRUE(fine());
+  run(command_frame::Once::kForget);
+  CHECK_TRUE(ask(Command::kTare, 0, 8) == Result::kDone);  // so late it is a command of its own
+  run(300ms);
+  CHECK_TRUE(state() == DeviceState::kReference);
+  CHECK_TRUE(ask(Command::kTare, 0, 9) == Result::kDone);  // and one that comes while it learns begins anew
+  run(300ms);
+  CHECK_TRUE(state() == DeviceState::kReference);
+}
+
+// A rest position learned now would hide what presses on the gel: only whoever insists gets it.
+TEST(Daemon, RefusesTareWhileSomethingTouchesTheGel) {
+  film();
+  build();
+  run(1s);
+  daemon.reset();
+  film(true);
+  build();
+  run(500ms);
+  CHECK_TRUE(daemon->app().result().contact.touching);
+  const MarkerField rest = daemon->app().state().reference.rest;
+  CHECK_TRUE(ask(Command::kTare, 0) == Result::kTouching);
+  gpio.drive(Input::kTare, Level::kHigh);  // the wire cannot insist
+  run(1s);
+  CHECK_TRUE(daemon->app().result().contact.touching);
+  LONGS_EQUAL(rest.markers[31].x.raw(), daemon->app().state().reference.rest.markers[31].x.raw());
+  CHECK_TRUE(ask(Command::kTare, 1) == Result::kDone);
+  run(1s);
+  CHECK_TRUE(daemon->app().result().referenced && !daemon->app().result().contact.touching);
+  CHECK_FALSE(rest.markers[31].x.raw() == daemon->app().state().reference.rest.markers[31].x.raw());
+}
+
+// An echo on the line, or a newer sender: what is no command is not answered.
+TEST(Daemon, PassesOverSoundFramesThatAreNoCommand) {
+  film();
+  build();
+  run(1s);
+  std::array<std::uint8_t, command_frame::kAnswerBytes> wire{};
+  (void)command_frame::encode(command_frame::AnswerFrame{5, Command::kTare, Result::kDone}, wire);
+  CHECK_TRUE(link.feed(wire));
+  link.clear_output();
+  const std::uint32_t frames = daemon->commands().frames();
+  run(200ms);
+  LONGS_EQUAL(frames + 1, daemon->commands().frames());
+  status_frame::Receiver robot;
+  int told = 0;
+  for (const std::uint8_t byte : link.output_bytes()) {
+    if (const auto status = robot.push(byte)) told += status->ok() ? 1 : 100;
+  }
+  CHECK_TRUE(told >= 4 && told <= 6);  // status frames alone
+  CHECK_TRUE(fine());
 }
 
 // OPENING masks slip, so it ends itself.
@@ -231,6 +372,27 @@ TEST(Daemon, ObeysWiresThatHoldTheirLevel) {
   CHECK_FALSE(daemon->app().state().opening);
 }
 
+TEST(Daemon, ReleasesAndArmsByWire) {
+  film();
+  use(Gripper::kHandE);
+  build();
+  hand->put_object({.width_mm = 20.0});
+  run(1s);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(3s);
+  CHECK_TRUE(hand->object_held() && fine());
+  gpio.drive(Input::kRelease, Level::kHigh);
+  run(3s);
+  CHECK_FALSE(hand->object_held());
+  hand->set_fault(0xE);  // overcurrent: latched until somebody says ARM
+  run(1s);
+  CHECK_TRUE(reason() == Reason::kGripperOvercurrent && !fine());
+  gpio.drive(Input::kArm, Level::kHigh);
+  run(4s);
+  LONGS_EQUAL(2, hand->activations());
+  CHECK_TRUE(reason() == Reason::kNone && fine());
+}
+
 // A flood costs at most kMostLinkBytes a call, whatever comes, and changes nothing.
 TEST(Daemon, ReadsABoundedNumberOfBytesFromTheLink) {
   film();
@@ -273,6 +435,124 @@ TEST(Daemon, WaitsForACameraThatIsNotThereAtTheStart) {
   CHECK_TRUE(patient.app().outputs().grip_ok);
 }
 
+// A stream without an accepted frame is started anew after half a second, then after twice that, up to 4 s; a frame
+// that is accepted ends that.
+TEST(Daemon, StartsAStreamAnewThatHasFallenSilent) {
+  film();
+  build();
+  run(1s);
+  CHECK_TRUE(fine());
+  socket->silent = true;
+  socket->starts = {clock.now()};
+  run(17s);
+  CHECK_TRUE(daemon->streaming() && !fine() && reason() == Reason::kNoFrame);
+  LONGS_EQUAL(1, daemon->camera_starts());  // it never ended: nothing came back
+  const Micros waits[] = {500ms, 1s, 2s, 4s, 4s, 4s};
+  LONGS_EQUAL(std::size(waits) + 1, socket->starts.size());
+  for (std::size_t k = 0; k < std::size(waits); ++k) {
+    const Micros wait = socket->starts[k + 1] - socket->starts[k];
+    const Micros noticed = k == 0 ? App::kFrameWait : 0ms;  // the silence
+    CHECK_TRUE(wait > waits[k] && wait <= waits[k] + noticed + 2 * Daemon::kSlice);
+  }
+  socket->silent = false;
+  run(1s);
+  CHECK_TRUE(fine());
+}
+
+// Silent, and then not to be started again: it is looked for as one that is gone.
+TEST(Daemon, LooksForASilentCameraThatDoesNotStartAgain) {
+  film();
+  build();
+  run(1s);
+  socket->silent = socket->refuses = true;
+  run(2s);
+  CHECK_TRUE(!daemon->streaming() && !fine() && reason() == Reason::kCameraGone);
+  socket->silent = socket->refuses = false;
+  run(1s);
+  CHECK_TRUE(daemon->streaming() && fine());
+  LONGS_EQUAL(2, daemon->camera_starts());
+}
+
+// Another sensor in the same socket has another gel: nothing is vouched for until the first one is back.
+TEST(Daemon, RefusesAnotherSensorThanTheOneItBeganWith) {
+  film();
+  build({{25, 1, sim::CameraFault::kGone, {}}});
+  run(900ms);
+  CHECK_TRUE(fine());
+  socket->sensor = "ABCD-1234";
+  run(3s);
+  CHECK_TRUE(!daemon->streaming() && !fine() && reason() == Reason::kCameraWrong);
+  socket->sensor = "28D1-D7C6";
+  run(1s);
+  CHECK_TRUE(daemon->streaming() && fine());
+}
+
+// Against its contract, but boards do it: an hour back must not cost an hour anywhere.
+TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
+  film();
+  use(Gripper::kHandE);
+  params.opening_max_ms = 500;
+  plug({}, "28D1-D7C6");
+  hand = std::make_unique<sim::HandE>(clock);
+  hand->put_object({.width_mm = 20.0});
+  clock.advance(2h);
+  SetBack board(clock);
+  StampedBy stamped(*socket, board);
+  daemon = std::make_unique<Daemon>(Devices{stamped, gpio, link, board, jpeg}, Periphery{*hand, keep});
+  CHECK_TRUE(daemon->start(params).ok());
+  gpio.drive(Input::kOpening, Level::kLow);
+  run(1s);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(3s);
+  CHECK_TRUE(hand->object_held() && fine());
+  gpio.drive(Input::kOpening, Level::kHigh);
+  daemon->poll();
+  const std::uint64_t writes = hand->writes();
+  board.by = 1h;
+  run(100ms);
+  CHECK_TRUE(daemon->app().state().opening);  // the wire has held its level for long enough
+  CHECK_FALSE(fine());
+  run(2s);
+  CHECK_FALSE(daemon->app().state().opening);
+  CHECK_TRUE(fine() && reason() == Reason::kNone);
+  CHECK_TRUE(daemon->gripper().fresh && hand->object_held());
+  LONGS_EQUAL(1, hand->activations());
+  CHECK_TRUE(hand->writes() <= writes + 1);
+  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  run(3s);
+  CHECK_FALSE(hand->object_held());
+}
+
+TEST(Daemon, DoesNotStartOnWhatIsNotSound) {
+  film();
+  plug({}, "28D1-D7C6");
+  hand = std::make_unique<sim::HandE>(clock);
+  use(Gripper::kStepLines);
+  Daemon other(Devices{*socket, gpio, link, clock, jpeg}, Periphery{*hand, keep});
+  Params wrong = params;
+  wrong.start_force = wrong.max_force + 1;
+  CHECK_TRUE(other.start(wrong).reason == Reason::kConfig);
+  for (const Line line : {Line::kGripOk, Line::kAlive, Line::kIncrease, Line::kDecrease}) {
+    CHECK_TRUE(gpio.set(line, Level::kHigh));
+    gpio.stick(line);
+    CHECK_TRUE(other.start(params).reason == Reason::kGpioFailed);
+    gpio.stick(line, false);
+  }
+  CHECK_TRUE(other.start(params).ok());
+}
+
+// The table of parameters is the one that users see; the regulator's own ranges are to be no narrower.
+TEST(Daemon, EverySettingOfTheTableIsOneThatTheRegulatorTakes) {
+  for (const ParamInfo& row : kParams) {
+    for (const std::int32_t value : {row.min, row.max}) {
+      Params extreme;
+      extreme.*row.member = value;
+      if (validate(extreme).ok()) CHECK_TRUE(regulator::validate(regulator_config(extreme)).ok());
+    }
+  }
+  CHECK_TRUE(hande::validate(hande_config()).ok());
+}
+
 // A process ends in the middle of a grasp: the next one goes on with its rest position, and with the object.
 TEST(Daemon, GoesOnWithAGraspThatAnotherProcessBegan) {
   film();
@@ -313,6 +593,54 @@ TEST(Daemon, LearnsAnewForAnotherSensorAnotherPitchOrAfterATare) {
   daemon.reset();  // before it has learned
   build({}, "ABCD-1234");
   CHECK_FALSE(daemon->resumed());
+}
+
+// Two that say nothing of themselves may be two sensors.
+TEST(Daemon, LearnsAnewForASensorThatDoesNotSayWhichOneItIs) {
+  film();
+  build({}, "");
+  run(1s);
+  CHECK_TRUE(fine());
+  daemon.reset();
+  build({}, "");
+  CHECK_FALSE(daemon->resumed());
+  run(120ms);
+  CHECK_TRUE(state() == DeviceState::kReference);
+}
+
+// The gripper holds on while no process runs: the next one wants the force that it had, not the one of a new grip.
+TEST(Daemon, HoldsAsHardAsTheProcessBefore) {
+  film();
+  use(Gripper::kHandE);
+  params.start_force = 60;
+  build();
+  hand->put_object({.width_mm = 20.0});
+  run(1s);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(3s);
+  CHECK_TRUE(hand->object_held());
+  daemon.reset();
+  params.start_force = 20;
+  build();
+  run(2s);
+  CHECK_TRUE(hand->object_held() && daemon->grip().go && fine());
+  LONGS_EQUAL(60, daemon->grip().force);
+  LONGS_EQUAL(60, hand->output(5));
+  daemon.reset();
+  params.max_force = 40;  // the object bears no more, it says now
+  build();
+  run(1s);
+  LONGS_EQUAL(40, hand->output(5));
+  daemon.reset();
+  use(Gripper::kNone);
+  build();
+  run(1s);
+  CHECK_FALSE(daemon->grip().go);
+  daemon.reset();
+  use(Gripper::kHandE);  // and what was not held on to is not taken up again
+  build();
+  run(1s);
+  CHECK_FALSE(daemon->grip().go);
 }
 
 // The sensor is there only later than the process: it says then which one it is, and what was kept counts from then on.
@@ -397,6 +725,103 @@ TEST(Daemon, GripsAndReleasesWithAHandE) {
   run(150ms);
   CHECK_TRUE(reason() == Reason::kGripperSilent && !fine());
   hand->unplug(false);
+  run(1s);
+  CHECK_TRUE(fine());
+}
+
+// GRIP 0 is RELEASE by another name: the fingers open when no force is left.
+TEST(Daemon, OpensOnGripZero) {
+  film();
+  use(Gripper::kHandE);
+  build();
+  hand->put_object({.width_mm = 20.0});
+  run(1s);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(3s);
+  CHECK_TRUE(hand->object_held());
+  CHECK_TRUE(ask(Command::kGrip, 0) == Result::kDone);
+  CHECK_TRUE(daemon->app().state().opening);
+  run(3s);
+  CHECK_FALSE(hand->object_held());
+  CHECK_TRUE(hand->width_mm() > 40.0);
+}
+
+// What the gripper says: too hot is no reason to let go of anything, a lost object is one not to vouch.
+TEST(Daemon, TellsWhatTheGripperSays) {
+  film();
+  use(Gripper::kHandE);
+  build();
+  hand->put_object({.width_mm = 20.0});
+  run(1s);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(3s);
+  CHECK_TRUE(fine());
+  hand->set_fault(0x8);
+  run(200ms);
+  CHECK_TRUE(state() == DeviceState::kDegraded && reason() == Reason::kGripperHot);
+  hand->set_fault(0);
+  run(200ms);
+  CHECK_TRUE(fine());
+  hand->remove_object();
+  run(500ms);
+  CHECK_TRUE(state() == DeviceState::kFault && reason() == Reason::kGripperLost);
+}
+
+// From the picture to the fingers: what slips is held harder, up to the limit, and the limit is told.
+TEST(Daemon, TightensWhileItSlipsUpToTheLimit) {
+  film_slip(70);
+  tree = &kSpreadTree;
+  use(Gripper::kHandE);
+  params.max_force = params.start_force + 8;
+  build();
+  hand->put_object({.width_mm = 20.0});
+  run(500ms);
+  CHECK_TRUE(ask(Command::kTare) == Result::kDone);  // nobody looks between the dots, and can tell of contact
+  run(500ms);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(1700ms);
+  LONGS_EQUAL(params.start_force, daemon->grip().force);
+  CHECK_TRUE(state() == DeviceState::kOk);
+  bool limited = false;
+  for (int k = 0; k < 300; ++k) {
+    daemon->poll();
+    limited = limited || (state() == DeviceState::kSlip && reason() == Reason::kForceLimit);
+  }
+  LONGS_EQUAL(params.max_force, daemon->grip().force);
+  LONGS_EQUAL(params.max_force, hand->output(5));
+  CHECK_TRUE(limited);
+}
+
+// The same as pulses: softer is one line, and a line that refuses is a FAULT until ARM finds it obeying again.
+TEST(Daemon, StepsTheGripperByPulses) {
+  film();
+  use(Gripper::kStepLines);
+  build();
+  run(1s);
+  CHECK_TRUE(fine());
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(1s);
+  LONGS_EQUAL(0, gpio.edges(Line::kIncrease) + gpio.edges(Line::kDecrease));  // the starting force is step 0
+  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  run(100ms);
+  CHECK_TRUE(gpio.edges(Line::kDecrease) > 0);
+  LONGS_EQUAL(0, gpio.edges(Line::kIncrease));
+  CHECK_TRUE(ask(Command::kArm) == Result::kDone);
+  run(5s);
+  CHECK_TRUE(fine());
+  LONGS_EQUAL(gpio.edges(Line::kIncrease), gpio.edges(Line::kDecrease));  // open, and where it began
+
+  gpio.stick(Line::kDecrease);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(100ms);
+  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  run(200ms);
+  CHECK_TRUE(state() == DeviceState::kFault && reason() == Reason::kGpioFailed);
+  CHECK_FALSE(fine());
+  gpio.stick(Line::kDecrease, false);
+  run(3s);
+  CHECK_TRUE(reason() == Reason::kGpioFailed);  // how many pulses were counted is not known
+  CHECK_TRUE(ask(Command::kArm) == Result::kDone);
   run(1s);
   CHECK_TRUE(fine());
 }
