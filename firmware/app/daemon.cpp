@@ -332,7 +332,6 @@ void Daemon::move_gripper() {
       reactivate_ = false;
       Reason fault = seen_.fault_reason;
       if (fault == Reason::kNone && !seen_.fresh) fault = Reason::kGripperSilent;
-      if (fault == Reason::kNone && seen_.lost) fault = Reason::kGripperLost;
       const bool hot = fault == Reason::kGripperHot;
       app_.beside(hot ? Reason::kNone : fault, hot ? fault : Reason::kNone, grip_.at_limit);
       return;

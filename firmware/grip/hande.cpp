@@ -204,8 +204,8 @@ void judge_activation(State& state, const Config& config, Micros now) {
       }
       break;
   }
-  // A release under way is waited for.
-  if (!state.reactivate || state.step != Step::kNone || state.fault == kReleasing) return;
+  // A release under way is waited for. (Nothing is latched while a step is.)
+  if (!state.reactivate || state.fault == kReleasing) return;
   state.reactivate = false;
   if (state.latched == Reason::kNone) return;
   state.latched = Reason::kNone;
@@ -278,13 +278,13 @@ void take(State& state, const Config& config, modbus_rtu::Result result, Micros 
   }
 }
 
-// Nothing: it has to stay as it is.
+// Nothing: it has to stay as it is. After no_step() a gripper that is not activated is latched, or in a step.
 std::optional<Outputs> outputs_for(State& state, const Wanted& wanted) {
   if (state.step == Step::kClear) return Outputs{};
   if (state.step == Step::kSet) return Outputs{kActivate};
   if (state.step != Step::kNone || (state.action & kActive) == 0) return std::nullopt;
   const bool releases = wanted.emergency_release;
-  if (!releases && (state.latched != Reason::kNone || !activated(state))) return std::nullopt;
+  if (!releases && state.latched != Reason::kNone) return std::nullopt;
   if (wanted.go && !releases) {
     state.kept = wanted;
     state.commanded = true;
@@ -343,9 +343,7 @@ Reason reason_of(const State& state, const Config& config) {
   if (state.misses >= config.retries) return state.damaged ? Reason::kGripperReply : Reason::kGripperSilent;
   if (state.latched != Reason::kNone) return state.latched;
   if (!state.known) return Reason::kNone;
-  if (state.step != Step::kNone || !activated(state) || state.fault == 0x5 || state.fault == 0x7) {
-    return Reason::kGripperActivating;
-  }
+  if (state.step != Step::kNone || state.fault == 0x5 || state.fault == 0x7) return Reason::kGripperActivating;
   if (state.lost) return Reason::kGripperLost;
   if (state.fault == kNoCommunication && state.commanded) return Reason::kGripperSilent;
   return state.fault == kHot ? Reason::kGripperHot : Reason::kNone;

@@ -57,10 +57,6 @@ void close(State& state, std::size_t read_count) {
   state.phase = State::Phase::kToSend;
 }
 
-[[maybe_unused]] bool in_range(std::size_t count) {
-  return count >= 1 && count <= kMaxRegisters;
-}
-
 // Throws away what came before the request. A line that still has more brings it in front of the reply, which then is
 // a damaged one.
 void drain(State& state, hal::Serial& port) {
@@ -159,7 +155,7 @@ std::uint16_t crc(std::span<const std::uint8_t> bytes) {
 }
 
 void begin_read(State& state, const Config& config, Read function, std::uint16_t address, std::size_t count) {
-  assert(in_range(count));
+  assert(count >= 1 && count <= kMaxRegisters);
   open(state, config, static_cast<std::uint8_t>(function));
   put16(state, address);
   put16(state, count);
@@ -167,7 +163,7 @@ void begin_read(State& state, const Config& config, Read function, std::uint16_t
 }
 
 void begin_write(State& state, const Config& config, std::uint16_t address, std::span<const std::uint16_t> registers) {
-  assert(in_range(registers.size()));
+  assert(!registers.empty() && registers.size() <= kMaxRegisters);
   open(state, config, kWrite);
   put16(state, address);
   put16(state, registers.size());
@@ -177,7 +173,8 @@ void begin_write(State& state, const Config& config, std::uint16_t address, std:
 
 void begin_read_write(State& state, const Config& config, std::uint16_t read_address, std::size_t read_count,
                       std::uint16_t address, std::span<const std::uint16_t> registers) {
-  assert(in_range(read_count) && in_range(registers.size()));
+  assert(read_count >= 1 && read_count <= kMaxRegisters);
+  assert(!registers.empty() && registers.size() <= kMaxRegisters);
   open(state, config, kReadWrite);
   put16(state, read_address);
   put16(state, read_count);
