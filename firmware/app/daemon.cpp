@@ -195,10 +195,9 @@ void Daemon::resume_grip() {
 }
 
 void Daemon::keep_grip() {
-  const std::uint8_t gripping = grip_.go ? 1 : 0;
-  keepsake::Grip& kept = kept_grip_.slot.contents;
-  if (kept.gripping == gripping && kept.force == grip_.force && kept.position == grip_.position) return;
-  kept = {gripping, grip_.force, grip_.position};
+  const keepsake::Grip grip{static_cast<std::uint8_t>(grip_.go ? 1 : 0), grip_.force, grip_.position};
+  if (kept_grip_.slot.contents == grip) return;
+  kept_grip_.slot.contents = grip;
   (void)keepsake::save(kept_grip_, periphery_.keep.memory());
 }
 

@@ -55,6 +55,7 @@ struct Grip {
   std::uint8_t gripping = 0;  // 1: the regulator holds something
   std::uint8_t force = 0;     // counts
   std::uint8_t position = 0;
+  friend bool operator==(const Grip&, const Grip&) = default;
 };
 
 template <typename Kept>
