@@ -500,18 +500,19 @@ TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
   StampedBy stamped(*socket, board);
   daemon = std::make_unique<Daemon>(Devices{stamped, gpio, link, board, jpeg}, Periphery{*hand, keep});
   CHECK_TRUE(daemon->start(params).ok());
-  gpio.drive(Input::kOpening, Level::kLow);
+  gpio.drive(Input::kTare, Level::kLow);
   run(1s);
   CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
   run(3s);
   CHECK_TRUE(hand->object_held() && fine());
-  gpio.drive(Input::kOpening, Level::kHigh);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  gpio.drive(Input::kTare, Level::kHigh);
   daemon->poll();
   const std::uint64_t writes = hand->writes();
   board.by = 1h;
   run(100ms);
-  CHECK_TRUE(daemon->app().state().opening);  // the wire has held its level for long enough
-  CHECK_FALSE(fine());
+  CHECK_TRUE(daemon->app().state().opening && !fine());
+  CHECK_FALSE(daemon->app().state().reference.known);  // the wire has held its level for long enough
   run(2s);
   CHECK_FALSE(daemon->app().state().opening);
   CHECK_TRUE(fine() && reason() == Reason::kNone);
@@ -521,6 +522,19 @@ TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
   CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
   run(3s);
   CHECK_FALSE(hand->object_held());
+
+  // In a silence, too: it goes on being told.
+  socket->silent = true;
+  run(1s);
+  board.by = 2h;
+  link.clear_output();
+  run(500ms);
+  status_frame::Receiver robot;
+  int told = 0;
+  for (const std::uint8_t byte : link.output_bytes()) {
+    if (const auto status = robot.push(byte)) told += status->ok() && !status->frame.grip_ok ? 1 : 100;
+  }
+  CHECK_TRUE(told >= 4 && told <= 6);
 }
 
 TEST(Daemon, DoesNotStartOnWhatIsNotSound) {
@@ -574,6 +588,21 @@ TEST(Daemon, GoesOnWithAGraspThatAnotherProcessBegan) {
     displaced += d.valid && std::abs(d.dx.raw()) > 300 ? 1 : 0;
   }
   CHECK_TRUE(displaced > 5);  // 0.6 mm in the middle: what a rest position learned now would hide
+}
+
+// The rest position is written when it was learned, and then on an empty gel: a refused frame is no reason to.
+TEST(Daemon, WritesNothingForARefusedFrame) {
+  film();
+  build();
+  run(1s);
+  daemon.reset();
+  film(true);
+  build({{20, 2, sim::CameraFault::kGarbage, {}}});
+  run(500ms);
+  CHECK_TRUE(daemon->resumed() && daemon->app().result().contact.touching);
+  const std::vector<std::uint8_t> before(keep.bytes().begin(), keep.bytes().end());
+  run(5s);
+  CHECK_TRUE(std::equal(before.begin(), before.end(), keep.bytes().begin()));
 }
 
 TEST(Daemon, LearnsAnewForAnotherSensorAnotherPitchOrAfterATare) {
