@@ -56,6 +56,7 @@ Status Daemon::start(const Params& params, bool auto_size) {
   const Micros now = devices_.clock.now();
   const Status status = app_.start(params, auto_size);
   streaming_ = false;
+  gone_why_ = status.reason;
   stall_limit_ = kFirstStall;
   retry_after_ = kFirstRetry;
   try_at_ = now + retry_after_;
@@ -127,7 +128,8 @@ void Daemon::watch_camera() {
   } else if (now - stalled_since_ > stall_limit_) {
     stall_limit_ = std::min(stall_limit_ * 2, kLongestStall);
     stalled_since_ = now;
-    if (!app_.restart_camera().ok()) lose_camera(kFirstRetry);
+    gone_why_ = app_.restart_camera().reason;
+    if (gone_why_ != Reason::kNone) lose_camera(kFirstRetry);
   }
 }
 

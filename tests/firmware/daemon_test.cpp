@@ -427,12 +427,18 @@ TEST(Daemon, StartsACameraThatComesBack) {
 
 TEST(Daemon, WaitsForACameraThatIsNotThereAtTheStart) {
   film();
-  build();
-  sim::FaultyCamera late(*memory, clock, {{0, 3, sim::CameraFault::kGone, {}}}, std::size_t{320 * 240});
-  Daemon patient(Devices{late, gpio, link, clock, jpeg}, Periphery{*hand, keep});
-  CHECK_TRUE(patient.start(params).ok());
-  for (const Micros end = clock.now() + 3s; clock.now() < end;) patient.poll();
-  CHECK_TRUE(patient.app().outputs().grip_ok);
+  plug({}, "28D1-D7C6");
+  socket->refuses = true;
+  start();
+  for (const Micros end = clock.now() + 2s; clock.now() < end;) {
+    daemon->poll();
+    CHECK_FALSE(daemon->streaming());
+    CHECK_TRUE(state() == DeviceState::kBoot || (state() == DeviceState::kFault && reason() == Reason::kCameraGone));
+  }
+  CHECK_TRUE(state() == DeviceState::kFault);
+  socket->refuses = false;
+  run(1s);
+  CHECK_TRUE(fine());
 }
 
 // A stream without an accepted frame is started anew after half a second, then after twice that, up to 4 s; a frame
@@ -471,6 +477,25 @@ TEST(Daemon, LooksForASilentCameraThatDoesNotStartAgain) {
   run(1s);
   CHECK_TRUE(daemon->streaming() && fine());
   LONGS_EQUAL(2, daemon->camera_starts());
+}
+
+// Another one may be there when a silent stream is started anew; that is told, and nothing else in between.
+TEST(Daemon, NamesAnotherSensorAtOnce) {
+  film();
+  build();
+  run(1s);
+  socket->silent = true;
+  socket->sensor = "ABCD-1234";
+  while (daemon->streaming()) daemon->poll();
+  for (const Micros end = clock.now() + 2s; clock.now() < end;) {
+    daemon->poll();
+    CHECK_TRUE(!fine() && (reason() == Reason::kNoFrame || reason() == Reason::kCameraWrong));
+  }
+  CHECK_TRUE(reason() == Reason::kCameraWrong);
+  socket->silent = false;
+  socket->sensor = "28D1-D7C6";
+  run(1s);
+  CHECK_TRUE(fine());
 }
 
 // Another sensor in the same socket has another gel: nothing is vouched for until the first one is back.
