@@ -547,8 +547,32 @@ TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
   CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
   run(3s);
   CHECK_FALSE(hand->object_held());
+}
 
-  // In a silence, too: it goes on being told.
+// A pulse that is out ends, and a silence goes on being told.
+TEST(Daemon, EndsPulsesAndTellsSilenceWhenTheClockIsSetBack) {
+  film();
+  use(Gripper::kStepLines);
+  plug({}, "28D1-D7C6");
+  hand = std::make_unique<sim::HandE>(clock);
+  clock.advance(3h);
+  SetBack board(clock);
+  StampedBy stamped(*socket, board);
+  daemon = std::make_unique<Daemon>(Devices{stamped, gpio, link, board, jpeg}, Periphery{*hand, keep});
+  CHECK_TRUE(daemon->start(params).ok());
+  run(1s);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  run(100ms);
+  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  const Micros patience = clock.now() + 1s;
+  while (gpio.level(Line::kDecrease) == Level::kLow && clock.now() < patience) daemon->poll();
+  const std::uint64_t edges = gpio.edges(Line::kDecrease);
+  board.by = 1h;
+  run(step_lines::Config{}.pulse + 2 * Daemon::kSlice);
+  LONGS_EQUAL(edges + 1, gpio.edges(Line::kDecrease));
+
+  run(5s);
+  CHECK_TRUE(fine());
   socket->silent = true;
   run(1s);
   board.by = 2h;
