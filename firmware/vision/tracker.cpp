@@ -168,7 +168,8 @@ Status search(State& state, const Config& config, const LumaView& luma) {
   return status;
 }
 
-// Takes the lattice over and refines it. At first sight the dots define contrast and area; later the models stand.
+// Takes the lattice over and refines it. At first sight the dots define contrast and area, and if no window confirms
+// any of them, nothing is acquired; later the models stand.
 void take_lattice(State& state, const Config& config, const LumaView& luma) {
   const bool first_sight = !state.acquired;
   state.field = state.lattice.field;
@@ -194,9 +195,9 @@ void take_lattice(State& state, const Config& config, const LumaView& luma) {
       areas[idx(n++)] = dot.area;
     }
   }
-  if (!first_sight) return;
+  if (!first_sight || n == 0) return;
   // Missing dots get the typical model, so that they can be found when the dirt is wiped off.
-  const std::int32_t typical_area = n > 0 ? median_of_few(areas.data(), n) : 1;
+  const std::int32_t typical_area = median_of_few(areas.data(), n);
   for (std::int32_t i = 0; i < state.field.grid.count(); ++i) {
     state.home.x[idx(i)] = state.field.markers[idx(i)].x;
     state.home.y[idx(i)] = state.field.markers[idx(i)].y;
@@ -227,6 +228,7 @@ Status update(State& state, const Config& config, const LumaView& luma) {
     const Status status = search(state, config, luma);
     if (!status.ok()) return status;
     take_lattice(state, config, luma);
+    if (!state.acquired) return {Reason::kMarkersLost};
     look_for_lost(state, config, luma);  // dots too faint for the search, in dark corners for instance
     keep_order(state);
     return kOkStatus;

@@ -73,8 +73,9 @@ void reset(State& state);
 // The rest position was learned: displacements and predictions refer to it from now on.
 void set_home(State& state, const MarkerField& rest);
 
-// One frame. On failure the reasons of grid::register_dots: no lattice is known, state.field means nothing.
-// Success says only that the lattice is known; how many markers were found is in state.field.
+// One frame. On failure the reasons of grid::register_dots, or kMarkersLost when no window confirms a dot of the
+// lattice at first sight: no lattice is known, state.field means nothing. Success says only that the lattice is known;
+// how many markers were found is in state.field.
 [[nodiscard]] Status update(State& state, const Config& config, const LumaView& luma);
 
 }  // namespace holdfast::tracker

@@ -70,6 +70,16 @@ TEST_GROUP(Tracker) {
     return picture_of(view, seen, ++seed);
   }
 
+  // A disc of another size or light in the place of a dot.
+  void disc(Picture & shown, Point centre, double radius_px, std::uint8_t level) const {
+    for (int y = 0; y < shown.height; ++y) {
+      for (int x = 0; x < shown.width; ++x) {
+        const Point at{static_cast<double>(x), static_cast<double>(y)};
+        if (distance(centre, at) <= radius_px) shown.pixels[static_cast<std::size_t>(y * shown.width + x)] = level;
+      }
+    }
+  }
+
   Status show(const Warp& warp) {
     return tracker::update(*state, config, picture(warp).view());
   }
@@ -604,6 +614,21 @@ TEST(Tracker, DeclaresMarkersLostThatLeaveThePicture) {
   }
   CHECK_TRUE(show(Warp{}).ok());
   LONGS_EQUAL(0, lost());
+}
+
+// A first picture in which no window confirms anything taught the size of a dot as one pixel, and no dot of any later
+// picture was like that: all lost until the next start.
+TEST(Tracker, StartsAnewWhenNoWindowConfirmsADot) {
+  config.grid.size = {7, 9};
+  Picture shown = picture(Warp{});
+  for (const Point& dot : truth) disc(shown, dot, 4.0, 150);
+  for (int k = 0; k < 3; ++k) {
+    LONGS_EQUAL(static_cast<int>(Reason::kMarkersLost), static_cast<int>(show(shown).reason));
+    CHECK_FALSE(state->acquired);
+  }
+  CHECK_TRUE(show(Warp{}).ok());
+  LONGS_EQUAL(0, lost());
+  nobody_swapped("after highlights");
 }
 
 TEST(Tracker, WaitsForALatticeAndSaysWhy) {
