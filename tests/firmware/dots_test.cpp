@@ -177,6 +177,27 @@ TEST(Dots, DropsBlobsUnlikeTheOthers) {
   LONGS_EQUAL(63, found.count);
 }
 
+// A dark disc of 2.4 times a dot's area is something else, though it is round and not too large for a small print.
+TEST(Dots, DropsADiscTwiceAsLargeAsTheOthers) {
+  scene::PictureConfig config;
+  auto truth = reference_model::lattice_px({}, config);
+  const Point large = truth[31];
+  truth.erase(truth.begin() + 31);
+  Picture picture = reference_model::picture_of(config, truth, 3);
+  const double radius = 0.5 * config.dot_diameter_mm * config.px_per_mm * std::sqrt(2.4);
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      const Point at{static_cast<double>(x), static_cast<double>(y)};
+      if (reference_model::distance(large, at) <= radius) {
+        picture.pixels[static_cast<std::size_t>(y * picture.width + x)] = 45;
+      }
+    }
+  }
+  CHECK_TRUE(detect(picture).ok());
+  LONGS_EQUAL(62, seen(truth, found, 1.0));
+  LONGS_EQUAL(62, found.count);
+}
+
 // Two dots that touch are one blob: neither centre is right, so there is no dot of that name or it is left
 // out.
 TEST(Dots, DoesNotSplitTouchingDots) {

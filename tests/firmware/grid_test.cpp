@@ -383,12 +383,74 @@ TEST(Grid, SurvivesDotsThatNoDetectorWouldGive) {
   survive(kMaxDots);
   for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 64), 50.0 + 8.0 * std::floor(i / 64.0));
   survive(kMaxDots);
+  for (int i = 0; i < kMaxDots; ++i) put(i, 50.0 + 8.0 * std::floor(i / 64.0), 8.0 * (i % 64));
+  survive(kMaxDots);
   for (int i = 0; i < kMaxDots; ++i) put(i, 8.0 * (i % 14), 50.0 + 8.0 * std::floor(i / 14.0));
   survive(kMaxDots);
   for (int round = 0; round < 50; ++round) {
     for (int i = 0; i < kMaxDots; ++i)
       put(i, static_cast<double>(random() % 1640), static_cast<double>(random() % 1232));
     survive(1 + static_cast<int>(random() % kMaxDots));
+  }
+}
+
+// One line of dots, and two lines with a single dot beside them: no direction, or no lattice, is sure.
+TEST(Grid, RefusesFewerThanThreeLines) {
+  for (const bool upright : {false, true}) {
+    for (const int lines : {1, 2}) {
+      found.count = 0;
+      const auto put = [&](int along, int across) {
+        const PixelsQ8 far = PixelsQ8::from_raw((40 + 20 * along) * 256);
+        const PixelsQ8 near = PixelsQ8::from_raw((40 + 20 * across) * 256);
+        found.dots[static_cast<std::size_t>(found.count++)] = {upright ? near : far, upright ? far : near, 60, false};
+      };
+      for (int line = 0; line < lines; ++line) {
+        for (int along = 0; along < 16; ++along) put(along, line);
+      }
+      if (lines == 2) put(8, 2);
+      for (const bool auto_size : {false, true}) {
+        grid::Config config;
+        config.size = kGrid;
+        config.auto_size = auto_size;
+        reason_is(Reason::kNoLattice, grid::register_dots(*state, config, found, nullptr, lattice));
+        if (lines == 2) CHECK_TRUE(lattice.found == (upright ? GridSize{16, 2} : GridSize{2, 16}));
+      }
+    }
+  }
+}
+
+// The size is taken from the dots at first sight alone: a column that appears later is no part of the lattice.
+TEST(Grid, KeepsTheSizeThatItFound) {
+  const scene::PictureConfig config = wide_view();
+  const auto truth = reference_model::lattice_px({}, config);
+  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5), {}, true));
+  CHECK_TRUE(lattice.field.grid == kGrid);
+  const MarkerField prior = lattice.field;
+  const auto wider = reference_model::lattice_px({7, 10, 2.02}, config, reference_model::shifted(1.01, 0.0));
+  const Picture picture = reference_model::picture_of(config, wider, 5);
+  reason_is(Reason::kNone, look(picture, {}, true, &prior));
+  CHECK_TRUE(lattice.field.grid == kGrid);
+  named_right(truth, {}, "a tenth column");
+  LONGS_EQUAL(7, lattice.strays);
+  reason_is(Reason::kNone, look(picture, {}, true));
+  CHECK_TRUE((lattice.field.grid == GridSize{7, 10}));
+}
+
+// A row and a column hidden at once: all others keep their names, and where they cross, nobody is left in line to say
+// where the marker would be.
+TEST(Grid, KeepsTheNamesAroundAHiddenCross) {
+  const scene::PictureConfig config = wide_view();
+  const auto truth = reference_model::lattice_px({}, config);
+  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  const MarkerField prior = lattice.field;
+  std::set<std::size_t> cross = column(4);
+  cross.merge(row_of(3));
+  reason_is(Reason::kNone, look(without(config, truth, cross), kGrid, false, &prior));
+  named_right(truth, cross, "hidden cross");
+  cross.erase(31);
+  for (const std::size_t i : cross) {
+    const Marker& m = lattice.field.markers[i];
+    CHECK_TRUE(reference_model::distance(truth[i], {px(m.x), px(m.y)}) <= 3.2);
   }
 }
 

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <numbers>
 #include <vector>
@@ -71,6 +72,20 @@ TEST_GROUP(Pipeline) {
   }
   void rejects(Reason why, const pipeline::Result& result) {
     LONGS_EQUAL(static_cast<int>(why), static_cast<int>(result.quality.reason));
+  }
+  // A highlight in the middle of some dots: the search finds them, their windows do not take them for dots.
+  Picture with_highlights(const std::function<bool(std::size_t)>& on) {
+    Picture shown = picture();
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+      if (!on(i)) continue;
+      for (int y = -4; y <= 4; ++y) {
+        for (int x = -4; x <= 4; ++x) {
+          const int at = (static_cast<int>(truth[i].y) + y) * shown.width + static_cast<int>(truth[i].x) + x;
+          if (x * x + y * y <= 16) shown.pixels[static_cast<std::size_t>(at)] = 150;
+        }
+      }
+    }
+    return shown;
   }
   // Learns from ten still frames.
   void learn() {
@@ -288,6 +303,7 @@ TEST(Pipeline, DecodesAtTheModesScaleWhenTheWidthIsNotAnnounced) {
     CHECK_TRUE(give(frame).quality.ok());
     LONGS_EQUAL(static_cast<int>(scale), static_cast<int>(jpeg.asked));
     LONGS_EQUAL(static_cast<int>(scale), luma_input::reduction(config.luma, frame));
+    LONGS_EQUAL(1, luma_input::reduction(config.luma, frame_of(jpeg.picture)));  // luma is worked on as it comes
   }
 }
 
@@ -318,6 +334,68 @@ TEST(Pipeline, KeepsTheRequestOverRejectedFrames) {
     CHECK_FALSE(result.referenced);
     LONGS_EQUAL(static_cast<int>(GripRequest::kTighten), static_cast<int>(result.request));
   }
+}
+
+// 0.03 mm aside, as a gel that warms: no contact, and the rest position comes after it, 1/32 px in 64 frames. What
+// touches the gel is not followed, nor is anything unless it was asked for.
+TEST(Pipeline, LetsTheRestPositionFollowAnEmptyGel) {
+  config.with_imprint = true;
+  for (const bool follows : {false, true}) {
+    for (const double drift_mm : {0.03, 0.2}) {
+      config.follow_drift = follows;
+      pipeline::tare(*state);
+      learn();
+      const std::int32_t learned = state->reference.rest.markers[31].x.raw();
+      for (int k = 0; k < 13 + 64; ++k) (void)show(shifted(drift_mm, 0.0));
+      const std::int32_t rest = state->reference.rest.markers[31].x.raw();
+      LONGS_EQUAL(follows && drift_mm < 0.1 ? 8 : 0, rest - learned);
+      LONGS_EQUAL(rest, state->tracker.home.x[31].raw());
+    }
+  }
+}
+
+// What another process kept is the rest position of one gel in one picture. A marker that either of the two does not
+// see cannot contradict.
+TEST(Pipeline, ResumesWithWhatFitsTheFirstPicture) {
+  learn();
+  const std::vector<Point> all = truth;
+  const auto kept = std::make_unique<keepsake::Contents>();
+  pipeline::remember(*state, config, *kept);
+  const auto resumes = [&](const std::function<void(keepsake::Contents&)>& change, const Picture& shown) {
+    const auto changed = std::make_unique<keepsake::Contents>(*kept);
+    change(*changed);
+    state = std::make_unique<pipeline::State>();
+    pipeline::resume(*state, *changed);
+    const pipeline::Result result = give(frame_of(shown));
+    CHECK_TRUE(result.quality.ok());
+    CHECK_EQUAL(state->reference.known, result.referenced);
+    return result.referenced;
+  };
+  const Picture shown = picture();
+  const auto moved = [&](keepsake::Contents& c, double pitches) {
+    Marker& marker = c.rest.markers[31];
+    marker.x = PixelsQ8::from_raw(marker.x.raw() + static_cast<std::int32_t>(pitches * c.pitch.raw()));
+  };
+  CHECK_TRUE(resumes([](keepsake::Contents&) {}, shown));
+  CHECK_TRUE(resumes([&](keepsake::Contents& c) { moved(c, 1.4); }, shown));
+  CHECK_FALSE(resumes([&](keepsake::Contents& c) { moved(c, 1.6); }, shown));
+  CHECK_TRUE(resumes(
+      [&](keepsake::Contents& c) {
+        moved(c, 1.6);
+        c.rest.markers[31].valid = false;
+      },
+      shown));
+  std::vector<Point> fewer = all;
+  fewer.erase(fewer.begin() + 31);
+  CHECK_TRUE(resumes([&](keepsake::Contents& c) { moved(c, 1.6); }, picture_of(view, fewer, 1)));
+  CHECK_FALSE(resumes([](keepsake::Contents& c) { c.rest.grid = {9, 7}; }, shown));
+  CHECK_FALSE(resumes([](keepsake::Contents& c) { c.width = 640; }, shown));
+  CHECK_FALSE(resumes([](keepsake::Contents& c) { c.height = 200; }, shown));
+  // Markers alone have no picture whose size could differ.
+  kept->width = 640;
+  const MarkerField field = state->tracker.field;
+  pipeline::resume(*state, *kept);
+  CHECK_TRUE(pipeline::update_markers(*state, config, field, now + 40ms, 1).referenced);
 }
 
 // A tree that says slip to everything is not heard on the empty gel, where the picture can tell that it is empty.
@@ -357,6 +435,11 @@ TEST(Pipeline, TakesOneFrameForTheReference) {
   CHECK_TRUE(result.quality.ok() && result.referenced);
   DOUBLES_EQUAL(300.0, state->displacement.markers[31].dx.raw(), 8.0);
   DOUBLES_EQUAL(-200.0, state->displacement.markers[31].dy.raw(), 8.0);
+  for (const bool reads : {false, true}) {
+    config.with_imprint = reads;
+    CHECK_TRUE(pipeline::learn(*state, config, jpeg, frame_of(empty)).ok());
+    LONGS_EQUAL(reads ? 1 : 0, state->imprint.empty.frames);
+  }
 }
 
 TEST(Pipeline, SaysWhyAPictureIsNoReference) {
@@ -370,6 +453,12 @@ TEST(Pipeline, SaysWhyAPictureIsNoReference) {
   config.tracker.grid.size = {8, 10};
   LONGS_EQUAL(static_cast<int>(Reason::kGridMismatch), why(picture()));
   config.tracker.grid.size = {7, 9};
+  // A lattice of which too little is left, and, if that were allowed, one without two neighbours to take the pitch
+  // from.
+  LONGS_EQUAL(static_cast<int>(Reason::kMarkersLost), why(with_highlights([](std::size_t i) { return i >= 44; })));
+  LONGS_EQUAL(static_cast<int>(Reason::kNone), why(with_highlights([](std::size_t i) { return i >= 45; })));
+  config.fault_markers_pct = 1;
+  LONGS_EQUAL(static_cast<int>(Reason::kNoLattice), why(with_highlights([](std::size_t i) { return i != 31; })));
   LONGS_EQUAL(static_cast<int>(Reason::kNone), why(picture()));
 }
 

@@ -316,6 +316,39 @@ TEST(ReferenceStage, FollowsSlowlyAndNotFar) {
   LONGS_EQUAL(lattice().markers[31].x.raw(), state.rest.markers[31].x.raw());
 }
 
+// A marker follows what was seen of itself: in half of the frames at least, and from a rest position that it has. All
+// of it along y, and wherever a hidden one was guessed.
+TEST(ReferenceStage, FollowsMarkersThatWereSeenInHalfOfTheFrames) {
+  config.frames = 1;
+  for (const int hidden : {config.follow_frames / 2, config.follow_frames / 2 + 1}) {
+    state = {};
+    MarkerField learned = lattice();
+    learned.markers[7].valid = false;
+    CHECK_TRUE(update(learned));
+    for (int k = 1; k <= config.follow_frames; ++k) {
+      MarkerField field = lattice();
+      for (std::size_t i = 0; i < 63; ++i) field = moved(field, i, 0, 40);
+      if (k <= hidden) field.markers[30] = {raw(-5000), raw(-5000), false};
+      CHECK_EQUAL(k == config.follow_frames, reference::follow(state, config, field));
+    }
+    const auto gone_px_q8 = [&](std::size_t i) { return state.rest.markers[i].y.raw() - lattice().markers[i].y.raw(); };
+    LONGS_EQUAL(8, gone_px_q8(31));
+    LONGS_EQUAL(0, gone_px_q8(7));
+    LONGS_EQUAL(hidden * 2 <= config.follow_frames ? 8 : 0, gone_px_q8(30));
+    for (std::size_t i = 0; i < 63; ++i) LONGS_EQUAL(lattice().markers[i].x.raw(), state.rest.markers[i].x.raw());
+  }
+}
+
+// Before there is a rest position nothing can drift from it, and the mean that is being learned is not that of a drift.
+TEST(ReferenceStage, NeitherFollowsNorForgetsWhileItLearns) {
+  config.frames = 3;
+  CHECK_FALSE(update(lattice()));
+  reference::pause(state);
+  CHECK_FALSE(reference::follow(state, config, lattice()));
+  CHECK_FALSE(update(lattice()));
+  CHECK_TRUE(update(lattice()));
+}
+
 // Only an unbroken run of empty frames counts: a touch in its middle begins it anew.
 TEST(ReferenceStage, ForgetsTheMeanWhenSomethingTouches) {
   config.frames = 1;

@@ -137,14 +137,17 @@ TEST(Supervisor, HoldsItsStateOverRejectedFramesFor150Milliseconds) {
   }
 }
 
-TEST(Supervisor, FaultsAtOnceWhenTheCameraIsGone) {
-  for (const StateInfo& from : kStates) {
-    bring(from.state);
-    const supervisor::Outputs got = feed(Input::kGone, 1us);
-    LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(got.state));
-    LONGS_EQUAL(static_cast<int>(Reason::kCameraGone), static_cast<int>(got.reason));
-    CHECK_FALSE(got.grip_ok);
-    CHECK_FALSE(got.accepted);
+TEST(Supervisor, FaultsAtOnceWhenTheCameraIsGoneOrAnother) {
+  for (const Reason why : {Reason::kCameraGone, Reason::kCameraWrong}) {
+    for (const StateInfo& from : kStates) {
+      bring(from.state);
+      now += 1us;
+      const supervisor::Outputs got = supervisor::reject(state, config, why, GripRequest::kHold, now);
+      LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(got.state));
+      LONGS_EQUAL(static_cast<int>(why), static_cast<int>(got.reason));
+      CHECK_FALSE(got.grip_ok);
+      CHECK_FALSE(got.accepted);
+    }
   }
 }
 

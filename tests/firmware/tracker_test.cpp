@@ -616,6 +616,68 @@ TEST(Tracker, DeclaresMarkersLostThatLeaveThePicture) {
   LONGS_EQUAL(0, lost());
 }
 
+// 25 dots vanish one by one, which is no jump but too many holes for a search. The one in their middle comes back
+// alone: with no neighbour to say where it belongs it is not looked for, or it could be anybody.
+TEST(Tracker, LooksForNobodyWhoseNeighboursAreAllLost) {
+  begin({}, scene::cropped_320x240());
+  for (std::size_t row = 1; row < 6; ++row) {
+    for (std::size_t col = 2; col < 7; ++col) {
+      hidden.insert(9 * row + col);
+      CHECK_TRUE(show(Warp{}).ok());
+    }
+  }
+  LONGS_EQUAL(25, lost());
+  hidden.erase(31);
+  for (int k = 0; k < 15; ++k) {
+    CHECK_TRUE(show(Warp{}).ok());
+    nobody_swapped("alone");
+    LONGS_EQUAL(25, lost());
+  }
+  hidden.erase(30);  // beside the lattice that is left
+  hidden.erase(29);
+  for (int k = 0; k < 2; ++k) CHECK_TRUE(show(Warp{}).ok());
+  nobody_swapped("in company");
+  LONGS_EQUAL(22, lost());
+}
+
+// Dirt around a dot: what its window measures is round and in its place, and twice as large as the dot was. Lost,
+// though a search of the whole picture names it, and back when the dirt is gone.
+TEST(Tracker, LosesADotThatDirtMakesLarger) {
+  begin({}, scene::cropped_320x240());
+  const std::uint32_t searches = state->searches;
+  for (int k = 0; k < 3; ++k) {
+    Picture shown = picture(Warp{});
+    disc(shown, truth[31], 1.4 * 0.5 * view.dot_diameter_mm * view.px_per_mm, 45);
+    CHECK_TRUE(show(shown).ok());
+    nobody_swapped("dirt");
+    LONGS_EQUAL(1, lost());
+    CHECK_FALSE(state->field.markers[31].valid);
+  }
+  LONGS_EQUAL(searches + 1, state->searches);
+  for (int k = 0; k < 2; ++k) CHECK_TRUE(show(Warp{}).ok());
+  LONGS_EQUAL(0, lost());
+}
+
+// At first sight a dot counts when its window says so, too: not with a highlight in its middle, nor when it is a speck.
+TEST(Tracker, TakesAtFirstSightWhatTheWindowsConfirm) {
+  view.dot_diameter_mm = 0.57;
+  config.grid.size = {7, 9};
+  hidden = {50};
+  Picture shown = picture(Warp{});
+  disc(shown, truth[12], 2.5, 150);
+  disc(shown, truth[50], 2.8, 45);
+  CHECK_TRUE(show(shown).ok());
+  LONGS_EQUAL(2, lost());
+  CHECK_FALSE(state->field.markers[12].valid);
+  CHECK_FALSE(state->field.markers[50].valid);
+  hidden.clear();
+  for (int k = 0; k < 13; ++k) {
+    CHECK_TRUE(show(Warp{}).ok());
+    nobody_swapped("confirmed");
+  }
+  LONGS_EQUAL(0, lost());
+}
+
 // A first picture in which no window confirms anything taught the size of a dot as one pixel, and no dot of any later
 // picture was like that: all lost until the next start.
 TEST(Tracker, StartsAnewWhenNoWindowConfirmsADot) {

@@ -252,6 +252,11 @@ TEST(JpegDc, NamesWhatIsWrongWithTheHeaders) {
   check_error(Error::kQuantTable, changed(whole, quant + 4, 0x20));
   check_error(Error::kQuantTable, changed(whole, quant + 4, 0x04));
   check_error(Error::kQuantTable, changed(whole, quant + 5, 0));
+  Bytes wide(2 + 2 + 1 + 2 * 64, 1);  // of 16 bits: 32767 is the most that libjpeg knows
+  const Bytes dqt{0xFF, 0xDB, 0, 131, 0x10, 0x7F, 0xFF};
+  std::copy(dqt.begin(), dqt.end(), wide.begin());
+  check_identical(inserted(whole, frame, wide));
+  check_error(Error::kQuantTable, inserted(whole, frame, changed(changed(wide, 5, 0x80), 6, 0)));
   check_error(Error::kNoQuantTable, without(whole, 0xDB));
   check_error(Error::kNoQuantTable, changed(whole, frame + 12, 2));
   check_error(Error::kNoQuantTable, changed(whole, frame + 12, 4));
@@ -276,6 +281,10 @@ TEST(JpegDc, NamesWhatIsWrongWithTheHeaders) {
   check_error(Error::kScanHeader, changed(whole, scan + 11, 1));
   check_error(Error::kScanHeader, changed(whole, scan + 12, 5));
   check_error(Error::kScanHeader, changed(whole, scan + 13, 1));
+  Bytes grey = grey_by_hand(1, "001010");
+  const std::size_t grey_scan = find_segment(grey, 0xDA);
+  grey = inserted(changed(changed(grey, grey_scan + 3, 10), grey_scan + 4, 2), grey_scan + 7, {2, 0});
+  check_error(Error::kScanHeader, grey);  // two components, of which the frame has one
   check_identical(whole);
   check_identical(changed(whole, frame + 1, 0xC1));
 }
@@ -298,6 +307,11 @@ TEST(JpegDc, RefusesOtherKindsOfPictures) {
   const Bytes rgb = encode(recipe);  // tells so in an Adobe segment and in the names of its components
   check_error(Error::kColourSpace, rgb);
   check_error(Error::kColourSpace, without(rgb, 0xEE));
+  // Other names than these three are YCbCr, as libjpeg takes them.
+  const Bytes named = without(rgb, 0xEE);
+  const std::size_t frame = find_segment(named, 0xC0), scan = find_segment(named, 0xDA);
+  check_identical(changed(changed(named, frame + 13, 'g'), scan + 7, 'g'));
+  check_identical(changed(changed(named, frame + 16, 'b'), scan + 9, 'b'));
   const Bytes plain = without(encode({}), 0xE0);
   const auto adobe = [&](std::uint8_t transform) {
     return inserted(plain, 2, {0xFF, 0xEE, 0, 14, 'A', 'd', 'o', 'b', 'e', 0, 100, 0, 0, 0, 0, transform});

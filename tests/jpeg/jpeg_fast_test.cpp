@@ -44,6 +44,22 @@ struct Decoded {
   friend bool operator==(const Decoded&, const Decoded&) = default;
 };
 
+// One of four kinds of damage, somewhere.
+Bytes damaged(const Bytes& whole, Random& random, int kind) {
+  const std::size_t at = random() % whole.size();
+  const std::size_t count = std::min<std::size_t>(1 + random() % 200, whole.size() - at);
+  switch (kind % 4) {
+    case 0:
+      return test::erased(whole, at, count);
+    case 1:
+      return test::zeroed(whole, at, count);
+    case 2:
+      return test::changed(whole, at, whole[at] ^ 1 << random() % 8);
+    default:
+      return {whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(at)};
+  }
+}
+
 }  // namespace
 
 TEST_GROUP(JpegFast) {
@@ -76,9 +92,10 @@ TEST_GROUP(JpegFast) {
     return result(state->plain.error);
   }
   // Same samples, or refused by both for the same reason of the seam.
-  void check_as_plain(const Bytes& bytes, Shape shape, std::int32_t slice, unsigned seed = 0) {
-    const Decoded wanted = plain(bytes);
-    const Decoded got = fast(bytes, shape, slice);
+  void check_as_plain(const Bytes& bytes, Shape shape, std::int32_t slice, unsigned seed = 0,
+                      const jpeg_dc::Limits& limits = kAnySize) {
+    const Decoded wanted = plain(bytes, limits);
+    const Decoded got = fast(bytes, shape, slice, limits);
     const bool refused =
         wanted.error != Error::kNone && jpeg_dc::info(got.error).reason == jpeg_dc::info(wanted.error).reason;
     if (refused || got == wanted) return;
@@ -155,23 +172,109 @@ TEST(JpegFast, RefusesWhatThePlainWalkRefuses) {
     const Bytes whole = test::any_stream(seed);
     const Shape shape = kShapes[seed % kShapes.size()];
     const std::int32_t slice = std::array{50, 200, kWhole}[seed % 3];
-    for (int round = 0; round < 8; ++round) {
-      const std::size_t at = random() % whole.size();
-      const std::size_t count = std::min<std::size_t>(1 + random() % 200, whole.size() - at);
-      switch (round % 4) {
-        case 0:
-          check_as_plain(test::erased(whole, at, count), shape, slice, seed);
-          break;
-        case 1:
-          check_as_plain(test::zeroed(whole, at, count), shape, slice, seed);
-          break;
-        case 2:
-          check_as_plain(test::changed(whole, at, whole[at] ^ 1 << random() % 8), shape, slice, seed);
-          break;
-        default:
-          check_as_plain(Bytes(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(at)), shape, slice, seed);
-      }
+    for (int round = 0; round < 8; ++round) check_as_plain(damaged(whole, random, round), shape, slice, seed);
+  }
+}
+
+// When the last rows are not wanted, nobody looks at what is wrong with them: neither walk, and both take the same for
+// the end of the others.
+TEST(JpegFast, RefusesWhatThePlainWalkRefusesInTheRowsThatAreWanted) {
+  for (unsigned seed = 1; seed <= 1500; ++seed) {
+    Random random(seed);
+    const Bytes whole = test::any_stream(seed);
+    const Shape shape = kShapes[seed % kShapes.size()];
+    const std::int32_t slice = std::array{16, 50, 200}[seed % 3];
+    const jpeg_dc::Limits limits{1, 1, test::in_range(random, 50, 90)};
+    check_as_plain(whole, shape, slice, seed, limits);
+    for (int round = 0; round < 8; ++round) check_as_plain(damaged(whole, random, round), shape, slice, seed, limits);
+  }
+}
+
+// What the memory has no room for is the plain walk's, and comes out the same.
+TEST(JpegFast, LeavesWhatItHasNoMemoryForToThePlainWalk) {
+  const auto by_plain = [&](const Bytes& bytes, Error error, std::int32_t slice = kWhole) {
+    const std::uint32_t before = state->counts.by_plain_walk;
+    const Decoded wanted = plain(bytes);
+    CHECK(wanted.error == error);
+    CHECK(fast(bytes, {1, 3}, slice) == wanted);
+    LONGS_EQUAL(before + 1, state->counts.by_plain_walk);
+  };
+  Recipe recipe;
+  recipe.sampling = {{1, 1}};
+  recipe.content = test::Content::kFlat;
+  recipe.width = 320;
+  recipe.height = 240;
+  recipe.restart_interval = 1;  // 1200 slices
+  by_plain(test::encode(recipe), Error::kNone);
+  recipe.restart_interval = 0;
+  Bytes padded = test::encode(recipe);
+  padded.resize(padded.size() + (jpeg_fast::kMaxGuesses + 1) * jpeg_fast::kMaxSlice, 0x55);
+  padded.insert(padded.end(), {0xFF, 0xD9});
+  by_plain(padded, Error::kNone);  // slices that are too long
+  recipe.width = 8 * 420;
+  recipe.height = 8 * 310;
+  by_plain(test::encode(recipe), Error::kNone);  // blocks
+  // Blocks of 10 bits behind the picture: more than there are values for, though no slice lists too many. Nothing is
+  // left for the seams either.
+  std::string bits;
+  for (std::size_t i = 0; i < jpeg_fast::kMaxValues + 100'000; ++i) bits += "0001111010";
+  by_plain(test::grey_by_hand(8, bits), Error::kSpareData);
+  bits.resize(10 * (jpeg_fast::kMaxValues + 4000));
+  by_plain(test::grey_by_hand(1640, bits), Error::kSpareData, 2048);
+}
+
+// Blocks of three zero bits in MCUs of ten, of which eight are luma: begun elsewhere than at a multiple of 30 bits, a
+// walk never falls into step. The seam goes on until it has passed all starts of the next slice, or its list is full.
+TEST(JpegFast, ASeamThatNeverMatchesEnds) {
+  Bytes tables(2 + 38, 0);
+  const Bytes dht{0xFF, 0xC4, 0, 38, 0x00, 1};  // DC: code 0, of size 0
+  std::copy(dht.begin(), dht.end(), tables.begin());
+  tables[22] = 0x10;
+  tables[24] = 1;  // AC: code 00, the end of the block
+  for (int across = 26; across <= 40; ++across) {
+    const int rows = 1090 / across;  // two slices, of more than 512 MCUs each
+    Recipe recipe;
+    recipe.sampling = {{4, 2}, {1, 1}, {1, 1}};
+    recipe.width = 32 * across;
+    recipe.height = 16 * rows;
+    Bytes bytes = test::without(test::encode(recipe), 0xC4);
+    bytes.resize(test::data_begin(bytes));
+    const std::size_t scan = test::find_segment(bytes, 0xDA);
+    for (const std::size_t names : {scan + 6, scan + 8, scan + 10}) bytes[names] = 0;
+    bytes.insert(bytes.end(), (static_cast<std::size_t>(across * rows) * 30 + 7) / 8, 0);
+    bytes.insert(bytes.end(), {0xFF, 0xD9});
+    bytes = test::inserted(bytes, scan, tables);
+    const Decoded wanted = plain(bytes);
+    CHECK(wanted.error == Error::kNone);
+    for (const Shape shape : {Shape{1, 1}, Shape{1, 2}}) CHECK(fast(bytes, shape, 2048) == wanted);
+  }
+  CHECK(state->counts.by_plain_walk > 0);
+}
+
+TEST(JpegFast, TakesEverySamplingOfLuma) {
+  test::Oracle oracle;
+  for (const test::Sampling luma : {test::Sampling{1, 2}, {2, 2}, {3, 2}, {4, 2}, {2, 3}, {2, 4}}) {
+    for (const int width : {300, 301, 317}) {
+      Recipe recipe;
+      recipe.sampling = {luma, {1, 1}, {1, 1}};
+      recipe.width = width;
+      recipe.height = 203;
+      const Bytes bytes = test::encode(recipe);
+      CHECK(oracle.decode(bytes));
+      CHECK((fast(bytes) == Decoded{Error::kNone, oracle.width, oracle.height, oracle.pixels}));
     }
+  }
+  LONGS_EQUAL(0, state->counts.by_plain_walk);
+}
+
+TEST(JpegFast, RefusesAPictureWithoutData) {
+  for (const int fill : {0, 1, 20}) {
+    Bytes bytes = test::encode({});
+    bytes.resize(test::data_begin(bytes));
+    bytes.insert(bytes.end(), static_cast<std::size_t>(fill), 0xFF);
+    bytes.insert(bytes.end(), {0xFF, 0xD9});
+    CHECK(plain(bytes).error == Error::kMarkerInData);
+    CHECK(fast(bytes).error == Error::kMarkerInData);
   }
 }
 
@@ -207,7 +310,7 @@ TEST(JpegFast, LeavesAMarkerInThePaddingToThePlainWalk) {
 TEST(JpegFast, StopsAfterTheRowsThatAreWanted) {
   const scene::PictureConfig config = scene::camera_3280x2464();
   Bytes rgb;
-  for (const int interval : {0, 100, 205, 30'000}) {
+  for (const int interval : {0, 100, 205, 30'000, 65'000}) {  // the last: one interval, and EOI behind it
     for (std::uint64_t noise = 1; noise <= 2; ++noise) {
       scene::render_rgb(config, {}, nullptr, noise, rgb);
       const Bytes bytes = test::encode_rgb(rgb, config.width, config.height, 85, interval);
@@ -238,6 +341,32 @@ TEST(JpegFast, LooksFartherWhenAPictureIsLongerThanExpected) {
   check(rich);
   check(simple);
   LONGS_EQUAL(0, state->counts.by_plain_walk);
+  recipe.content = test::Content::kFlat;
+  check(rich);
+  check(test::encode(recipe));  // all of it is less than was expected
+  LONGS_EQUAL(0, state->counts.by_plain_walk);
+}
+
+// The marker behind the last interval that is wanted is looked at: the plain walk, which stops before it, decides.
+TEST(JpegFast, LeavesAWrongMarkerBehindTheWantedRowsToThePlainWalk) {
+  const jpeg_dc::Limits limits{1, 1, 50};
+  Recipe recipe;
+  recipe.width = 160;  // 10 MCUs
+  recipe.height = 160;
+  recipe.restart_interval = 10;
+  const Bytes whole = test::encode(recipe);
+  CHECK(fast(whole, {1, 3}, kWhole, limits) == plain(whole, limits));
+  LONGS_EQUAL(0, state->counts.by_plain_walk);
+  int markers = 0;
+  for (std::size_t i = test::data_begin(whole); i + 1 < whole.size(); ++i) {
+    if (whole[i] != 0xFF || whole[i + 1] == 0) continue;
+    const Bytes bytes = test::changed(whole, i + 1, whole[i + 1] ^ 1);
+    check_as_plain(bytes, {1, 3}, kWhole, 0, limits);
+    LONGS_EQUAL(markers < 10 ? 1 : 0, state->counts.by_plain_walk);
+    state->counts.by_plain_walk = 0;
+    ++markers;
+  }
+  LONGS_EQUAL(20, markers);
 }
 
 TEST(JpegFast, MakesTablesOfItsOwnForEveryPairOfCodes) {
