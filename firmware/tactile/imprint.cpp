@@ -69,14 +69,15 @@ Box reach_of(const MarkerField& rest, PixelsQ8 pitch, const LumaView& picture) {
           std::min(box.bottom, picture.height - 1)};
 }
 
-// Whole boxes only. false: there is not even a pixel.
+// Whole boxes only. false: there is not even a pixel. The largest picture fits when it is reduced most.
+static_assert((kMaxLumaWidth >> kMaxReduction_log2) * (kMaxLumaHeight >> kMaxReduction_log2) <= kMaxReducedPixels);
 bool place_picture(Reduced& out, const MarkerField& rest, PixelsQ8 pitch, const LumaView& picture) {
   const Box box = reach_of(rest, pitch, picture);
   out.reduction_log2 = 0;
   while (out.reduction_log2 < kMaxReduction_log2 && (pitch.raw() >> (out.reduction_log2 + 1)) >= kLeastPitch_q8) {
     ++out.reduction_log2;
   }
-  for (; out.reduction_log2 <= kMaxReduction_log2; ++out.reduction_log2) {
+  for (;; ++out.reduction_log2) {
     out.left = box.left >> out.reduction_log2;
     out.top = box.top >> out.reduction_log2;
     out.width = ((box.right + 1) >> out.reduction_log2) - out.left;
@@ -84,7 +85,6 @@ bool place_picture(Reduced& out, const MarkerField& rest, PixelsQ8 pitch, const 
     if (out.width < 2 || out.height < 2) return false;
     if (out.width * out.height <= kMaxReducedPixels) return true;
   }
-  return false;
 }
 
 using Row = std::array<std::uint16_t, kMaxLumaWidth + 2>;
@@ -165,7 +165,9 @@ struct Corner {
   std::int32_t sx, sy;
 };
 
+// None on a single line of dots, which tells nothing of what lies beside it.
 std::int32_t patches_of(GridSize grid) {
+  if (grid.rows < 2 || grid.cols < 2) return 0;
   const std::int32_t dots = grid.count();
   return kPatchesPerDot * (dots <= kMaxDots ? dots : dots / 2);
 }
@@ -210,8 +212,7 @@ Frame frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t pat
   const std::int32_t beside = corner.beside != corner.own ? corner.beside : corner.own - corner.sx;
   const std::int32_t over = corner.over != corner.own ? corner.over : corner.own - corner.sy * rest.grid.cols;
   Frame out;
-  const bool linked = beside >= 0 && beside < rest.grid.count() && over >= 0 && over < rest.grid.count();
-  if (!linked || !own.valid || !rest.markers[idx(corner.across)].valid) return out;
+  if (!own.valid || !rest.markers[idx(corner.across)].valid) return out;
   const Marker& first = rest.markers[idx(beside)];
   const Marker& second = rest.markers[idx(over)];
   if (!first.valid || !second.valid) return out;
@@ -352,10 +353,9 @@ std::int64_t threshold_of(const State& state, const Config& config) {
 constexpr std::int64_t kLeastRelief = std::int64_t{2} * kPairs * 256 * 12 / 10;
 constexpr std::int64_t kLeastReliefPerPatch = std::int64_t{2} * kPairs * 256 * 12 / 100;
 
-// log2 of motion in um: R = change / kFree^2, G = relief / (2 kPairs). Range, of 320 patches: change < 2^42, relief
+// log2 of motion in um: R = change / kFree^2, G = relief / (2 kPairs). Range, of 320 patches: 0 < change < 2^42, relief
 // < 2^41; times 34 and 625 below 2^51.
 std::int64_t motion_log2_q8(std::int64_t change, std::int64_t relief, std::int32_t pitch_um) {
-  if (change <= 0) return 0;
   const std::int32_t ratio_q8 =
       log2_q8(static_cast<std::uint64_t>(change) * (2 * kPairs)) -
       log2_q8(static_cast<std::uint64_t>(std::max<std::int64_t>(relief, 1)) * (kFree * kFree));
@@ -468,7 +468,7 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
     }
     if (pressed < config.least_patches) continue;
     change -= pressed * state.empty.noise_motion[k];
-    // Range: reliefs of 2^32 times bends of 2^18, of 320 patches, stay below 2^59.
+    // Range: reliefs of 2^32 times bends of 2^18, none negative, of 320 patches, stay below 2^59.
     if (change <= bent / (std::int64_t{2} * kPairs << kBend_q) * (kFree * kFree)) continue;
     relief += kLeastRelief + pressed * (kLeastReliefPerPatch - 2 * state.empty.noise_relief);
     *motions[k] = Log2Q8::saturate(motion_log2_q8(change, relief, config.pitch_um), saturations);

@@ -66,9 +66,10 @@ static_assert(2 * kMaxDots >= kMaxMarkers);
 inline constexpr int kMaskRadius_steps = 7;  // dot, its rim, what interpolation reaches: 0.44 pitch
 
 // Which samples of a patch are used. Place (a, b): (a + 1/2, b + 1/2) steps from the dot, away from it along both axes.
+// Range: a and b are not negative.
 [[nodiscard]] constexpr bool is_free(int a, int b) {
   const int x = 2 * a + 1, y = 2 * b + 1;
-  return a >= 0 && b >= 0 && a < kSide && b < kSide && x * x + y * y >= 4 * kMaskRadius_steps * kMaskRadius_steps;
+  return a < kSide && b < kSide && x * x + y * y >= 4 * kMaskRadius_steps * kMaskRadius_steps;
 }
 
 inline constexpr int kFree = [] {

@@ -96,7 +96,7 @@ inline void forget(State& state) {
   for (std::int32_t i = 0; i < field.grid.count(); ++i) {
     Marker& rest = state.rest.markers[idx(i)];
     const std::int32_t seen = state.seen[idx(i)];
-    rest.valid = seen * 2 >= state.count && seen > 0;
+    rest.valid = seen * 2 >= state.count;
     if (!rest.valid) continue;
     const auto mean = [&](std::int32_t sum) { return static_cast<std::int32_t>(div_round(sum, seen)); };
     rest.x = PixelsQ8::from_raw(rest.x.raw() + mean(state.sum_x_px_q8[idx(i)]));

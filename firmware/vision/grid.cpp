@@ -84,26 +84,25 @@ bool find_basis(State& state, const dots::Dots& dots, Basis& basis) {
     const std::int64_t d2 = length2(v) * 16;
     return d2 > square(basis.pitch_px_q8) * 9 && d2 < square(basis.pitch_px_q8) * 25;  // 0.75..1.25 pitch
   };
-  // One component of one axis at a time, so that `scratch` holds one list.
-  const auto median_component = [&](bool horizontal, bool want_x, std::int32_t& value) {
-    int n = 0;
-    for (int i = 0; i < dots.count; ++i) {
-      const int found = nearest_four(dots, i, near);
-      for (int k = 0; k < found; ++k) {
-        Vector v = near[idx(k)];
-        if (!fits(v) || (std::abs(v.x_px_q8) >= std::abs(v.y_px_q8)) != horizontal) continue;
-        if ((horizontal ? v.x_px_q8 : v.y_px_q8) < 0) v = times(v, -1);
-        state.scratch[idx(n++)] = want_x ? v.x_px_q8 : v.y_px_q8;
+  const auto median_axis = [&](bool horizontal, Vector& axis) {
+    // One component at a time, so that `scratch` holds one list.
+    for (std::int32_t Vector::*component : {&Vector::x_px_q8, &Vector::y_px_q8}) {
+      int n = 0;
+      for (int i = 0; i < dots.count; ++i) {
+        const int found = nearest_four(dots, i, near);
+        for (int k = 0; k < found; ++k) {
+          Vector v = near[idx(k)];
+          if (!fits(v) || (std::abs(v.x_px_q8) >= std::abs(v.y_px_q8)) != horizontal) continue;
+          if ((horizontal ? v.x_px_q8 : v.y_px_q8) < 0) v = times(v, -1);
+          state.scratch[idx(n++)] = v.*component;
+        }
       }
+      if (n < kMinDots) return false;
+      axis.*component = median_of_few(state.scratch.data(), n);
     }
-    if (n < kMinDots) return false;
-    value = median_of_few(state.scratch.data(), n);
     return true;
   };
-  return median_component(true, true, basis.along_row.x_px_q8) &&
-         median_component(true, false, basis.along_row.y_px_q8) &&
-         median_component(false, true, basis.along_col.x_px_q8) &&
-         median_component(false, false, basis.along_col.y_px_q8);
+  return median_axis(true, basis.along_row) && median_axis(false, basis.along_col);
 }
 
 // The dot nearest to `from` + `step`, within `reach`; -1 when there is none.
@@ -203,35 +202,31 @@ struct Window {
   bool unique = false;  // no other place covers nearly as many dots
 };
 
-int count_cells(const State& state, int row, int col, int rows, int cols) {
+// Range: the window lies within the cells, here and below.
+int count_cells(const State& state, int row, int col, GridSize size) {
   int n = 0;
-  for (int r = row; r < row + rows; ++r) {
-    for (int c = col; c < col + cols; ++c) {
-      if (r >= -kReach && r <= kReach && c >= -kReach && c <= kReach) {
-        n += state.cells[idx(r + kReach)][idx(c + kReach)] >= 0 ? 1 : 0;
-      }
+  for (int r = row; r < row + size.rows; ++r) {
+    for (int c = col; c < col + size.cols; ++c) {
+      n += state.cells[idx(r + kReach)][idx(c + kReach)] >= 0 ? 1 : 0;
     }
   }
   return n;
 }
 
-// Sum of squared distances to where the markers were, per marker seen, for a window laid at (row, col).
+// Mean of squared distances to where the markers were, for a window laid at (row, col), in which there is a dot.
 std::int64_t distance_to_prior(const State& state, const dots::Dots& dots, const MarkerField& prior, int row, int col) {
   std::int64_t sum = 0;
   std::int64_t n = 0;
   for (int r = 0; r < prior.grid.rows; ++r) {
     for (int c = 0; c < prior.grid.cols; ++c) {
-      const int rr = row + r + kReach;
-      const int cc = col + c + kReach;
-      if (rr < 0 || rr >= kCells || cc < 0 || cc >= kCells) continue;
-      const int dot = state.cells[idx(rr)][idx(cc)];
+      const int dot = state.cells[idx(row + r + kReach)][idx(col + c + kReach)];
       if (dot < 0) continue;
       const Marker& was = prior.markers[idx(r * prior.grid.cols + c)];
       sum += square(dots.dots[idx(dot)].x.raw() - was.x.raw()) + square(dots.dots[idx(dot)].y.raw() - was.y.raw());
       ++n;
     }
   }
-  return n == 0 ? INT64_MAX : sum / n;
+  return sum / n;
 }
 
 // Lays rows x cols over the dots. Places that cover within half a line of the most dots are alike: a stray or a hidden
@@ -241,7 +236,7 @@ Window place(const State& state, const dots::Dots& dots, GridSize size, const Ma
   const auto each_place = [&](auto&& visit) {
     for (int row = -kReach; row <= kReach - size.rows + 1; ++row) {
       for (int col = -kReach; col <= kReach - size.cols + 1; ++col) {
-        const int n = count_cells(state, row, col, size.rows, size.cols);
+        const int n = count_cells(state, row, col, size);
         if (n > 0) visit(row, col, n);
       }
     }
@@ -282,7 +277,7 @@ Extent extent_of(const State& state) {
     int last = -1;
     first = 0;
     for (int i = 0; i < kCells; ++i) {
-      if (lines[idx(i)] * 2 < most || lines[idx(i)] == 0) continue;
+      if (lines[idx(i)] * 2 < most) continue;
       if (last < 0) first = i;
       last = i;
     }

@@ -296,7 +296,7 @@ class Stitcher {
     level_ = 0;
     std::uint32_t from = 0;   // first block of the slice that counts
     std::uint32_t valid = 0;  // its position
-    for (std::size_t i = first; i < end; ++i) {
+    for (std::size_t i = first;; ++i) {
       const Slice& slice = state_.slice[i];
       if (!slice.whole) return kUnsure;
       const std::uint32_t count = slice.listed - from;
@@ -310,7 +310,6 @@ class Stitcher {
         return error;
       }
     }
-    return kUnsure;
   }
 
  private:
@@ -350,14 +349,13 @@ class Stitcher {
       if (walk.position >= filled) {
         const std::size_t room = bytes.size() - LaneMemory::kOverrun;
         const std::size_t wanted = filled == 0 ? 512 : room;
-        if (filled == room * 8) return kUnsure;
         const std::uint8_t* at = next.begin;
         const auto given = std::min(static_cast<std::size_t>(next.data_end - next.begin), wanted);
         const std::size_t size = unstuff(at, next.begin + given, bytes.data());
         std::fill_n(bytes.data() + size, LaneMemory::kOverrun, std::uint8_t{0});
         // The last bytes are not walked while more follow: a look-up there would read zeros that are not the picture's.
         const std::uint64_t known = at == next.data_end ? size * 8 : size < 16 ? 0 : (size - 16) * 8;
-        if (known <= walk.position || known == filled) return kUnsure;
+        if (known <= walk.position) return kUnsure;  // too little is left, or there is room for no more
         filled = known;
         walk.known = known;
       }

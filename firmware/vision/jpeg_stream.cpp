@@ -48,9 +48,9 @@ std::int32_t word(Bytes bytes, std::size_t at) {
   return bytes[at] << 8 | bytes[at + 1];
 }
 
+// Range: the segment is as long as the tag at least.
 bool begins_with(Bytes segment, std::string_view tag) {
-  return segment.size() >= tag.size() &&
-         std::equal(tag.begin(), tag.end(), segment.begin(),
+  return std::equal(tag.begin(), tag.end(), segment.begin(),
                     [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
 }
 

@@ -54,11 +54,11 @@ bool looks_like_its_dot(const Model& model, const window::Dot& dot) {
 }
 
 // A dot that reaches over the picture's edge has its visible part's centre, not its own: up to half a radius off.
-// Range: distances below 2^19 in Q8, squares times 355 below 2^47.
+// Range: a place that was measured, within the picture; distances below 2^19 in Q8, squares times 355 below 2^47.
 bool reaches_over_edge(const LumaView& luma, const window::Dot& dot, std::int32_t area) {
   const std::int64_t nearest = std::min(
       {dot.x.raw(), dot.y.raw(), ((luma.width - 1) << 8) - dot.x.raw(), ((luma.height - 1) << 8) - dot.y.raw()});
-  return nearest < 0 || square(nearest) * 355 < (std::int64_t{area} << 16) * 113;  // distance < sqrt(area / pi)
+  return square(nearest) * 355 < (std::int64_t{area} << 16) * 113;  // distance < sqrt(area / pi)
 }
 
 // Looks for marker i at its present position; updates it or declares it lost.
@@ -74,10 +74,10 @@ void look(State& state, const Config& config, const LumaView& luma, std::int32_t
   model.contrast = dot.contrast;
 }
 
-// Squared distance, in quarter pitches, by which marker i disagrees with its neighbours; large when it stands alone.
+// Squared distance by which a marker disagrees with its neighbours. Range: one of them at least is valid.
 std::int64_t disagreement(const State& state, Cell cell) {
   Offset expected{};
-  if (!neighbours_say(state, cell, 1, expected)) return INT64_MAX;
+  (void)neighbours_say(state, cell, 1, expected);
   const Offset is = offset_of(state, cell.row * state.field.grid.cols + cell.col);
   return square(is.x_px_q8 - expected.x_px_q8) + square(is.y_px_q8 - expected.y_px_q8);
 }
