@@ -211,9 +211,12 @@ TEST(JpegFast, LeavesWhatItHasNoMemoryForToThePlainWalk) {
   padded.resize(padded.size() + (jpeg_fast::kMaxGuesses + 1) * jpeg_fast::kMaxSlice, 0x55);
   padded.insert(padded.end(), {0xFF, 0xD9});
   by_plain(padded, Error::kNone);  // slices that are too long
+  recipe.width = 8 * 400;
+  recipe.height = 8 * 300;
+  by_plain(test::encode(recipe), Error::kNone);  // blocks of a slice: six bits each
   recipe.width = 8 * 420;
   recipe.height = 8 * 310;
-  by_plain(test::encode(recipe), Error::kNone);  // blocks
+  by_plain(test::encode(recipe), Error::kNone);  // blocks of a picture
   // Blocks of 10 bits behind the picture: more than there are values for, though no slice lists too many. Nothing is
   // left for the seams either.
   std::string bits;
