@@ -15,7 +15,7 @@ inline constexpr std::string_view kName = "slip_v3";
 inline constexpr std::string_view kFeatureSet = "touch";
 inline constexpr int kDepth = 18;
 inline constexpr int kNodes = 433;
-inline constexpr std::uint32_t kModelCrc32 = 0xC155A513;  // of the model's text
+inline constexpr std::uint32_t kModelCrc32 = 0x1C38B7B1;  // of the model's text
 inline constexpr score::Score kScore{};
 
 [[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, 18>& x,
@@ -35,7 +35,7 @@ inline constexpr score::Score kScore{};
   const std::int32_t& easing_ppm_s = x[12];
   const std::int32_t& imprint_short_log2_um_q8 = x[13];
   const std::int32_t& imprint_patches = x[16];
-  if (imprint_short_log2_um_q8 <= 1683) {
+  if (imprint_short_log2_um_q8 <= 1684) {
     if (imprint_patches <= 9) {
       if (octave_entropy_nat_q16 <= 120473) {
         if (octave_entropy_nat_q16 <= 107942) return Verdict::kHold;
@@ -481,8 +481,8 @@ inline constexpr score::Score kScore{};
     }
     return Verdict::kHold;
   }
-  if (imprint_short_log2_um_q8 <= 1733) return slip_from(Sensitivity::kSensitive, sensitivity);
-  if (imprint_short_log2_um_q8 <= 1749) return slip_from(Sensitivity::kNormal, sensitivity);
+  if (imprint_short_log2_um_q8 <= 1734) return slip_from(Sensitivity::kSensitive, sensitivity);
+  if (imprint_short_log2_um_q8 <= 1750) return slip_from(Sensitivity::kNormal, sensitivity);
   return Verdict::kSlip;
 }
 

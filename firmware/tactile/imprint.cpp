@@ -329,7 +329,7 @@ std::int64_t bend(const MarkerField& now, const MarkerField& then, std::int32_t 
 
 const Kept* picture_before(const State& state, Micros now, Micros lag) {
   const Kept* best = nullptr;
-  Micros off = lag / 4;
+  Micros off = lag / 3;
   for (int back = 0; back < state.count; ++back) {
     const Kept& kept = state.kept[idx((state.newest + kKept - back) % kKept)];
     const Micros late = now - kept.at - lag;

@@ -326,7 +326,7 @@ TEST(Imprint, ALatticeTooLargeForTheMemoryIsReducedOnceMore) {
 
 TEST(Imprint, LagsAreTimesNotFrames) {
   constexpr double kSpeed_mm_s = 0.5;
-  for (const double fps : {15.0, 18.75, 25.0, 27.0, 60.0}) {
+  for (const double fps : {6.3, 8.33, 10.0, 11.2, 12.0, 12.5, 13.3, 15.0, 18.75, 25.0, 27.0, 60.0}) {
     Gel gel;
     Bench bench(gel);
     bench.fps = fps;
@@ -338,10 +338,10 @@ TEST(Imprint, LagsAreTimesNotFrames) {
     const auto expected = [&](double lag_s) {
       return motion_of(gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {kSpeed_mm_s * lag_s, 0.0}));
     };
-    // The lag itself may be off by a quarter.
-    DOUBLES_EQUAL(expected(0.12), um(seen.motion_short), 0.3 * expected(0.12));
-    DOUBLES_EQUAL(expected(0.24), um(seen.motion), 0.3 * expected(0.24));
-    DOUBLES_EQUAL(expected(0.48), um(seen.motion_long), 0.3 * expected(0.48));
+    // The lag itself may be off by a third.
+    DOUBLES_EQUAL(expected(0.12), um(seen.motion_short), 0.4 * expected(0.12));
+    DOUBLES_EQUAL(expected(0.24), um(seen.motion), 0.4 * expected(0.24));
+    DOUBLES_EQUAL(expected(0.48), um(seen.motion_long), 0.4 * expected(0.48));
   }
 }
 

@@ -226,7 +226,7 @@ class ImprintReference {
   double motion(const Frame& now, int k, bool empty, double threshold, const Counted& counted, Seen& seen) {
     constexpr double kLags_s[] = {0.12, 0.24, 0.48};
     const Frame* then = nullptr;
-    double off = kLags_s[k] / 4 + 1e-9;
+    double off = kLags_s[k] / 3 + 1e-9;
     for (const Frame& kept : kept_) {
       const double distance = std::abs(now.t_s - kept.t_s - kLags_s[k]);
       if (distance > off - (then == nullptr ? 0 : 2e-9)) continue;
