@@ -6,14 +6,17 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <memory>
 #include <set>
 #include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "app/app.hpp"
 #include "base/math.hpp"
 #include "toolchain/trade/film.hpp"
+#include "toolchain/trade/learned.hpp"
 #include "toolchain/trade/price.hpp"
 #include "toolchain/trade/rival.hpp"
 // last: it redefines new
@@ -167,7 +170,7 @@ TEST(Trade, FiguresOfAFilmAreThoseOfTheSetting) {
   std::vector<trade::Trialled> trialled;
   for (const Point& point : {points[0], find("jpeg_decoder", "libjpeg-turbo"), find("jpeg_rows_pct", "95 %"),
                              find("others", "OpenCV 1/8 + Canny + SimpleBlob"), find("centres", "Q4")}) {
-    trialled.emplace_back(point);
+    trialled.emplace_back(point, trade::Lessons(0));
   }
   trade::Film film = trade::shoot(0);
   LONGS_EQUAL(film.shots.size(), film.labels.size());
@@ -201,7 +204,7 @@ TEST(Trade, FiguresOfAGraspAreThoseOfTheSetting) {
   const trade::Grasp grasp = trade::play(trade::planned_grasps(16).front());
   for (const Point& point : points) {
     if (point.knob != "mode" && point.knob != "centres") continue;
-    trade::Trialled one(point);
+    trade::Trialled one(point, trade::Lessons(0));
     one.show(grasp);
     prices.push_back(one.price());
   }
@@ -210,6 +213,66 @@ TEST(Trade, FiguresOfAGraspAreThoseOfTheSetting) {
   CHECK_TRUE(fast.grasped->frames.count() > 50);
   CHECK_TRUE(fast.grasped_entropy_error_nat < 0.01);
   CHECK_TRUE(coarse.grasped_entropy_error_nat > fast.grasped_entropy_error_nat);
+}
+
+// The rival in double precision is no straw man: what it sees is what the firmware sees.
+TEST(Trade, DoublePrecisionSeesWhatTheFirmwareSees) {
+  const trade::Grasp grasp = trade::play(trade::planned_grasps(16).front());
+  trade::DoubleFeatures features{trade::Bins{}};
+  const pipeline::Config config = pipeline_config(Params{});
+  const auto state = std::make_unique<pipeline::State>();
+  int seen = 0, elsewhere = 0;
+  for (std::size_t k = 0; k < grasp.sights.size(); ++k) {
+    const trade::Sight& sight = grasp.sights[k];
+    const auto values = features.update(sight.markers, sight.time);
+    const pipeline::Result result =
+        pipeline::update_markers(*state, config, sight.markers, sight.time, static_cast<std::uint32_t>(k));
+    if (!values || !result.referenced || !result.features.rates_valid) continue;
+    ++seen;
+    // The firmware rounds displacements to 1 um: 0.5 um and as much before, over 40 ms, in every marker at worst.
+    DOUBLES_EQUAL((*values)[0], result.features.vx.raw(), 25.0);
+    DOUBLES_EQUAL((*values)[1], result.features.vy.raw(), 25.0);
+    // A marker within that of an edge may be told to either side.
+    elsewhere += std::abs(double{(*values)[2]} - result.features.entropy.raw() / 65536.0) > 1e-4 ? 1 : 0;
+  }
+  CHECK_TRUE(seen > 100);
+  CHECK_TRUE_TEXT(elsewhere * 5 < seen, std::to_string(elsewhere).c_str());
+}
+
+TEST(Trade, SoftBinsDoNotJumpAtAnEdge) {
+  const auto entropy_at = [](const trade::Bins& bins, double moved_um) {
+    trade::DoubleFeatures features{bins};
+    MarkerField field;
+    field.grid = {7, 9};
+    const auto put = [&](double um) {
+      for (std::int32_t i = 0; i < 63; ++i) {
+        // Half of them 40 um behind, so that there is an entropy to lose.
+        const double px = 41.0 * (i % 9 + 1) + (um > 0.0 ? um - (i % 2) * 40.0 : 0.0) * 41.0 / 2020.0;
+        field.markers[idx(i)] = {.x = PixelsQ8::from_raw(static_cast<std::int32_t>(std::lround(px * 256.0))),
+                                 .y = PixelsQ8::from_raw(41 * 256 * (i / 9 + 1)),
+                                 .valid = true};
+      }
+    };
+    put(0.0);
+    Micros now{0};
+    while (!features.update(field, now += Micros{40'000})) {
+    }
+    put(moved_um);
+    return double{features.update(field, now += Micros{40'000}).value()[2]};
+  };
+  const double edge_um = 1900.0 / 15 * 5;
+  CHECK_TRUE(entropy_at({15, false}, edge_um + 3.0) - entropy_at({15, false}, edge_um - 3.0) > 0.6);
+  DOUBLES_EQUAL(entropy_at({15, true}, edge_um - 3.0), entropy_at({15, true}, edge_um + 3.0), 0.1);
+}
+
+TEST(Trade, TreesLearnFromTheLessons) {
+  const trade::Lessons lessons(16);
+  const model::Tree field = lessons.tree("field", 8);
+  CHECK_TRUE(field.count > 1);
+  CHECK_TRUE(field.set == find_feature_set("field"));
+  CHECK_TRUE(lessons.tree("field", 2).count < field.count);
+  const auto desk = lessons.desk_tree({});
+  CHECK_FALSE(desk->slips({0.0F, 0.0F, 0.0F, 0.0F}));
 }
 
 // README's table of modes is the committed measurement, not somebody's typing.

@@ -99,6 +99,8 @@ struct TradeFirmwareOptions {
   std::string shard = "1/1";
   int films = 6;
   int every = 10;
+  int lessons = 4;
+  std::string recordings;
 };
 [[nodiscard]] int trade_firmware(const TradeFirmwareOptions& options);
 

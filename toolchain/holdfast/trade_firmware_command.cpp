@@ -4,13 +4,16 @@
 
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/progress.hpp"
+#include "toolchain/learn/dataset.hpp"
 #include "toolchain/trade/film.hpp"
+#include "toolchain/trade/learned.hpp"
 #include "toolchain/trade/price.hpp"
 #include "toolchain/trade/table.hpp"
 
@@ -49,12 +52,15 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   }
   const std::vector<trade::Point> points = trade::points();
   std::vector<long> mine;
-  std::vector<trade::Trialled> trialled;
+  bool learns = false;
   for (std::size_t i = 0; i < points.size(); ++i) {
     if (static_cast<int>(i % static_cast<std::size_t>(shards)) + 1 != shard) continue;
     mine.push_back(static_cast<long>(i));
-    trialled.emplace_back(points[i]);
+    learns = learns || points[i].learns();
   }
+  const trade::Lessons lessons(learns ? options.lessons : 0);
+  std::vector<trade::Trialled> trialled;
+  for (const long i : mine) trialled.emplace_back(points[static_cast<std::size_t>(i)], lessons);
   const std::vector<learn::PlannedGrasp> grasps = trade::planned_grasps(options.every);
   // A film takes about as long as so many grasps, filming and one setting each.
   constexpr long kFilmInGrasps = 20;
@@ -78,6 +84,17 @@ int trade_firmware(const TradeFirmwareOptions& options) {
     for (trade::Trialled& one : trialled) one.show(grasp);
     progress.update(++done);
     if (interrupted()) return fail(interrupted_line());
+  }
+  if (!options.recordings.empty()) {
+    const auto play = [&](const learn::RecordedClip& clip) {
+      for (trade::Trialled& one : trialled) one.show(clip);
+      return std::optional<std::string>();
+    };
+    const auto luma = trade::config_of(points.front(), nullptr).luma;
+    if (const auto error =
+            learn::load_recordings(options.recordings, luma, play, [](int, int) { return !interrupted(); })) {
+      return fail(interrupted() ? interrupted_line() : *error);
+    }
   }
   progress.clear();
   std::vector<trade::Line> lines;

@@ -12,6 +12,8 @@
 #include <vector>
 
 #include "app/params.hpp"
+#include "app/pipeline.hpp"
+#include "drivers/sim/recording.hpp"
 #include "drivers/sim/scene/contact.hpp"
 #include "drivers/sim/scene/scene.hpp"
 #include "toolchain/learn/samples.hpp"
@@ -55,8 +57,26 @@ using Watch = std::function<void(const App&, const scene::Snapshot&)>;
 void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {},
                const Watch& watch = {});
 
-// Recordings: every clip of a label file in the format of the 27 real clips (its README). Returns nothing, or an error
-// line. `progress`: clips done of all; false stops.
+// One labelled clip, whole. Its rest position: recordings.cpp.
+struct RecordedClip {
+  Trial trial;  // no rows yet
+  std::vector<sim::RecordedFrame> frames;
+  std::vector<Label> labels;              // one a frame
+  sim::RecordedFrame rest;                // shows the empty gel
+  std::vector<sim::RecordedFrame> empty;  // and so do these
+};
+// Every clip of a label file in the format of the 27 real clips (its README), one at a time. Returns nothing, or an
+// error line; so does `visit`, of which the clip's place need not be part. `luma`: of who plays them; a picture of the
+// empty gel that lies beside the clips is read at its scale. `progress`: clips done of all; false stops.
+[[nodiscard]] std::optional<std::string> load_recordings(
+    const std::filesystem::path& labels, const luma_input::Config& luma,
+    const std::function<std::optional<std::string>(const RecordedClip&)>& visit,
+    const std::function<bool(int, int)>& progress = {});
+// The rest position and the empty gel. Nothing, or why it cannot.
+[[nodiscard]] std::optional<std::string> learn_rest(const RecordedClip& clip, const pipeline::Config& config,
+                                                    JpegDecoder& jpeg, pipeline::State& state);
+
+// The clips' frames as samples.
 [[nodiscard]] std::optional<std::string> read_recordings(const std::filesystem::path& labels, const Params& params,
                                                          Samples& samples,
                                                          const std::function<bool(int, int)>& progress = {});

@@ -134,7 +134,7 @@ std::optional<std::string> leave_one_out(const Samples& samples, const Detector&
       std::copy_n(said.begin() + trial.first, trial.count, verdicts.begin() + trial.first);
     }
   }
-  score = score_recordings(samples, verdicts, raise_frames);
+  score = score_recordings(samples, verdicts, {.raise_frames = raise_frames});
   return std::nullopt;
 }
 

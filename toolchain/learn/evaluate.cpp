@@ -567,7 +567,7 @@ class Work {
 
   void add_recorded(const std::string& name, const std::string& trained, const Verdicts& verdicts) {
     for (const int raise : kRaiseFrames) {
-      RecordedScore score = score_recordings(*recorded_, verdicts, raise);
+      RecordedScore score = score_recordings(*recorded_, verdicts, {.raise_frames = raise});
       score.name = name;
       score.trained = trained;
       out_.recorded.push_back(score);
@@ -584,7 +584,8 @@ class Work {
       Settings changed = settings(Kind::kTree, 1);
       changed.slip_weight *= weight;
       if (auto error = leave_out(*recorded_, clips_, set, changed, true, verdicts)) return "recordings, " + *error;
-      add_point(std::string(set.name), changed.slip_weight, score_recordings(*recorded_, verdicts, kRaise));
+      add_point(std::string(set.name), changed.slip_weight,
+                score_recordings(*recorded_, verdicts, {.raise_frames = kRaise}));
     }
     Fitted fitted;
     if (auto error = fit(samples_, set, settings(Kind::kTree, 1), rows_of(samples_, known_, true), fitted)) {

@@ -23,14 +23,12 @@ constexpr int kLabelSlack = 3;  // frames
 
 class RecordedTally {
  public:
-  explicit RecordedTally(RecordedScore& score) : score_(score) {}
+  RecordedTally(RecordedScore& score, const decision::Config& config) : score_(score), config_(config) {}
 
   void add(const Samples& samples, const Trial& trial, std::span<const std::uint8_t> verdicts) {
     const std::span<const Row> rows = samples.of(trial);
     const int count = trial.count;
-    decision::Config config;
-    config.raise_frames = score_.raise_frames;
-    const std::vector<std::uint8_t> up = requests_of(samples, trial, verdicts, config);
+    const std::vector<std::uint8_t> up = requests_of(samples, trial, verdicts, config_);
     const auto rises = [&](int i) {
       return up[static_cast<std::size_t>(i)] != 0 && (i == 0 || up[static_cast<std::size_t>(i - 1)] == 0);
     };
@@ -102,6 +100,7 @@ class RecordedTally {
     long held = 0, held_hits = 0, shaken = 0, shaken_hits = 0;
   };
   RecordedScore& score_;
+  const decision::Config& config_;
   std::array<Sham, 6> sham_{};  // any and fresh within 5, then within 10, then within 15
 };
 
@@ -118,10 +117,10 @@ double tail(int hits, int count, double chance) {
 }  // namespace
 
 RecordedScore score_recordings(const Samples& recorded, std::span<const int> trials,
-                               std::span<const std::uint8_t> verdicts, int raise_frames) {
+                               std::span<const std::uint8_t> verdicts, const decision::Config& config) {
   RecordedScore score;
-  score.raise_frames = raise_frames;
-  RecordedTally tally(score);
+  score.raise_frames = config.raise_frames;
+  RecordedTally tally(score, config);
   for (const int t : trials) {
     const Trial& trial = recorded.trials[static_cast<std::size_t>(t)];
     tally.add(recorded, trial,
@@ -131,10 +130,11 @@ RecordedScore score_recordings(const Samples& recorded, std::span<const int> tri
   return score;
 }
 
-RecordedScore score_recordings(const Samples& recorded, std::span<const std::uint8_t> verdicts, int raise_frames) {
+RecordedScore score_recordings(const Samples& recorded, std::span<const std::uint8_t> verdicts,
+                               const decision::Config& config) {
   std::vector<int> trials(recorded.trials.size());
   std::iota(trials.begin(), trials.end(), 0);
-  return score_recordings(recorded, trials, verdicts, raise_frames);
+  return score_recordings(recorded, trials, verdicts, config);
 }
 
 ShareInterval share_interval(int hits, int count, double confidence) {

@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include "slip/decision.hpp"
 #include "toolchain/learn/metrics.hpp"
 #include "toolchain/learn/samples.hpp"
 
@@ -45,11 +46,11 @@ struct RecordedScore {
 
 // One verdict a row of `recorded`, through the decision stage of the firmware.
 [[nodiscard]] RecordedScore score_recordings(const Samples& recorded, std::span<const std::uint8_t> verdicts,
-                                             int raise_frames);
+                                             const decision::Config& config);
 
 // The same of some trials only.
 [[nodiscard]] RecordedScore score_recordings(const Samples& recorded, std::span<const int> trials,
-                                             std::span<const std::uint8_t> verdicts, int raise_frames);
+                                             std::span<const std::uint8_t> verdicts, const decision::Config& config);
 
 // Exact (Clopper and Pearson) interval for a share of which `hits` of `count` were seen.
 struct ShareInterval {

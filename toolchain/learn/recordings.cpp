@@ -134,6 +134,9 @@ class LabelFile {
   [[nodiscard]] Error error(int line, const std::string& what, std::string_view cause, std::string_view next) const {
     return fmt::format("{}:{}: {}. Likely cause: {}. Next: {}", path_.string(), line, what, cause, next);
   }
+  [[nodiscard]] Error error(int line, const std::string& whole) const {
+    return fmt::format("{}:{}: {}", path_.string(), line, whole);
+  }
 
  private:
   enum Column : std::size_t { kClip, kSlipStart, kSlipEnd, kOnset, kSilent, kEmpty };
@@ -258,28 +261,21 @@ sim::Result<sim::RecordedFrame> rest_picture(const Clip& clip, const sim::Record
 
 // More pictures of the empty gel that rest_picture() shows, for its mean and its noise: the others of its interval, or,
 // of a picture that is a mean already, itself.
-Error learn_empty(const Clip& clip, const sim::RecordedFrame& rest, const pipeline::Config& config, JpegDecoder& jpeg,
-                  pipeline::State& state) {
+Error find_empty(const Clip& clip, RecordedClip& out) {
   constexpr int kMost = 32;
-  const auto interval = std::ranges::find_if(clip.empty, [&](const Interval& one) { return one.has(rest.index); });
+  const auto interval = std::ranges::find_if(clip.empty, [&](const Interval& one) { return one.has(out.rest.index); });
   if (interval == clip.empty.end()) {
-    for (int k = 0; k < kMost; ++k) (void)pipeline::learn_more(state, config, jpeg, sim::as_frame(rest));
+    out.empty.assign(kMost, out.rest);
     return {};
   }
-  auto opened = sim::Recording::open(clip.path);
-  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
-  auto& recording = std::get<sim::Recording>(opened);
-  sim::RecordedFrame frame;
-  const long first = std::max<long>(interval->from, rest.index - kMost);
-  while (recording.next(frame) == sim::Read::kFrame && interval->has(std::max<long>(frame.index, interval->from))) {
-    if (frame.index >= first && frame.index < first + kMost) {
-      (void)pipeline::learn_more(state, config, jpeg, sim::as_frame(frame));
-    }
+  const long first = std::max<long>(interval->from, out.rest.index - kMost);
+  for (const sim::RecordedFrame& frame : out.frames) {
+    if (interval->has(frame.index) && frame.index >= first && frame.index < first + kMost) out.empty.push_back(frame);
   }
   return {};
 }
 
-Error read_clip(const LabelFile& file, const Clip& clip, const Params& params, Samples& samples) {
+Error load_clip(const LabelFile& file, const Clip& clip, const luma_input::Config& luma, RecordedClip& out) {
   auto opened = sim::Recording::open(clip.path);
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
@@ -296,51 +292,34 @@ Error read_clip(const LabelFile& file, const Clip& clip, const Params& params, S
                                   last.index, clip.name),
                       "frames counted from 1, or another cut of the clip", "count the clip's frames from 0");
   }
-
-  const pipeline::Config config = pipeline_config(params);
-  tool::OneThreadDecoder jpeg(params);
-  const auto state = std::make_unique<pipeline::State>();
-  const auto picture = rest_picture(clip, recording, std::move(last), config.luma);
+  auto picture = rest_picture(clip, recording, std::move(last), luma);
   if (const auto* error = std::get_if<sim::Error>(&picture)) return error->line;
-  if (const Status s =
-          pipeline::learn(*state, config, jpeg.get(), sim::as_frame(std::get<sim::RecordedFrame>(picture)));
-      !s.ok()) {
-    const ReasonInfo& why = info(s.reason);
-    return file.error(clip.line, fmt::format("{}: no rest position: {}", clip.path.string(), why.what), why.cause,
-                      why.next);
-  }
-
-  if (Error bad = learn_empty(clip, std::get<sim::RecordedFrame>(picture), config, jpeg.get(), *state)) {
-    return bad;
-  }
-
-  Trial trial = trial_of(clip);
-  trial.first = static_cast<int>(samples.rows.size());
-  sim::RecordedFrame recorded;
+  out.rest = std::get<sim::RecordedFrame>(std::move(picture));
+  sim::RecordedFrame frame;
   sim::Read read = sim::Read::kFrame;
-  while ((read = recording.next(recorded)) == sim::Read::kFrame) {
-    Row row = firmware_row(pipeline::update(*state, config, jpeg.get(), sim::as_frame(recorded)));
-    row.trial = static_cast<int>(samples.trials.size());
-    row.frame = static_cast<int>(recorded.index);
-    row.t_s = static_cast<double>(recorded.time.count()) * 1e-6;
-    row.label = label_of(clip, recorded.index);
-    row.slip_fraction = row.label == Label::kSlip ? 1.0 : 0.0;
-    samples.rows.push_back(row);
+  while ((read = recording.next(frame)) == sim::Read::kFrame) {
+    out.labels.push_back(label_of(clip, frame.index));
+    out.frames.push_back(frame);
   }
   if (read == sim::Read::kError) return recording.error();
-  trial.count = static_cast<int>(samples.rows.size()) - trial.first;
-  samples.trials.push_back(std::move(trial));
-  return {};
+  out.trial = trial_of(clip);
+  return find_empty(clip, out);
 }
 
-Error read_all(const fs::path& labels, const Params& params, Samples& samples,
-               const std::function<bool(int, int)>& progress) {
+}  // namespace
+
+std::optional<std::string> load_recordings(const fs::path& labels, const luma_input::Config& luma,
+                                           const std::function<Error(const RecordedClip&)>& visit,
+                                           const std::function<bool(int, int)>& progress) {
   LabelFile file(labels);
   std::vector<Clip> clips;
   if (Error bad = file.read(clips)) return bad;
   const int all = static_cast<int>(clips.size());
   for (int done = 0; done < all; ++done) {
-    if (Error bad = read_clip(file, clips[static_cast<std::size_t>(done)], params, samples)) return bad;
+    const Clip& clip = clips[idx(done)];
+    RecordedClip loaded;
+    if (Error bad = load_clip(file, clip, luma, loaded)) return bad;
+    if (Error bad = visit(loaded)) return file.error(clip.line, fmt::format("{}: {}", clip.path.string(), *bad));
     if (progress && !progress(done + 1, all)) {
       return fmt::format("{}: stopped after clip {} of {}. Likely cause: you asked for it. Next: run it again",
                          labels.string(), done + 1, all);
@@ -349,11 +328,42 @@ Error read_all(const fs::path& labels, const Params& params, Samples& samples,
   return {};
 }
 
-}  // namespace
+std::optional<std::string> learn_rest(const RecordedClip& clip, const pipeline::Config& config, JpegDecoder& jpeg,
+                                      pipeline::State& state) {
+  if (const Status s = pipeline::learn(state, config, jpeg, sim::as_frame(clip.rest)); !s.ok()) {
+    const ReasonInfo& why = info(s.reason);
+    return fmt::format("no rest position: {}. Likely cause: {}. Next: {}", why.what, why.cause, why.next);
+  }
+  for (const sim::RecordedFrame& frame : clip.empty) {
+    (void)pipeline::learn_more(state, config, jpeg, sim::as_frame(frame));
+  }
+  return {};
+}
 
-std::optional<std::string> read_recordings(const std::filesystem::path& labels, const Params& params, Samples& samples,
+std::optional<std::string> read_recordings(const fs::path& labels, const Params& params, Samples& samples,
                                            const std::function<bool(int, int)>& progress) {
-  Error bad = read_all(labels, with_all_features(params), samples, progress);
+  const pipeline::Config config = pipeline_config(with_all_features(params));
+  tool::OneThreadDecoder jpeg(params);
+  const auto play = [&](const RecordedClip& clip) -> Error {
+    const auto state = std::make_unique<pipeline::State>();
+    if (Error bad = learn_rest(clip, config, jpeg.get(), *state)) return bad;
+    Trial trial = clip.trial;
+    trial.first = static_cast<int>(samples.rows.size());
+    trial.count = static_cast<int>(clip.frames.size());
+    for (std::size_t k = 0; k < clip.frames.size(); ++k) {
+      const sim::RecordedFrame& recorded = clip.frames[k];
+      Row row = firmware_row(pipeline::update(*state, config, jpeg.get(), sim::as_frame(recorded)));
+      row.trial = static_cast<int>(samples.trials.size());
+      row.frame = static_cast<int>(recorded.index);
+      row.t_s = static_cast<double>(recorded.time.count()) * 1e-6;
+      row.label = clip.labels[k];
+      row.slip_fraction = row.label == Label::kSlip ? 1.0 : 0.0;
+      samples.rows.push_back(row);
+    }
+    samples.trials.push_back(std::move(trial));
+    return {};
+  };
+  Error bad = load_recordings(labels, config.luma, play, progress);
   if (bad) samples = {};
   return bad;
 }

@@ -30,6 +30,7 @@ constexpr std::array<Choice, kFilms> kChoices{{
 }};
 // The committed trees learned from seeds up to 11 (toolchain/model/train.sh).
 constexpr std::uint64_t kSeed = 907;
+constexpr std::uint64_t kLessonSeed = 911;
 // Sigma of the sensor's picture, grey levels, at the quality that it sends.
 constexpr double kNoise = 3.0;
 
@@ -51,6 +52,14 @@ DisplacementField moved(const scene::Snapshot& truth, const scene::Scene& scene)
     out.markers[i] = {micrometres(truth.motion_mm[i].x), micrometres(truth.motion_mm[i].y), true};
   }
   return out;
+}
+
+std::vector<learn::PlannedGrasp> planned_grasps(std::uint64_t seed, int every) {
+  learn::Plan plan;
+  learn::PlanOptions options;
+  options.seed = seed;
+  (void)learn::make_plan(options, plan);  // all objects and kinds: nothing to be refused
+  return learn::thinned(plan, every);
 }
 
 }  // namespace
@@ -108,11 +117,11 @@ Grasp play(const learn::PlannedGrasp& grasp) {
 }
 
 std::vector<learn::PlannedGrasp> planned_grasps(int every) {
-  learn::Plan plan;
-  learn::PlanOptions options;
-  options.seed = kSeed;
-  (void)learn::make_plan(options, plan);  // all objects and kinds: nothing to be refused
-  return learn::thinned(plan, every);
+  return planned_grasps(kSeed, every);
+}
+
+std::vector<learn::PlannedGrasp> grasps_to_learn_from(int every) {
+  return planned_grasps(kLessonSeed, every);
 }
 
 }  // namespace holdfast::trade

@@ -45,8 +45,9 @@ struct Grasp {
 inline constexpr int kFilms = 6;
 [[nodiscard]] Film shoot(int which);  // 0 .. kFilms - 1; 90 MB each
 
-// The names of every so many-th of the planned grasps, and one of them played.
+// The names of every so many-th of the planned grasps, and of others for who learns (learned.hpp); one of them played.
 [[nodiscard]] std::vector<learn::PlannedGrasp> planned_grasps(int every);
+[[nodiscard]] std::vector<learn::PlannedGrasp> grasps_to_learn_from(int every);
 [[nodiscard]] Grasp play(const learn::PlannedGrasp& grasp);
 
 }  // namespace holdfast::trade

@@ -79,6 +79,19 @@ std::vector<Point> points() {
   for (const int bits : {6, 4, 3, 2, 0}) {
     list.add("centres", fmt::format("Q{}", bits)).tuning.centre_bits = bits;
   }
+  const auto learned = [&](std::string_view set, int depth) {
+    Point& point = list.add("tree taught here", fmt::format("{}: depth {}", set, depth));
+    point.tuning.learned_set = set;
+    point.tuning.learned_depth = depth;
+  };
+  for (const std::string_view set : {"velocity", "entropy", "paper"}) learned(set, 8);
+  for (const int depth : {2, 4, 8, 16}) learned("field", depth);
+  for (const Bins bins : {Bins{15, false}, {15, true}, {7, false}, {30, false}}) {
+    Point& point =
+        list.add("desk computer", fmt::format("double; DTrees; {} {} bins", bins.count, bins.soft ? "soft" : "hard"));
+    point.tuning.rival = Rival::kDesk;
+    point.tuning.bins = bins;
+  }
   const auto rival = [&](std::string_view name, Rival which) {
     list.add("others", std::string(name)).tuning.rival = which;
   };

@@ -8,21 +8,24 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "app/params.hpp"
 #include "app/pipeline.hpp"
 #include "tactile/types.hpp"
+#include "toolchain/trade/learned.hpp"
 
 namespace holdfast::trade {
 
-// What others do with the same pictures, told where the markers lie at first; pictures alone.
+// What others do with the same pictures, told where the markers lie at first; pictures alone. Or with the same markers.
 enum class Rival : std::uint8_t {
   kNone,
   kBlobs,         // OpenCV: grey at 1/8, Canny, SimpleBlobDetector: the paper's method
   kBlurredBlobs,  // the same after a Gaussian blur of 5 pixels
   kFlow,          // OpenCV: grey at 1/8, pyramidal Lucas-Kanade: what the vendor's library does
   kFullBlobs,     // the paper's method at full size
+  kDesk,          // double precision and OpenCV's DTrees (learned.hpp), markers alone
 };
 
 enum class ModelChoice : std::uint8_t { kCommitted, kPaper };
@@ -37,7 +40,11 @@ struct Tuning {
   // From here on what only a run from markers can impose (Grasp).
   int marker_every = 1;  // of the rows, and of the columns
   int centre_bits = 8;   // of a centre's fraction: the rest is rounded away
+  // A tree that the run teaches itself, from the markers on: on this feature set, so deep. 0: none.
+  std::string_view learned_set;
+  int learned_depth = 0;
   Rival rival = Rival::kNone;
+  Bins bins{};  // of kDesk
 };
 
 struct Point {
@@ -48,7 +55,8 @@ struct Point {
   Tuning tuning;
 
   // Whether a picture cannot show it: such a setting is tried on markers alone.
-  [[nodiscard]] bool needs_markers() const { return tuning.marker_every > 1 || tuning.centre_bits < 8; }
+  [[nodiscard]] bool needs_markers() const { return tuning.marker_every > 1 || tuning.centre_bits < 8 || learns(); }
+  [[nodiscard]] bool learns() const { return tuning.learned_depth > 0 || tuning.rival == Rival::kDesk; }
 };
 
 // The first three are the shipped modes, in their order.

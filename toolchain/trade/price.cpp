@@ -42,8 +42,10 @@ class TimedDecoder final : public JpegDecoder {
 };
 
 struct Firmware {
-  explicit Firmware(const Point& point) {
-    if (point.tuning.model == ModelChoice::kPaper) {
+  Firmware(const Point& point, const Lessons& lessons) {
+    if (point.tuning.learned_depth > 0) {
+      tree = std::make_unique<model::Tree>(lessons.tree(point.tuning.learned_set, point.tuning.learned_depth));
+    } else if (point.tuning.model == ModelChoice::kPaper) {
       treec::Model model;
       (void)treec::parse(learn::paper_model_text(), model);
       tree = std::make_unique<model::Tree>(treec::to_table(model));
@@ -70,13 +72,16 @@ class Trial {
     samples_.trials.front().first = 0;
   }
 
-  void add(std::size_t frame, Micros time, const pipeline::Result& result) {
+  void add(std::size_t frame, Micros time, bool accepted, bool slips) {
     learn::Row& row = samples_.rows.emplace_back();
     row.frame = static_cast<int>(frame);
     row.t_s = static_cast<double>(time.count()) * 1e-6;
     row.label = labels_[frame];
-    row.accepted = result.quality.ok() && result.referenced;
-    verdicts_.push_back(row.accepted && result.verdict == Verdict::kSlip ? 1 : 0);
+    row.accepted = accepted;
+    verdicts_.push_back(accepted && slips ? 1 : 0);
+  }
+  void add(std::size_t frame, Micros time, const pipeline::Result& result) {
+    add(frame, time, result.quality.ok() && result.referenced, result.verdict == Verdict::kSlip);
   }
   void count(const decision::Config& config, learn::ConditionScore& out) {
     samples_.trials.front().count = static_cast<int>(samples_.rows.size());
@@ -154,9 +159,11 @@ struct Times {
 }  // namespace
 
 struct Trialled::State {
-  explicit State(Point asked) : point(std::move(asked)) {
+  State(Point asked, const Lessons& lessons) : point(std::move(asked)) {
     if (point.tuning.rival == Rival::kNone) {
-      firmware = std::make_unique<Firmware>(point);
+      firmware = std::make_unique<Firmware>(point, lessons);
+    } else if (point.tuning.rival == Rival::kDesk) {
+      desk = lessons.desk_tree(point.tuning.bins);
     } else {
       rival = std::make_unique<RivalTracker>(point.tuning.rival);
     }
@@ -175,9 +182,24 @@ struct Trialled::State {
     }
   }
 
+  void show_at_desk(const Grasp& grasp) {
+    DoubleFeatures features(point.tuning.bins);
+    Trial grasp_trial(grasp.trial, grasp.labels);
+    for (std::size_t k = 0; k < grasp.sights.size(); ++k) {
+      const Sight& sight = grasp.sights[k];
+      const double start = tool::thread_us();
+      const auto values = features.update(sight.markers, sight.time);
+      const bool slips = values && desk->slips(*values);
+      grasped_us.push_back(tool::thread_us() - start);
+      grasp_trial.add(k, sight.time, values.has_value(), slips);
+    }
+    grasp_trial.count({}, *grasped);
+  }
+
   Point point;
   std::unique_ptr<Firmware> firmware;
   std::unique_ptr<RivalTracker> rival;
+  std::unique_ptr<DeskTree> desk;
   std::unique_ptr<pipeline::State> pipeline;
   std::optional<Trial> trial;
   Times times;
@@ -185,9 +207,12 @@ struct Trialled::State {
   MarkerError markers;
   EntropyError filmed_entropy, grasped_entropy;
   std::optional<learn::ConditionScore> filmed, grasped;
+  std::vector<double> grasped_us;
+  learn::Samples recorded;
+  std::vector<std::uint8_t> recorded_verdicts;
 };
 
-Trialled::Trialled(const Point& point) : state_(std::make_unique<State>(point)) {}
+Trialled::Trialled(const Point& point, const Lessons& lessons) : state_(std::make_unique<State>(point, lessons)) {}
 Trialled::~Trialled() = default;
 Trialled::Trialled(Trialled&&) noexcept = default;
 
@@ -237,13 +262,20 @@ void Trialled::show(const Grasp& grasp) {
   State& s = *state_;
   if (s.rival) return;
   if (!s.grasped) s.grasped.emplace();
+  if (s.desk) {
+    s.show_at_desk(grasp);
+    return;
+  }
   const pipeline::Config& config = s.firmware->config;
   const auto state = std::make_unique<pipeline::State>();
   Trial trial(grasp.trial, grasp.labels);
   for (std::size_t k = 0; k < grasp.sights.size(); k += static_cast<std::size_t>(s.point.tuning.frame_every)) {
     const Sight& sight = grasp.sights[k];
-    const pipeline::Result result = pipeline::update_markers(*state, config, coarsened(sight.markers, s.point.tuning),
-                                                             sight.time, static_cast<std::uint32_t>(k));
+    const MarkerField markers = coarsened(sight.markers, s.point.tuning);
+    const double start = tool::thread_us();
+    const pipeline::Result result =
+        pipeline::update_markers(*state, config, markers, sight.time, static_cast<std::uint32_t>(k));
+    s.grasped_us.push_back(tool::thread_us() - start);
     trial.add(k, sight.time, result);
     // Fewer markers are not the histogram of all.
     if (s.point.tuning.marker_every == 1) s.grasped_entropy.add(config.features, sight.moved, result);
@@ -251,10 +283,33 @@ void Trialled::show(const Grasp& grasp) {
   trial.count(config.decision, *s.grasped);
 }
 
+void Trialled::show(const learn::RecordedClip& clip) {
+  State& s = *state_;
+  if (s.point.needs_markers() || s.rival) return;
+  const auto state = std::make_unique<pipeline::State>();
+  const bool learned = !learn::learn_rest(clip, s.firmware->config, *s.firmware->timed, *state);
+  learn::Trial trial = clip.trial;
+  trial.first = static_cast<int>(s.recorded.rows.size());
+  for (std::size_t k = 0; k < clip.frames.size(); k += static_cast<std::size_t>(s.point.tuning.frame_every)) {
+    const sim::RecordedFrame& shot = clip.frames[k];
+    const pipeline::Result result =
+        pipeline::update(*state, s.firmware->config, *s.firmware->timed, sim::as_frame(shot));
+    learn::Row& row = s.recorded.rows.emplace_back();
+    row.trial = static_cast<int>(s.recorded.trials.size());
+    row.frame = static_cast<int>(shot.index);
+    row.t_s = static_cast<double>(shot.time.count()) * 1e-6;
+    row.label = clip.labels[k];
+    row.accepted = learned && result.quality.ok() && result.referenced;
+    s.recorded_verdicts.push_back(row.accepted && result.verdict == Verdict::kSlip ? 1 : 0);
+    ++trial.count;
+  }
+  s.recorded.trials.push_back(trial);
+}
+
 Price Trialled::price() const {
   const State& s = *state_;
   Price price;
-  price.memory_bytes = memory_bytes(s.point);
+  if (s.firmware) price.memory_bytes = memory_bytes(s.point);
   if (s.seen.frames > 0) {
     price.seen = s.seen;
     price.seen->us_p50 = percentile(s.times.all_us, 0.5);
@@ -267,7 +322,11 @@ Price Trialled::price() const {
   }
   if (s.grasped) {
     price.grasped = s.grasped;
+    price.grasped_us_p50 = percentile(s.grasped_us, 0.5);
     price.grasped_entropy_error_nat = s.grasped_entropy.mean();
+  }
+  if (!s.recorded.trials.empty()) {
+    price.recorded = learn::score_recordings(s.recorded, s.recorded_verdicts, s.firmware->config.decision);
   }
   return price;
 }

@@ -4,7 +4,7 @@
 // Time is thread CPU time of this machine, median over the frames; ratios are what may be compared between machines.
 // Marker error: RMS over all markers and frames of the films, in px of a picture 320 wide. Error of E: mean of |E minus
 // the E of the true displacements in the same bins|. Decisions are counted as in learn/study.hpp, the verdict frame by
-// frame and the request event by event.
+// frame and the request event by event; those of recordings as in learn/recorded.hpp.
 #pragma once
 
 #include <cstddef>
@@ -12,6 +12,8 @@
 #include <memory>
 #include <optional>
 
+#include "toolchain/learn/dataset.hpp"
+#include "toolchain/learn/recorded.hpp"
 #include "toolchain/learn/study.hpp"
 #include "toolchain/trade/film.hpp"
 #include "toolchain/trade/knobs.hpp"
@@ -38,14 +40,17 @@ struct Price {
   std::optional<Seen> seen;       // rms and entropy mean nothing when all was rejected
   std::optional<learn::ConditionScore> filmed;
   std::optional<learn::ConditionScore> grasped;  // from the markers on: without the imprint
+  double grasped_us_p50 = 0.0;                   // a frame of these, from the markers to the request
   double grasped_entropy_error_nat = 0.0;        // likewise
+  std::optional<learn::RecordedScore> recorded;
 };
 
 // One setting on trial. Whoever tries several shows each frame to all of them by turns: what the machine does meanwhile
 // meets all alike.
 class Trialled {
  public:
-  explicit Trialled(const Point& point);
+  // `lessons`: for points that learn; none of the others looks at it.
+  Trialled(const Point& point, const Lessons& lessons);
   ~Trialled();
   Trialled(Trialled&&) noexcept;
   Trialled& operator=(Trialled&&) = delete;
@@ -56,6 +61,9 @@ class Trialled {
   void show(const Film& film, std::size_t k);
   // A whole grasp from its markers on. Nothing happens when the point wants pictures.
   void show(const Grasp& grasp);
+  // A recording likewise; a setting that finds no rest position in it refuses all of its frames. Nothing happens when
+  // the point needs markers or is a rival.
+  void show(const learn::RecordedClip& clip);
   [[nodiscard]] Price price() const;
 
  private:

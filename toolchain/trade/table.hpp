@@ -18,7 +18,7 @@
 
 namespace holdfast::trade {
 
-inline constexpr std::size_t kFigures = 22;
+inline constexpr std::size_t kFigures = 26;
 // What is measured of a line, in the order of the CSV's columns. The six of decisions follow each other alike.
 enum : std::uint8_t {
   kUsP50,
@@ -36,6 +36,7 @@ enum : std::uint8_t {
   kFilmDelayP50,
   kFilmDelayP95,
   kFilmAlarms,
+  kGraspUs,
   kGraspEntropyError,
   kGraspBalanced,
   kGraspOnsets,
@@ -43,6 +44,9 @@ enum : std::uint8_t {
   kGraspDelayP50,
   kGraspDelayP95,
   kGraspAlarms,
+  kClipOnsets,
+  kClipHits,
+  kClipAlarms,
 };
 struct Line {
   long index = 0;  // of points(), from 0

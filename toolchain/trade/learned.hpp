@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// Judges that a run teaches itself, on grasps that nothing else of it sees: our own tree with less depth or on other
+// features, and what a desk computer would take in its place, features in double precision and OpenCV's DTrees.
+//
+// What they are for is the comparison among themselves. The committed trees have learned from far more grasps
+// (toolchain/model/train.sh).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "slip/model.hpp"
+#include "tactile/types.hpp"
+#include "toolchain/learn/samples.hpp"
+#include "toolchain/trade/film.hpp"
+#include "vision/markers.hpp"
+
+namespace holdfast::trade {
+
+// Of the histogram of |D|, `count` bins over the paper's range.
+struct Bins {
+  int count = kHistogramBins;
+  bool soft = false;  // a marker counts in the two bins whose centres it lies between, linearly
+};
+
+// The paper's four, written with roots and logarithms: Vx, Vy in um/s, E in nat, dE/dt in nat/s. Learns the rest
+// position from the first frames, as the firmware does, and has no features meanwhile.
+class DoubleFeatures {
+ public:
+  explicit DoubleFeatures(const Bins& bins) : bins_(bins) {}
+  using Values = std::array<float, 4>;
+  [[nodiscard]] std::optional<Values> update(const MarkerField& field, Micros time);
+
+ private:
+  [[nodiscard]] double entropy_nat(const std::vector<double>& lengths_um) const;
+
+  struct Place {
+    double x = 0.0, y = 0.0;
+  };
+  Bins bins_;
+  int learned_ = 0;
+  double um_per_px_ = 0.0;
+  std::vector<Place> rest_px_;
+  std::vector<Place> before_um_;
+  double entropy_before_ = 0.0;
+  Micros time_before_{};
+};
+
+class DeskTree {
+ public:
+  virtual ~DeskTree() = default;
+  [[nodiscard]] virtual bool slips(const DoubleFeatures::Values& values) const = 0;
+};
+
+class Lessons {
+ public:
+  // Plays every so many-th of the grasps that are there to learn from; 0: none.
+  explicit Lessons(int every);
+
+  // There must be some. Range: the name of a feature set of the markers alone; depth 1 to 16. One that these grasps
+  // teach nothing says hold.
+  [[nodiscard]] model::Tree tree(std::string_view set, int depth) const;
+  [[nodiscard]] std::unique_ptr<DeskTree> desk_tree(const Bins& bins) const;
+
+ private:
+  std::vector<Grasp> grasps_;
+  learn::Samples samples_;
+};
+
+}  // namespace holdfast::trade
