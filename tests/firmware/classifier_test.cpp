@@ -135,6 +135,22 @@ TEST(Classifier, AModelWithAScoreFillsIt) {
   UNSIGNED_LONGS_EQUAL(1, saturations.count);
 }
 
+// As many terms as there may be: eight times log2(0 + 2). In a constant expression, where nothing may be read beyond
+// the last of them.
+TEST(Classifier, AScoreMayHaveEightTerms) {
+  constexpr std::int32_t kFilled = [] {
+    model::Tree tree;
+    tree.set = find_feature_set("score");
+    tree.score.count = score::kMaxTerms;
+    for (int i = 0; i < score::kMaxTerms; ++i) tree.score.terms[idx(i)] = {static_cast<std::uint8_t>(i), 256, 2};
+    Features at_rest;
+    Saturations saturations;
+    classifier::complete({&tree}, at_rest, saturations);
+    return at_rest.marker_score.raw();
+  }();
+  LONGS_EQUAL(8 * 256, kFilled);
+}
+
 TEST(Classifier, AModelWithoutAScoreFillsNothing) {
   const model::Tree tree = slip_up_to(*find_feature_set("paper"), 0, 0);
   features.marker_score = Log2Q8::from_raw(77);

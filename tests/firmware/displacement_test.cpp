@@ -108,3 +108,11 @@ TEST(Displacement, OfALostMarkerIsNothing) {
   LONGS_EQUAL(0, out.markers[3].dx.raw());
   LONGS_EQUAL(0, out.markers[4].dx.raw());
 }
+
+// Behind the last marker of a lattice stands what a larger one left there.
+TEST(Displacement, IsOfTheLatticeOnly) {
+  rest.markers[63] = {raw(700), raw(800), true};
+  now.markers[63] = {raw(900), raw(800), true};
+  displacement::update({}, now, rest, raw(8166), saturations, out);
+  CHECK_FALSE(out.markers[63].valid);
+}

@@ -83,6 +83,19 @@ Reference reference_of(const DisplacementField& field) {
   return out;
 }
 
+double cosine_of(const DisplacementField& a, const DisplacementField& b) {
+  double dot = 0, aa = 0, bb = 0;
+  for (int i = 0; i < kGrid.count(); ++i) {
+    const MarkerDisplacement& u = a.markers[idx(i)];
+    const MarkerDisplacement& v = b.markers[idx(i)];
+    if (!u.valid || !v.valid) continue;
+    dot += double(u.dx.raw()) * v.dx.raw() + double(u.dy.raw()) * v.dy.raw();
+    aa += std::pow(u.dx.raw(), 2) + std::pow(u.dy.raw(), 2);
+    bb += std::pow(v.dx.raw(), 2) + std::pow(v.dy.raw(), 2);
+  }
+  return dot / std::sqrt(aa * bb);
+}
+
 DisplacementField random_field(std::mt19937& rng, double size_um, double lost) {
   std::normal_distribution<double> normal(0.0, size_um);
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
@@ -150,6 +163,18 @@ TEST(FieldFeatures, flow_is_the_difference_over_the_lag) {
     DOUBLES_EQUAL(want.evenness, got.flow_evenness.raw() / 1024.0, 3.0 / 1024);
     DOUBLES_EQUAL(want.dilation / 0.12, got.dilation_rate.raw(), 10.0 + 1e-3 * std::abs(want.dilation));
     DOUBLES_EQUAL((reference_of(last).residual - reference_of(first).residual) / 0.12, got.residual_rate.raw(), 3.0);
+    DOUBLES_EQUAL(cosine_of(flow, last), got.flow_along.raw() / 1024.0, 1.0 / 1024);
+  }
+}
+
+// Whatever the clock shows by then.
+TEST(FieldFeatures, there_is_no_flow_until_a_field_is_a_tenth_of_a_second_old) {
+  std::mt19937 rng(9);
+  Bench bench;
+  for (const bool flows : {false, false, false, true}) {
+    const FieldFeatures got = bench.next(random_field(rng, 300, 0.0));
+    CHECK_EQUAL(flows, got.flow_evenness.raw() > 0);
+    CHECK_EQUAL(flows, got.residual_rate.raw() != 0);
   }
 }
 

@@ -107,6 +107,14 @@ TEST(ModelFile, ReadsWhatTheTableSays) {
   CHECK(Node{} == tree.nodes[3]);
 }
 
+TEST(ModelFile, NamesMayHoldTheFirstAndTheLastOfLettersAndDigits) {
+  for (const char* name : {"a", "z", "za_09"}) {
+    model::Tree tree;
+    CHECK(Refusal::kNone == model_file::read(model_bytes(kSet, small(), name), tree));
+    STRCMP_EQUAL(name, std::string(name_of(tree)).c_str());
+  }
+}
+
 TEST(ModelFile, ReadsTheScoreThatTheTableSays) {
   model::Tree tree;
   const ScoreBlock block{-123'456, {{"entropy_nat_q16", -32768, 65535, 16}, {"vx_um_s", 32767, 1, 0}}};
