@@ -523,7 +523,7 @@ TEST(Imprint, AnyLatticeInAnyPicture) {
         gel.grid = grid;
         gel.width = width;
         gel.height = height;
-        gel.px_per_mm = fill * width / (kPitch_mm * grid.cols);
+        gel.px_per_mm = fill * width / (kPitch_mm * std::max<int>(grid.cols, grid.rows / 2));
         const std::vector<std::uint8_t> pixels = gel.picture(random);
         const LumaView view{pixels.data(), width, height, width};
         auto state = std::make_unique<imprint::State>();
