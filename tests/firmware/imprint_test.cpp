@@ -182,6 +182,10 @@ struct Bench {
   test::ImprintReference::Seen expected;
 };
 
+std::int64_t usable(const imprint::State& state) {
+  return std::count_if(state.frames.begin(), state.frames.end(), [](const imprint::Frame& f) { return f.usable; });
+}
+
 double um(Log2Q8 motion) {
   return std::exp2(motion.raw() / 256.0);
 }
@@ -316,12 +320,316 @@ TEST(Imprint, ALatticeTooLargeForTheMemoryIsReducedOnceMore) {
   gel.px_per_mm = 22.2 / kPitch_mm;
   Bench bench(gel);
   LONGS_EQUAL(1, bench.state->picture.reduction_log2);
+  LONGS_EQUAL(4 * 64, usable(*bench.state));  // of every second dot
   CHECK(bench.state->picture.width * bench.state->picture.height <= imprint::kMaxReducedPixels);
   bench.gel.relief = ribs(12.0, 2.4);
   (void)bench.wait(8);
   bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
   const double expected = motion_of(gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {0.08, 0.0}));
   DOUBLES_EQUAL(expected, um(bench.step().motion), 0.1 * expected);
+}
+
+TEST(Imprint, TheLargestGridSoldHasPatchesAtEveryDot) {
+  Gel gel;
+  gel.grid = {8, 10};
+  gel.px_per_mm = 14.0;
+  Bench bench(gel);
+  LONGS_EQUAL(4 * 80, usable(*bench.state));
+  bench.gel.relief = ribs(12.0, 2.4);
+  (void)bench.wait(8);
+  bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
+  const double expected = motion_of(gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {0.08, 0.0}));
+  DOUBLES_EQUAL(expected, um(bench.step().motion), 0.1 * expected);
+}
+
+// Two pitches around the lattice, whichever of its corners sticks out, in whole boxes; cut at the picture's edges.
+TEST(Imprint, OnlyWhatTheLatticeCanReachIsReduced) {
+  for (const auto& [width, height, pitch_px, side] :
+       {std::array{320, 240, 20, 1}, {200, 150, 20, 1}, {640, 480, 33, 2}, {321, 241, 33, 2}}) {
+    for (const int corner : {0, 8, 54, 62}) {
+      Gel gel;
+      gel.width = width;
+      gel.height = height;
+      gel.px_per_mm = pitch_px / kPitch_mm;
+      MarkerField rest = gel.field({});
+      Marker& out = rest.markers[idx(corner)];
+      out.x = PixelsQ8::from_raw(out.x.raw() + (corner % 9 == 0 ? -2'560 : 2'560));
+      out.y = PixelsQ8::from_raw(out.y.raw() + (corner < 9 ? -2'560 : 2'560));
+      double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
+      for (int i = 0; i < gel.grid.count(); ++i) {
+        const double x = rest.markers[idx(i)].x.raw() / 256.0, y = rest.markers[idx(i)].y.raw() / 256.0;
+        left = std::min(left, x - 2 * pitch_px);
+        top = std::min(top, y - 2 * pitch_px);
+        right = std::max(right, x + 2 * pitch_px);
+        bottom = std::max(bottom, y + 2 * pitch_px);
+      }
+      const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(width * height), 200);
+      auto state = std::make_unique<imprint::State>();
+      Saturations saturations;
+      (void)imprint::update(*state, {}, {pixels.data(), width, height, width}, rest, rest, gel.pitch(), true,
+                            Micros{40'000}, saturations);
+      const auto boxes = [side = side](double px) { return static_cast<int>(std::floor(px)) / side; };
+      LONGS_EQUAL(boxes(std::max(left, 0.0)), state->picture.left);
+      LONGS_EQUAL(boxes(std::max(top, 0.0)), state->picture.top);
+      LONGS_EQUAL(boxes(std::min(right + 1.0, double(width))), state->picture.left + state->picture.width);
+      LONGS_EQUAL(boxes(std::min(bottom + 1.0, double(height))), state->picture.top + state->picture.height);
+    }
+  }
+}
+
+// 11 to 23 pixels a pitch, up to 16 from one; light that is the same everywhere stays as it is, 16 times.
+TEST(Imprint, ReducedByPowersOfTwo) {
+  for (const double pitch_px : {8.0, 20.0, 22.6, 22.7, 40.0, 45.2, 45.3, 90.0, 91.0, 180.0, 182.0, 360.0, 370.0}) {
+    Gel gel;
+    gel.grid = {3, 3};
+    gel.width = std::min(1640, static_cast<int>(8 * pitch_px));
+    gel.height = std::min(1232, static_cast<int>(8 * pitch_px));
+    gel.px_per_mm = pitch_px / kPitch_mm;
+    const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(gel.width * gel.height), 255);
+    auto state = std::make_unique<imprint::State>();
+    Saturations saturations;
+    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, gel.field({}), gel.field({}),
+                          gel.pitch(), true, Micros{40'000}, saturations);
+    const imprint::Reduced& reduced = state->picture;
+    LONGS_EQUAL(std::clamp(std::lround(std::log2(pitch_px / 16.0)), 0L, 4L), reduced.reduction_log2);
+    for (int i = 0; i < reduced.width * reduced.height; ++i) LONGS_EQUAL(16 * 255, reduced.pixels[idx(i)]);
+    for (int p = 0; p < 4 * gel.grid.count(); ++p) {
+      CHECK(state->last.seen[idx(p)]);
+      for (const std::int16_t sample : state->last.samples[idx(p)]) LONGS_EQUAL(16 * 255, sample);
+    }
+  }
+}
+
+// Means of boxes, then 1-2-1 both ways, the edges repeated. Rounded once, to nearest; boxes of 4x4 pixels and more once
+// before, to a quarter of a level.
+TEST(Imprint, ReducedPixelsAreSmoothedMeansOfBoxes) {
+  std::mt19937 random(4);
+  for (const int side : {1, 2, 4, 8, 16}) {
+    Gel gel;
+    gel.grid = {2, 3};
+    gel.width = 90 * side;
+    gel.height = 70 * side;
+    gel.px_per_mm = 16.0 * side / kPitch_mm;
+    std::vector<std::uint8_t> pixels(static_cast<std::size_t>(gel.width * gel.height));
+    for (std::uint8_t& pixel : pixels) pixel = static_cast<std::uint8_t>(random());
+    auto state = std::make_unique<imprint::State>();
+    Saturations saturations;
+    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, gel.field({}), gel.field({}),
+                          gel.pitch(), true, Micros{40'000}, saturations);
+    const imprint::Reduced& reduced = state->picture;
+    std::vector<double> boxes(static_cast<std::size_t>(reduced.width * reduced.height));
+    for (int y = 0; y < reduced.height * side; ++y) {
+      for (int x = 0; x < reduced.width * side; ++x) {
+        const int pixel = pixels[idx((reduced.top * side + y) * gel.width + reduced.left * side + x)];
+        boxes[idx(y / side * reduced.width + x / side)] += pixel / double(side * side);
+      }
+    }
+    for (int y = 0; y < reduced.height; ++y) {
+      for (int x = 0; x < reduced.width; ++x) {
+        double want = 0.0;
+        for (int v = -1; v <= 1; ++v) {
+          for (int u = -1; u <= 1; ++u) {
+            const int row = std::clamp(y + v, 0, reduced.height - 1), col = std::clamp(x + u, 0, reduced.width - 1);
+            want += (2 - std::abs(v)) * (2 - std::abs(u)) * boxes[idx(row * reduced.width + col)];
+          }
+        }
+        DOUBLES_EQUAL(want, reduced.pixels[idx(y * reduced.width + x)], side <= 2 ? 0.5 : 2.5);
+      }
+    }
+  }
+}
+
+// At every scale: a box's centre lies between its pixels. Rounding: a 4096th for the place, half of one for each step.
+TEST(Imprint, APatchBeginsHalfAStepFromItsDot) {
+  for (const int side : {1, 2, 4, 8, 16}) {
+    Gel gel;
+    gel.grid = {2, 2};
+    gel.width = gel.height = 70 * side;
+    gel.px_per_mm = 16.0 * side / kPitch_mm;
+    const MarkerField rest = gel.field({});
+    const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(gel.width * gel.height), 200);
+    auto state = std::make_unique<imprint::State>();
+    Saturations saturations;
+    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, rest, rest, gel.pitch(), true,
+                          Micros{40'000}, saturations);
+    LONGS_EQUAL(side, 1 << state->picture.reduction_log2);
+    for (int p = 0; p < 16; ++p) {
+      const Marker& dot = rest.markers[idx(p / 4)];
+      const auto want = [&](int q8, int towards, int origin) {
+        return (q8 / 256.0 + towards * 0.5 * side - (side - 1) / 2.0) / side - origin;
+      };
+      const imprint::Frame& frame = state->frames[idx(p)];
+      DOUBLES_EQUAL(want(dot.x.raw(), p % 2 == 0 ? 1 : -1, state->picture.left), frame.x_q12 / 4096.0, 2.0 / 4096);
+      DOUBLES_EQUAL(want(dot.y.raw(), p % 4 < 2 ? 1 : -1, state->picture.top), frame.y_q12 / 4096.0, 2.0 / 4096);
+    }
+  }
+}
+
+// To a 256th of a pixel: from the centre of the first pixel up to that of the last, which it does not reach. The
+// slanted lattice's links are (20, 2) and (2, 20) pixels, so a patch's far corner lies 7.5 / 16 of 22 pixels from its
+// dot.
+TEST(Imprint, APatchIsSeenUntilItsFarCornerLeavesThePicture) {
+  constexpr int kWidth = 100, kHeight = 80;
+  constexpr int kFar_q8 = 22 * 256 * 15 / 32;
+  const std::vector<std::uint8_t> pixels(kWidth * kHeight, 200);
+  const auto lattice = [](int dx_q8, int dy_q8) {
+    MarkerField field;
+    field.grid = {3, 3};
+    for (int i = 0; i < 9; ++i) {
+      const int row = i / 3, col = i % 3;
+      field.markers[idx(i)] = {PixelsQ8::from_raw(256 * (30 + 20 * col + 2 * row) + dx_q8),
+                               PixelsQ8::from_raw(256 * (20 + 20 * row + 2 * col) + dy_q8), true};
+    }
+    return field;
+  };
+  const auto sees = [&](int patch, int dx_q8, int dy_q8) {
+    auto state = std::make_unique<imprint::State>();
+    Saturations saturations;
+    (void)imprint::update(*state, {}, {pixels.data(), kWidth, kHeight, kWidth}, lattice(dx_q8, dy_q8), lattice(0, 0),
+                          PixelsQ8::from_raw(20 * 256), true, Micros{40'000}, saturations);
+    return state->last.seen[idx(patch)];
+  };
+  constexpr int kFirst = 4 * 0 + 3, kLast = 4 * 8;  // the first dot's towards (-x, -y), the last one's towards (+x, +y)
+  const int left = kFar_q8 - 256 * 30, top = kFar_q8 - 256 * 20;
+  CHECK(sees(kFirst, left, 0));
+  CHECK_FALSE(sees(kFirst, left - 1, 0));
+  CHECK(sees(kFirst, 0, top));
+  CHECK_FALSE(sees(kFirst, 0, top - 1));
+  const int right = 256 * (kWidth - 1 - 74) - kFar_q8, bottom = 256 * (kHeight - 1 - 64) - kFar_q8;
+  CHECK(sees(kLast, right - 1, 0));
+  CHECK_FALSE(sees(kLast, right, 0));
+  CHECK(sees(kLast, 0, bottom - 1));
+  CHECK_FALSE(sees(kLast, 0, bottom));
+}
+
+// A picture that brightens by a level a pixel, on a gel that was learned without noise: relief and change are whole
+// numbers that do not depend on the place. 16 patches.
+struct Slope {
+  explicit Slope(int pitch_px) : size(3 * pitch_px), pitch_q8(256 * pitch_px) {
+    for (int k = 0; k < 12; ++k) (void)step(0, true);
+  }
+  ImprintFeatures step(int levels_per_px, bool empty = false) {
+    std::vector<std::uint8_t> pixels(static_cast<std::size_t>(size * size));
+    for (int i = 0; i < size * size; ++i) {
+      pixels[idx(i)] = static_cast<std::uint8_t>(120 + levels_per_px * (i % size - size / 2));
+    }
+    MarkerField lattice;
+    lattice.grid = {2, 2};
+    for (int i = 0; i < 4; ++i) {
+      lattice.markers[idx(i)] = {PixelsQ8::from_raw(pitch_q8 * (1 + i % 2)), PixelsQ8::from_raw(pitch_q8 * (1 + i / 2)),
+                                 true};
+    }
+    time += Micros{120'000};
+    return imprint::update(*state, config, {pixels.data(), size, size, size}, lattice, lattice,
+                           PixelsQ8::from_raw(pitch_q8), empty, time, saturations);
+  }
+
+  int size, pitch_q8;
+  Micros time{0};
+  imprint::Config config;
+  Saturations saturations;
+  std::unique_ptr<imprint::State> state = std::make_unique<imprint::State>();
+};
+
+// Samples 1.25 pixels apart differ by 20: G = 400. At a pitch of 10 or 11 pixels it is 100 or 121, of which the second
+// is above 0.47 levels^2.
+TEST(Imprint, AReliefMustExceedTheThreshold) {
+  LONGS_EQUAL(0, Slope(10).step(1).patches.raw());
+  LONGS_EQUAL(16, Slope(11).step(1).patches.raw());
+  Slope slope(20);
+  for (const int floor_q8 : {399, 400}) {
+    slope.config.contact_floor_q8 = floor_q8;
+    LONGS_EQUAL(floor_q8 == 399 ? 16 : 0, slope.step(1).patches.raw());
+    CHECK_EQUAL(floor_q8 == 399, slope.step(-1).motion_short.raw() > 0);
+  }
+}
+
+// 1.2 levels^2 and 0.12 for each patch are added to both reliefs, and what noise has in them taken off. Here, half a
+// pixel apart, samples differ by 8, and those of the empty gel by nothing. Rounding: three logarithms, two of them
+// halved.
+TEST(Imprint, OfAWeakReliefMotionIsHeldDown) {
+  double sum = 0.0, squares = 0.0;
+  for (int b = 0; b < imprint::kSide; ++b) {
+    for (int a = 0; a < imprint::kSide; ++a) {
+      if (!imprint::is_free(a, b)) continue;
+      sum += 8.0 * a;
+      squares += 8.0 * a * 8.0 * a;
+    }
+  }
+  const double change = squares / imprint::kFree - std::pow(sum / imprint::kFree, 2);
+  for (const int noise : {0, 8}) {
+    Slope slope(8);
+    slope.config.contact_floor_q8 = 10;
+    slope.state->empty.noise_relief = noise * imprint::kPairs;
+    const double relief = (64.0 - 2 * noise + 2 * 256 * (1.2 / 16 + 0.12)) / 2;
+    const double want_um = slope.config.pitch_um / 16.0 * std::sqrt(change / relief);
+    DOUBLES_EQUAL(256.0 * std::log2(want_um), slope.step(1).motion_short.raw(), 2.0);
+  }
+}
+
+// Whose time stood later.
+TEST(Imprint, PicturesOfAnotherStreamDoNotCount) {
+  Gel gel;
+  Bench bench(gel);
+  bench.time += Micros{2'000'000};
+  bench.gel.relief = ribs(12.0, 2.4);
+  (void)bench.step();
+  bench.time -= Micros{140'000};
+  bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
+  (void)bench.step();
+  bench.fps = 1e6 / 220'000;  // 120 ms after the picture of the other stream
+  LONGS_EQUAL(0, bench.step().motion_short.raw());
+}
+
+TEST(Imprint, APictureBesideTheLatticeTellsNothingOfTheEmptyGel) {
+  const Gel gel;
+  const std::uint8_t pixel = 120;
+  auto state = std::make_unique<imprint::State>();
+  Saturations saturations;
+  (void)imprint::update(*state, {}, {&pixel, 1, 1, 1}, gel.field({}), gel.field({}), gel.pitch(), true, Micros{40'000},
+                        saturations);
+  LONGS_EQUAL(0, state->empty.frames);
+}
+
+// Two thirds and four thirds of it still count.
+TEST(Imprint, APictureCountsWithinAThirdOfItsLag) {
+  Gel gel;
+  Bench bench(gel);
+  const auto moves = [&](std::int64_t age_us) {
+    bench.time += Micros{2'000'000};
+    bench.gel.relief = ribs(12.0, 2.4);
+    (void)bench.step();
+    bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
+    bench.fps = 1e6 / static_cast<double>(age_us);
+    return bench.step();
+  };
+  CHECK(moves(80'000).motion_short.raw() > 0);
+  LONGS_EQUAL(0, moves(79'999).motion_short.raw());
+  CHECK(moves(160'000).motion_short.raw() > 0);
+  LONGS_EQUAL(0, moves(160'001).motion_short.raw());
+  CHECK(moves(160'000).motion.raw() > 0);
+  LONGS_EQUAL(0, moves(159'999).motion.raw());
+  CHECK(moves(320'000).motion.raw() > 0);
+  LONGS_EQUAL(0, moves(320'001).motion.raw());
+  CHECK(moves(320'000).motion_long.raw() > 0);
+  LONGS_EQUAL(0, moves(319'999).motion_long.raw());
+  CHECK(moves(640'000).motion_long.raw() > 0);
+  LONGS_EQUAL(0, moves(640'001).motion_long.raw());
+}
+
+TEST(Imprint, PicturesAreKeptEvery35Milliseconds) {
+  Gel gel;
+  for (const int apart_us : {34'999, 35'000}) {
+    Bench bench(gel);
+    bench.time += Micros{2'000'000};
+    bench.gel.relief = ribs(12.0, 2.4);
+    (void)bench.step();
+    bench.fps = 1e6 / apart_us;
+    (void)bench.step();
+    bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
+    bench.fps = 1e6 / 160'000;  // too long after the first of the two for the shortest lag
+    CHECK_EQUAL(apart_us == 35'000, bench.step().motion_short.raw() > 0);
+  }
 }
 
 TEST(Imprint, LagsAreTimesNotFrames) {
@@ -384,9 +692,6 @@ TEST(Imprint, LostDotsTakeTheirPatchesWithThem) {
 // No patch is laid out at a dot that has no rest position, beside it or across from it: 16 inside the lattice, fewer at
 // its edge. Where such a dot was guessed does not count for what part of the picture is looked at.
 TEST(Imprint, DotsWithoutARestPositionHaveNoPatches) {
-  const auto usable = [](const imprint::State& state) {
-    return std::count_if(state.frames.begin(), state.frames.end(), [](const imprint::Frame& f) { return f.usable; });
-  };
   const Bench whole{Gel{}};
   LONGS_EQUAL(4 * 63, usable(*whole.state));
   for (const auto& [dot, patches] : {std::pair{31, 16}, {0, 9}, {1, 14}, {9, 14}, {62, 9}}) {

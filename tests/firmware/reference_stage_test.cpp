@@ -299,6 +299,18 @@ TEST(ReferenceStage, FollowsTheDriftOfAnEmptyGel) {
   }
 }
 
+// Every 64 frames by a quarter of what is left: 20, 15, 11 to the right; 12, 9, 7 up.
+TEST(ReferenceStage, FollowsByAQuarter) {
+  config.frames = 1;
+  CHECK_TRUE(update(lattice()));
+  const MarkerField field = moved(lattice(), 30, 20, -12);
+  for (const auto& [x, y] : {std::pair{5, -3}, {9, -5}}) {
+    for (int k = 1; k <= 64; ++k) CHECK_EQUAL(k == 64, reference::follow(state, config, field));
+    LONGS_EQUAL(lattice().markers[30].x.raw() + x, state.rest.markers[30].x.raw());
+    LONGS_EQUAL(lattice().markers[30].y.raw() + y, state.rest.markers[30].y.raw());
+  }
+}
+
 // A touch that nobody noticed moves it by 1/32 px in 64 frames at most, and a shear that goes on no further than 0.1
 // mm.
 TEST(ReferenceStage, FollowsSlowlyAndNotFar) {
