@@ -60,6 +60,7 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   }
   const trade::Lessons lessons(learns ? options.lessons : 0);
   std::vector<trade::Trialled> trialled;
+  trialled.reserve(mine.size());
   for (const long i : mine) trialled.emplace_back(points[static_cast<std::size_t>(i)], lessons);
   const std::vector<learn::PlannedGrasp> grasps = trade::planned_grasps(options.every);
   // A film takes about as long as so many grasps, filming and one setting each.
