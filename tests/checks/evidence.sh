@@ -44,13 +44,13 @@ table() {
 
 measure() {
   local -A wanted=()
-  local id claim goal run find short out figure status=0 all=$(($# == 0))
+  local id claim goal run find short out log figure status=0 all=$(($# == 0))
   for id in "$@"; do wanted[$id]=1; done
   out=$(mktemp -d)
   while IFS=$'\t' read -r id claim goal run find short; do
     ((all == 1)) || [[ -n ${wanted[$id]:-} ]] || continue
     unset "wanted[$id]"
-    local log=$out/$(cksum <<<"$run" | cut -d' ' -f1)
+    log=$out/$(cksum <<<"$run" | cut -d' ' -f1)
     if [[ ! -f $log ]]; then
       say "measuring: $run"
       bash -c "$run" >"$log" 2>&1 </dev/null || {
