@@ -69,7 +69,8 @@ Box reach_of(const MarkerField& rest, PixelsQ8 pitch, const LumaView& picture) {
           std::min(box.bottom, picture.height - 1)};
 }
 
-// Whole boxes only. false: there is not even a pixel. The largest picture fits when it is reduced most.
+// Whole boxes only. false: there is not even a pixel. The largest picture fits when it is reduced most, so nothing ends
+// the loop but a return.
 static_assert((kMaxLumaWidth >> kMaxReduction_log2) * (kMaxLumaHeight >> kMaxReduction_log2) <= kMaxReducedPixels);
 bool place_picture(Reduced& out, const MarkerField& rest, PixelsQ8 pitch, const LumaView& picture) {
   const Box box = reach_of(rest, pitch, picture);
@@ -77,7 +78,7 @@ bool place_picture(Reduced& out, const MarkerField& rest, PixelsQ8 pitch, const 
   while (out.reduction_log2 < kMaxReduction_log2 && (pitch.raw() >> (out.reduction_log2 + 1)) >= kLeastPitch_q8) {
     ++out.reduction_log2;
   }
-  for (;; ++out.reduction_log2) {
+  for (; out.reduction_log2 <= kMaxReduction_log2; ++out.reduction_log2) {
     out.left = box.left >> out.reduction_log2;
     out.top = box.top >> out.reduction_log2;
     out.width = ((box.right + 1) >> out.reduction_log2) - out.left;
@@ -85,6 +86,7 @@ bool place_picture(Reduced& out, const MarkerField& rest, PixelsQ8 pitch, const 
     if (out.width < 2 || out.height < 2) return false;
     if (out.width * out.height <= kMaxReducedPixels) return true;
   }
+  return false;
 }
 
 using Row = std::array<std::uint16_t, kMaxLumaWidth + 2>;

@@ -296,7 +296,7 @@ class Stitcher {
     level_ = 0;
     std::uint32_t from = 0;   // first block of the slice that counts
     std::uint32_t valid = 0;  // its position
-    for (std::size_t i = first;; ++i) {
+    for (std::size_t i = first; i < end; ++i) {
       const Slice& slice = state_.slice[i];
       if (!slice.whole) return kUnsure;
       const std::uint32_t count = slice.listed - from;
@@ -310,6 +310,7 @@ class Stitcher {
         return error;
       }
     }
+    return kUnsure;
   }
 
  private:

@@ -22,6 +22,7 @@
 #include "drivers/sim/serial.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
+#include "tests/support/spread_tree.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -30,23 +31,12 @@ using namespace holdfast::reference_model;
 using namespace std::chrono_literals;
 using hal::Level;
 using hal::Line;
+using test::kSpreadTree;
 using test::NoJpeg;
 
 namespace {
 
 constexpr Micros kFresh{150'000};
-
-// Slip is an entropy above 1 nat: a drag of 1.8 mm within six frames spreads over all bins. These tests are about the
-// lines, whatever the committed tree has learned.
-const model::Tree kSpreadTree = [] {
-  model::Tree spread;
-  spread.set = find_feature_set("paper");
-  spread.count = 3;
-  spread.nodes[0] = {.threshold = 1 << 16, .child_false = 2, .feature = 2, .kind = model::Kind::kSplit};
-  spread.nodes[1] = {.kind = model::Kind::kHold};
-  spread.nodes[2] = {.kind = model::Kind::kSlip};
-  return spread;
-}();
 
 // One picture for ever, every 40 ms, as old as the plan says when it arrives: ages[k] for the k-th frame, then 40 ms.
 class AgedCamera final : public hal::Camera {

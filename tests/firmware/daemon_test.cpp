@@ -22,6 +22,7 @@
 #include "drivers/sim/serial.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
+#include "tests/support/spread_tree.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -33,6 +34,7 @@ using command_frame::Result;
 using hal::Input;
 using hal::Level;
 using hal::Line;
+using test::kSpreadTree;
 using test::NoJpeg;
 
 namespace {
@@ -114,18 +116,6 @@ class StampedBy final : public hal::Camera {
   const SetBack& clock_;
 };
 
-// Slip is an entropy above 1 nat, and of no other picture than the markers': what the committed tree has learned is not
-// what these tests are about.
-const model::Tree kSpreadTree = [] {
-  model::Tree spread;
-  spread.set = find_feature_set("paper");
-  spread.count = 3;
-  spread.nodes[0] = {.threshold = 1 << 16, .child_false = 2, .feature = 2, .kind = model::Kind::kSplit};
-  spread.nodes[1] = {.kind = model::Kind::kHold};
-  spread.nodes[2] = {.kind = model::Kind::kSlip};
-  return spread;
-}();
-
 }  // namespace
 
 TEST_GROUP(Daemon) {
@@ -203,6 +193,18 @@ TEST_GROUP(Daemon) {
   }
   void use(Gripper gripper) {
     params.gripper = static_cast<std::int32_t>(gripper);
+  }
+
+  // A Hand-E holds something of 20 mm, by GRIP.
+  void grip_an_object() {
+    film();
+    use(Gripper::kHandE);
+    build();
+    hand->put_object({.width_mm = 20.0});
+    run(1s);
+    CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+    run(3s);
+    CHECK_TRUE(hand->object_held());
   }
 
   void run(Micros time) {
@@ -373,14 +375,8 @@ TEST(Daemon, ObeysWiresThatHoldTheirLevel) {
 }
 
 TEST(Daemon, ReleasesAndArmsByWire) {
-  film();
-  use(Gripper::kHandE);
-  build();
-  hand->put_object({.width_mm = 20.0});
-  run(1s);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
-  run(3s);
-  CHECK_TRUE(hand->object_held() && fine());
+  grip_an_object();
+  CHECK_TRUE(fine());
   gpio.drive(Input::kRelease, Level::kHigh);
   run(3s);
   CHECK_FALSE(hand->object_held());
@@ -688,15 +684,8 @@ TEST(Daemon, LearnsAnewForASensorThatDoesNotSayWhichOneItIs) {
 
 // The gripper holds on while no process runs: the next one wants the force that it had, not the one of a new grip.
 TEST(Daemon, HoldsAsHardAsTheProcessBefore) {
-  film();
-  use(Gripper::kHandE);
   params.start_force = 60;
-  build();
-  hand->put_object({.width_mm = 20.0});
-  run(1s);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
-  run(3s);
-  CHECK_TRUE(hand->object_held());
+  grip_an_object();
   daemon.reset();
   params.start_force = 20;
   build();
@@ -785,14 +774,7 @@ TEST(Daemon, LearnsAnewWhenThePictureDoesNotFit) {
 
 // From GRIP to the fingers and back: activation, force of the start, release on command.
 TEST(Daemon, GripsAndReleasesWithAHandE) {
-  film();
-  params.gripper = static_cast<std::int32_t>(Gripper::kHandE);
-  build();
-  hand->put_object({.width_mm = 20.0});
-  run(1s);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
-  run(3s);
-  CHECK_TRUE(hand->object_held());
+  grip_an_object();
   LONGS_EQUAL(params.start_force, daemon->grip().force);
   CHECK_TRUE(fine());
   CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
@@ -809,14 +791,7 @@ TEST(Daemon, GripsAndReleasesWithAHandE) {
 
 // GRIP 0 is RELEASE by another name: the fingers open when no force is left.
 TEST(Daemon, OpensOnGripZero) {
-  film();
-  use(Gripper::kHandE);
-  build();
-  hand->put_object({.width_mm = 20.0});
-  run(1s);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
-  run(3s);
-  CHECK_TRUE(hand->object_held());
+  grip_an_object();
   CHECK_TRUE(ask(Command::kGrip, 0) == Result::kDone);
   CHECK_TRUE(daemon->app().state().opening);
   run(3s);
@@ -826,13 +801,7 @@ TEST(Daemon, OpensOnGripZero) {
 
 // What the gripper says: too hot is no reason to let go of anything, a lost object is one not to vouch.
 TEST(Daemon, TellsWhatTheGripperSays) {
-  film();
-  use(Gripper::kHandE);
-  build();
-  hand->put_object({.width_mm = 20.0});
-  run(1s);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
-  run(3s);
+  grip_an_object();
   CHECK_TRUE(fine());
   hand->set_fault(0x8);
   run(200ms);

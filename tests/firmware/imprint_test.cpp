@@ -190,6 +190,15 @@ double um(Log2Q8 motion) {
   return std::exp2(motion.raw() / 256.0);
 }
 
+// Ribs on an empty gel's picture that move by 0.08 mm: as much as that is in these patches.
+void sees_ribs_move(Bench& bench) {
+  bench.gel.relief = ribs(12.0, 2.4);
+  (void)bench.wait(8);
+  bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
+  const double expected = motion_of(bench.gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {0.08, 0.0}));
+  DOUBLES_EQUAL(expected, um(bench.step().motion), 0.1 * expected);
+}
+
 }  // namespace
 
 TEST_GROUP(Imprint){};
@@ -302,11 +311,7 @@ TEST(Imprint, SameForEveryScaleOfThePicture) {
     gel.height = static_cast<int>(height);
     gel.px_per_mm = px_per_mm;
     Bench bench(gel);
-    bench.gel.relief = ribs(12.0, 2.4);
-    (void)bench.wait(8);
-    bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
-    const double expected = motion_of(gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {0.08, 0.0}));
-    DOUBLES_EQUAL(expected, um(bench.step().motion), 0.1 * expected);
+    sees_ribs_move(bench);
   }
 }
 
@@ -322,11 +327,7 @@ TEST(Imprint, ALatticeTooLargeForTheMemoryIsReducedOnceMore) {
   LONGS_EQUAL(1, bench.state->picture.reduction_log2);
   LONGS_EQUAL(4 * 64, usable(*bench.state));  // of every second dot
   CHECK(bench.state->picture.width * bench.state->picture.height <= imprint::kMaxReducedPixels);
-  bench.gel.relief = ribs(12.0, 2.4);
-  (void)bench.wait(8);
-  bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
-  const double expected = motion_of(gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {0.08, 0.0}));
-  DOUBLES_EQUAL(expected, um(bench.step().motion), 0.1 * expected);
+  sees_ribs_move(bench);
 }
 
 TEST(Imprint, TheLargestGridSoldHasPatchesAtEveryDot) {
@@ -335,11 +336,7 @@ TEST(Imprint, TheLargestGridSoldHasPatchesAtEveryDot) {
   gel.px_per_mm = 14.0;
   Bench bench(gel);
   LONGS_EQUAL(4 * 80, usable(*bench.state));
-  bench.gel.relief = ribs(12.0, 2.4);
-  (void)bench.wait(8);
-  bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
-  const double expected = motion_of(gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {0.08, 0.0}));
-  DOUBLES_EQUAL(expected, um(bench.step().motion), 0.1 * expected);
+  sees_ribs_move(bench);
 }
 
 // Two pitches around the lattice, whichever of its corners sticks out, in whole boxes; cut at the picture's edges.

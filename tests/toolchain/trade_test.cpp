@@ -218,7 +218,7 @@ TEST(Trade, FiguresOfAGraspAreThoseOfTheSetting) {
 // The rival in double precision is no straw man: what it sees is what the firmware sees.
 TEST(Trade, DoublePrecisionSeesWhatTheFirmwareSees) {
   const trade::Grasp grasp = trade::play(trade::planned_grasps(16).front());
-  trade::DoubleFeatures features{trade::Bins{}};
+  trade::DoubleFeatures features{learn::kPaperForm};
   const pipeline::Config config = pipeline_config(Params{});
   const auto state = std::make_unique<pipeline::State>();
   int seen = 0, elsewhere = 0;
@@ -240,8 +240,8 @@ TEST(Trade, DoublePrecisionSeesWhatTheFirmwareSees) {
 }
 
 TEST(Trade, SoftBinsDoNotJumpAtAnEdge) {
-  const auto entropy_at = [](const trade::Bins& bins, double moved_um) {
-    trade::DoubleFeatures features{bins};
+  const auto entropy_at = [](const learn::EntropyForm& form, double moved_um) {
+    trade::DoubleFeatures features{form};
     MarkerField field;
     field.grid = {7, 9};
     const auto put = [&](double um) {
@@ -261,8 +261,11 @@ TEST(Trade, SoftBinsDoNotJumpAtAnEdge) {
     return double{features.update(field, now += Micros{40'000}).value()[2]};
   };
   const double edge_um = 1900.0 / 15 * 5;
-  CHECK_TRUE(entropy_at({15, false}, edge_um + 3.0) - entropy_at({15, false}, edge_um - 3.0) > 0.6);
-  DOUBLES_EQUAL(entropy_at({15, true}, edge_um - 3.0), entropy_at({15, true}, edge_um + 3.0), 0.1);
+  CHECK_TRUE(entropy_at({.bins = learn::Bins::kHard}, edge_um + 3.0) -
+                 entropy_at({.bins = learn::Bins::kHard}, edge_um - 3.0) >
+             0.6);
+  DOUBLES_EQUAL(entropy_at({.bins = learn::Bins::kSoft}, edge_um - 3.0),
+                entropy_at({.bins = learn::Bins::kSoft}, edge_um + 3.0), 0.1);
 }
 
 TEST(Trade, TreesLearnFromTheLessons) {
@@ -271,7 +274,7 @@ TEST(Trade, TreesLearnFromTheLessons) {
   CHECK_TRUE(field.count > 1);
   CHECK_TRUE(field.set == find_feature_set("field"));
   CHECK_TRUE(lessons.tree("field", 2).count < field.count);
-  const auto desk = lessons.desk_tree({});
+  const auto desk = lessons.desk_tree(learn::kPaperForm);
   CHECK_FALSE(desk->slips({0.0F, 0.0F, 0.0F, 0.0F}));
 }
 

@@ -86,11 +86,14 @@ std::vector<Point> points() {
   };
   for (const std::string_view set : {"velocity", "entropy", "paper"}) learned(set, 8);
   for (const int depth : {2, 4, 8, 16}) learned("field", depth);
-  for (const Bins bins : {Bins{15, false}, {15, true}, {7, false}, {30, false}}) {
-    Point& point =
-        list.add("desk computer", fmt::format("double; DTrees; {} {} bins", bins.count, bins.soft ? "soft" : "hard"));
+  using learn::Bins;
+  using learn::EntropyForm;
+  for (const EntropyForm& form :
+       {EntropyForm{.count = 15}, {.bins = Bins::kSoft, .count = 15}, {.count = 7}, {.count = 30}}) {
+    Point& point = list.add("desk computer", fmt::format("double; DTrees; {} {} bins", form.count,
+                                                         form.bins == Bins::kSoft ? "soft" : "hard"));
     point.tuning.rival = Rival::kDesk;
-    point.tuning.bins = bins;
+    point.tuning.form = form;
   }
   const auto rival = [&](std::string_view name, Rival which) {
     list.add("others", std::string(name)).tuning.rival = which;

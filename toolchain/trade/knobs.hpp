@@ -44,7 +44,7 @@ struct Tuning {
   std::string_view learned_set;
   int learned_depth = 0;
   Rival rival = Rival::kNone;
-  Bins bins{};  // of kDesk
+  learn::EntropyForm form{};  // of kDesk
 };
 
 struct Point {

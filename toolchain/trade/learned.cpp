@@ -99,12 +99,11 @@ std::optional<DoubleFeatures::Values> DoubleFeatures::update(const MarkerField& 
 }
 
 double DoubleFeatures::entropy_nat(const std::vector<double>& lengths_um) const {
-  const double range_um = Params{}.histogram_range_um;
-  std::vector<double> bins(static_cast<std::size_t>(bins_.count));
-  const double last = bins_.count - 1;
+  std::vector<double> bins(static_cast<std::size_t>(form_.count));
+  const double last = form_.count - 1;
   for (const double length_um : lengths_um) {
-    const double place = length_um * bins_.count / range_um;
-    if (!bins_.soft) {
+    const double place = length_um * form_.count / form_.range_um;
+    if (form_.bins == learn::Bins::kHard) {
       bins[static_cast<std::size_t>(std::min(place, last))] += 1.0;
       continue;
     }
@@ -157,10 +156,10 @@ model::Tree Lessons::tree(std::string_view set, int depth) const {
   return never;
 }
 
-std::unique_ptr<DeskTree> Lessons::desk_tree(const Bins& bins) const {
+std::unique_ptr<DeskTree> Lessons::desk_tree(const learn::EntropyForm& form) const {
   cv::Mat rows, slips;
   for (const Grasp& grasp : grasps_) {
-    DoubleFeatures features(bins);
+    DoubleFeatures features(form);
     for (std::size_t k = 0; k < grasp.sights.size(); ++k) {
       const auto values = features.update(grasp.sights[k].markers, grasp.sights[k].time);
       if (!values || grasp.labels[k] == learn::Label::kOpen) continue;

@@ -16,22 +16,18 @@
 #include "slip/model.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/learn/samples.hpp"
+#include "toolchain/learn/study.hpp"
 #include "toolchain/trade/film.hpp"
 #include "vision/markers.hpp"
 
 namespace holdfast::trade {
 
-// Of the histogram of |D|, `count` bins over the paper's range.
-struct Bins {
-  int count = kHistogramBins;
-  bool soft = false;  // a marker counts in the two bins whose centres it lies between, linearly
-};
-
 // The paper's four, written with roots and logarithms: Vx, Vy in um/s, E in nat, dE/dt in nat/s. Learns the rest
-// position from the first frames, as the firmware does, and has no features meanwhile.
+// position from the first frames, as the firmware does, and has no features meanwhile. E is written out here, although
+// learn::entropy_nat() has it: that one is exact and portable, this one is timed. Range: forms of hard or soft bins.
 class DoubleFeatures {
  public:
-  explicit DoubleFeatures(const Bins& bins) : bins_(bins) {}
+  explicit DoubleFeatures(const learn::EntropyForm& form) : form_(form) {}
   using Values = std::array<float, 4>;
   [[nodiscard]] std::optional<Values> update(const MarkerField& field, Micros time);
 
@@ -41,7 +37,7 @@ class DoubleFeatures {
   struct Place {
     double x = 0.0, y = 0.0;
   };
-  Bins bins_;
+  learn::EntropyForm form_;
   int learned_ = 0;
   double um_per_px_ = 0.0;
   std::vector<Place> rest_px_;
@@ -64,7 +60,7 @@ class Lessons {
   // There must be some. Range: the name of a feature set of the markers alone; depth 1 to 16. One that these grasps
   // teach nothing says hold.
   [[nodiscard]] model::Tree tree(std::string_view set, int depth) const;
-  [[nodiscard]] std::unique_ptr<DeskTree> desk_tree(const Bins& bins) const;
+  [[nodiscard]] std::unique_ptr<DeskTree> desk_tree(const learn::EntropyForm& form) const;
 
  private:
   std::vector<Grasp> grasps_;

@@ -163,7 +163,7 @@ struct Trialled::State {
     if (point.tuning.rival == Rival::kNone) {
       firmware = std::make_unique<Firmware>(point, lessons);
     } else if (point.tuning.rival == Rival::kDesk) {
-      desk = lessons.desk_tree(point.tuning.bins);
+      desk = lessons.desk_tree(point.tuning.form);
     } else {
       rival = std::make_unique<RivalTracker>(point.tuning.rival);
     }
@@ -183,7 +183,7 @@ struct Trialled::State {
   }
 
   void show_at_desk(const Grasp& grasp) {
-    DoubleFeatures features(point.tuning.bins);
+    DoubleFeatures features(point.tuning.form);
     Trial grasp_trial(grasp.trial, grasp.labels);
     for (std::size_t k = 0; k < grasp.sights.size(); ++k) {
       const Sight& sight = grasp.sights[k];
