@@ -543,32 +543,27 @@ TEST(Evaluate, CommandWritesEverythingTwiceTheSame) {
   for (Trial& trial : clips.trials) trial.source = Source::kRecorded, trial.kind = "clip";
   const std::string recorded = file("clips.csv", clips);
   test::write_file(folder / "sign.tree", kOnPositiveVx);
+  const auto evaluated_with = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{kTool,        "evaluate", data,      unseen,
+                                       "--recorded", recorded,   "--model", (folder / "sign.tree").string()};
+    arguments.insert(arguments.end(), {"--seeds", "2", "--quick", "--min-leaf", "5"});
+    arguments.insert(arguments.end(), {"--sets", "velocity,paper", "--kinds", "tree,knn"});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return test::run(arguments);
+  };
+  std::vector<std::string> pieces{"--pieces"};
+  for (const char* piece : {"1/3", "2/3", "3/3"}) {
+    pieces.push_back((folder / ("piece" + std::string(piece, 1))).string());
+    const test::Finished run = evaluated_with({"--shard", piece, "--piece", pieces.back()});
+    STRCMP_EQUAL("", run.err.c_str());
+    LONGS_EQUAL(0, run.status);
+  }
   std::vector<std::string> seen;
-  for (const std::string_view name : {"one", "two"}) {
+  for (const std::string_view name : {"one", "two", "pieces"}) {
     const std::string out = (folder / name).string();
-    const test::Finished run = test::run({kTool,
-                                          "evaluate",
-                                          data,
-                                          unseen,
-                                          "--recorded",
-                                          recorded,
-                                          "--model",
-                                          (folder / "sign.tree").string(),
-                                          "--out",
-                                          out,
-                                          "--json",
-                                          out + ".json",
-                                          "--report",
-                                          out + ".html",
-                                          "--seeds",
-                                          "2",
-                                          "--quick",
-                                          "--min-leaf",
-                                          "5",
-                                          "--sets",
-                                          "velocity,paper",
-                                          "--kinds",
-                                          "tree,knn"});
+    std::vector<std::string> more{"--out", out, "--json", out + ".json", "--report", out + ".html"};
+    if (name == "pieces") more.insert(more.end(), pieces.begin(), pieces.end());
+    const test::Finished run = evaluated_with(more);
     STRCMP_EQUAL("", run.err.c_str());
     LONGS_EQUAL(0, run.status);
     STRCMP_CONTAINS("Table II", run.out.c_str());
@@ -596,6 +591,57 @@ TEST(Evaluate, CommandWritesEverythingTwiceTheSame) {
     STRCMP_CONTAINS("may have been trained on these very rows", page.c_str());
   }
   CHECK(seen[0] == seen[1]);
+  CHECK(seen[0] == seen[2]);  // and learned in three pieces
+}
+
+TEST(Evaluate, PiecesAreThoseOfOneRun) {
+  const Samples samples = objects(kThree, 10, told_apart);
+  const auto learned = [&](int shard, const Options& asked) {
+    Piece piece;
+    Options options = asked;
+    options.piece = &piece;
+    options.shard = shard;
+    options.shards = 2;
+    (void)evaluated(samples, options);
+    std::ostringstream out;
+    write_piece(out, piece);
+    return out.str();
+  };
+  const Options options = fast({Kind::kTree});
+  const std::string first = learned(1, options);
+  const std::string second = learned(2, options);
+  const auto put = [](const std::vector<std::string>& texts, Piece& all) -> std::string {
+    for (const std::string& text : texts) {
+      std::istringstream in(text);
+      if (auto error = read_piece(in, "piece", all)) return *error;
+    }
+    return {};
+  };
+  const auto whole_of = [&](const std::vector<std::string>& texts, Options whole) {
+    Piece all;
+    STRCMP_EQUAL("", put(texts, all).c_str());
+    whole.pieces = &all;
+    return refusal(samples, whole);
+  };
+  STRCMP_EQUAL("", whole_of({second, first}, options).c_str());
+  STRCMP_CONTAINS("classifier 1 said is in none of the pieces", whole_of({first}, options).c_str());
+  Options others = options;
+  others.seeds = 3;
+  STRCMP_CONTAINS("of another run", whole_of({first, second}, others).c_str());
+  Piece all;
+  STRCMP_CONTAINS("classifier 0 is there twice", put({first, first}, all).c_str());
+  all = {};
+  STRCMP_CONTAINS("another run than the pieces before", put({first, learned(2, others)}, all).c_str());
+  for (const auto& [text, what] : std::vector<std::pair<std::string, const char*>>{
+           {"", "piece:1: no piece of an evaluation"},
+           {"holdfast evaluation piece,1,xyz\n", "piece:1: no run"},
+           {first.substr(0, first.size() - 4), "no end"},
+           {"holdfast evaluation piece,1,00000000\n0,5,f\n", "piece:2: no verdicts"},
+           {"holdfast evaluation piece,1,00000000\n0,4294967295,f\n", "piece:2: no verdicts"},
+           {"holdfast evaluation piece,1,00000000\n0,4,g\n", "piece:2: no verdicts"}}) {
+    all = {};
+    STRCMP_CONTAINS(what, put({text}, all).c_str());
+  }
 }
 
 TEST(Evaluate, UnlessAskedItLooksAtTheMarkersAlone) {
@@ -624,6 +670,9 @@ TEST(Evaluate, CommandRefusesInOneLineAndWritesNothing) {
   STRCMP_CONTAINS("none.tree", refused({good, "--model", (folder / "none.tree").string()}).c_str());
   STRCMP_CONTAINS("overwrite an input", refused({good, "--report", good}).c_str());
   STRCMP_CONTAINS("nan", refused({good, "--slip-weight", "nan"}).c_str());
+  STRCMP_CONTAINS("belong together", refused({good, "--shard", "1/2"}).c_str());
+  STRCMP_CONTAINS("a piece has no tables", refused({good, "--shard", "1/2", "--piece", "p"}).c_str());
+  STRCMP_CONTAINS("bad.csv:1: no piece", refused({good, "--pieces", (folder / "bad.csv").string()}).c_str());
   CHECK(test::run({kTool, "evaluate", good}).err.find("no output") != std::string::npos);
   const test::Finished own_folder = test::run({kTool, "evaluate", good, "--out", folder.path().string()});
   STRCMP_CONTAINS("lies in the folder of the outputs", own_folder.err.c_str());

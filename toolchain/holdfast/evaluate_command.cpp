@@ -43,6 +43,9 @@ struct EvaluateOptions {
   bool quick = false;
   learn::Settings tree;
   std::string criterion = "information";
+  std::string shard = "1/1";
+  std::string piece;
+  std::vector<std::string> pieces;
 
   [[nodiscard]] bool leaves_out(std::string_view part) const {
     return std::find(without.begin(), without.end(), part) != without.end();
@@ -51,18 +54,28 @@ struct EvaluateOptions {
     std::vector<std::string> all = data;
     if (!recorded.empty()) all.push_back(recorded);
     all.insert(all.end(), models.begin(), models.end());
+    all.insert(all.end(), pieces.begin(), pieces.end());
     return all;
   }
 };
 
 // What cannot end well, before the long run. Empty: nothing.
 std::string refused(const EvaluateOptions& options) {
-  if (options.out.empty() && options.report.empty() && options.json.empty()) {
+  const bool tables = !options.out.empty() || !options.report.empty() || !options.json.empty();
+  if (options.piece.empty() && !tables) {
     return "no output is asked for. Likely cause: --out forgotten. Next: give --out FOLDER, --report R.html or --json "
            "J.json";
   }
+  if (options.piece.empty() != (options.shard == "1/1")) {
+    return "--shard and --piece belong together. Likely cause: one of them forgotten. Next: give --shard I/N, N at "
+           "least 2, and --piece FILE; then --pieces with all files";
+  }
+  if (!options.piece.empty() && (tables || !options.pieces.empty())) {
+    return "--piece: a piece has no tables. Likely cause: --out, --report, --json or --pieces given to a piece. Next: "
+           "give them to a run that has all --pieces";
+  }
   for (const std::string& input : options.inputs()) {
-    for (const std::string& output : {options.report, options.json}) {
+    for (const std::string& output : {options.report, options.json, options.piece}) {
       if (output.empty() || !same_place(input, output)) continue;
       return fmt::format(
           "{}: an output would overwrite an input. Likely cause: the same name given twice. Next: give "
@@ -275,6 +288,27 @@ int evaluate_samples(const EvaluateOptions& asked) {
     if (const std::string error = load(asked.recorded, recordings, seen_recordings); !error.empty()) return fail(error);
   }
 
+  learn::Piece said;
+  for (const std::string& path : asked.pieces) {
+    std::ifstream in(path, std::ios::binary);
+    std::error_code ignored;
+    if (!in || fs::is_directory(path, ignored)) {
+      return fail(fmt::format(
+          "{}: cannot be read. Likely cause: no such file, or no right to read it. Next: give what holdfast evaluate "
+          "--piece wrote",
+          path));
+    }
+    if (const auto error = learn::read_piece(in, path, said)) return fail(*error);
+  }
+  if (!asked.pieces.empty()) options.pieces = &said;
+  OutputFiles piece({{"--piece", asked.piece}});
+  if (!asked.piece.empty()) {
+    if (const std::string error = parse_shard(asked.shard, options.shard, options.shards); !error.empty())
+      return fail(error);
+    if (!piece.error().empty()) return fail(piece.error());
+    options.piece = &said;
+  }
+
   learn::Evaluation evaluation;
   {
     Progress progress("evaluate", 1000);
@@ -285,6 +319,12 @@ int evaluate_samples(const EvaluateOptions& asked) {
     const auto error = learn::evaluate(samples, recorded, options, evaluation);
     if (interrupted()) return fail(interrupted_line());
     if (error) return fail(*error);
+  }
+  if (std::ostream* const out = piece.stream("--piece")) {
+    learn::write_piece(*out, said);
+    if (const std::string error = piece.commit(); !error.empty()) return fail(error);
+    fmt::print("written   what {} classifiers said: {}\n", said.said.size(), asked.piece);
+    return 0;
   }
 
   const learn::ReportFacts facts = facts_of(asked, options, samples, recorded);
@@ -361,11 +401,24 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--criterion", options->criterion, "what a split of our tree must lessen: information or gini")
       ->check(CLI::IsMember({"information", "gini"}))
       ->capture_default_str();
+  command->add_option("--shard", options->shard,
+                      "learn piece I of N of the classifiers alone, for N runs side by side");
+  command->add_option("--piece", options->piece, "with --shard: what they say, for --pieces")->check(not_empty);
+  command
+      ->add_option("--pieces", options->pieces,
+                   "all pieces of a run with the same data and options: nothing learns again")
+      ->check(not_empty);
   command->footer(
       "Example:\n"
       "  holdfast evaluate train.csv unseen.csv --recorded clips.csv --out evaluation\n"
       "A look in a minute:\n"
-      "  holdfast evaluate train.csv unseen.csv --seeds 1 --quick --report look.html");
+      "  holdfast evaluate train.csv unseen.csv --seeds 1 --quick --report look.html\n"
+      "On all cores with GNU parallel, and then put together (the same as one run, but for the timing):\n"
+      "  parallel holdfast evaluate train.csv --shard {}/8 --piece part_{}.txt ::: {1..8}\n"
+      "  holdfast evaluate train.csv --pieces part_*.txt --out evaluation\n"
+      "On a cluster with Slurm:\n"
+      "  sbatch --array=1-8 --wrap='holdfast evaluate train.csv --shard $SLURM_ARRAY_TASK_ID/8 "
+      "--piece part_$SLURM_ARRAY_TASK_ID.txt'");
   commands.push_back({command, [options] { return evaluate_samples(*options); }});
 }
 

@@ -10,7 +10,9 @@
 #include <limits>
 #include <numeric>
 #include <set>
+#include <sstream>
 
+#include "base/crc32.hpp"
 #include "drivers/sim/scene/paper.hpp"
 #include "drivers/sim/scene/random.hpp"
 #include "toolchain/learn/detectors.hpp"
@@ -318,7 +320,8 @@ class Work {
 
   void plan() {
     const std::uint64_t seeds = static_cast<std::uint64_t>(options_.seeds);
-    job(1, [this] { return single(); });
+    const bool whole = options_.piece == nullptr;  // what learns nothing is left to who has all pieces
+    if (whole) job(1, [this] { return single(); });
     for (const FeatureSet* set : options_.sets) {
       for (const Kind kind : options_.kinds) {
         const std::size_t at = out_.five_fold.size();
@@ -338,11 +341,14 @@ class Work {
       job(10, [this, set] { return events(*set); });
       for (const double weight : options_.slip_weights) job(10, [this, set, weight] { return curve(*set, weight); });
     }
-    for (const LoadedModel& model : options_.models) job(1, [this, &model] { return given(model); });
+    for (const LoadedModel& model : options_.models) {
+      if (whole) job(1, [this, &model] { return given(model); });
+    }
     if (recorded_ != nullptr) {
       for (const FeatureSet* set : options_.sets) job(10, [this, set] { return recordings(*set); });
-      if (!options_.slip_weights.empty()) job(5, [this] { return detectors(); });
+      if (whole && !options_.slip_weights.empty()) job(5, [this] { return detectors(); });
     }
+    if (!whole) return;
     job(10 + (has(Kind::kSvm) ? cost(Kind::kSvm) : 0), [this] { return timing(); });
     for (const std::string_view name : {"entropy", "velocity"}) {
       const FeatureSet* set = find_feature_set(name);
@@ -411,10 +417,36 @@ class Work {
 
   Outcome fit_and_judge(const Samples& samples, const FeatureSet& set, const Settings& settings,
                         const std::vector<int>& train, const std::vector<int>& test, Verdicts& verdicts) {
+    return fit_and_judge(samples, train, samples, test, set, settings, verdicts);
+  }
+
+  // Learns from rows of the one and judges rows of the other; or has a piece's classifier say what it said.
+  Outcome fit_and_judge(const Samples& taught, const std::vector<int>& train, const Samples& judged,
+                        const std::vector<int>& test, const FeatureSet& set, const Settings& settings,
+                        Verdicts& verdicts) {
+    const long number = classifiers_++;
+    if (options_.pieces != nullptr) return recall(*options_.pieces, number, test, verdicts);
+    if (options_.piece != nullptr && number % options_.shards + 1 != options_.shard) return std::nullopt;
     Fitted fitted;
-    Outcome error = fit(samples, set, settings, train, fitted);
-    if (error || test.empty()) return error;
-    judge(samples, set, fitted, test, verdicts);
+    Outcome error = fit(taught, set, settings, train, fitted);
+    if (error) return error;
+    if (!test.empty()) judge(judged, set, fitted, test, verdicts);
+    if (options_.piece != nullptr) {
+      Verdicts& said = options_.piece->said[number];
+      for (const int r : test) said.push_back(verdicts[static_cast<std::size_t>(r)]);
+    }
+    return std::nullopt;
+  }
+
+  static Outcome recall(const Piece& pieces, long number, const std::vector<int>& test, Verdicts& verdicts) {
+    const auto said = pieces.said.find(number);
+    if (said == pieces.said.end() || said->second.size() != test.size()) {
+      return fmt::format(
+          "what classifier {} said is in none of the pieces. Likely cause: a piece left out, or a run that was "
+          "stopped. Next: give all N pieces",
+          number);
+    }
+    for (std::size_t i = 0; i < test.size(); ++i) verdicts[static_cast<std::size_t>(test[i])] = said->second[i];
     return std::nullopt;
   }
 
@@ -587,11 +619,10 @@ class Work {
       add_point(std::string(set.name), changed.slip_weight,
                 score_recordings(*recorded_, verdicts, {.raise_frames = kRaise}));
     }
-    Fitted fitted;
-    if (auto error = fit(samples_, set, settings(Kind::kTree, 1), rows_of(samples_, known_, true), fitted)) {
+    if (auto error = fit_and_judge(samples_, rows_of(samples_, known_, true), *recorded_,
+                                   rows_of(*recorded_, clips_, false), set, settings(Kind::kTree, 1), verdicts)) {
       return error;
     }
-    judge(*recorded_, set, fitted, rows_of(*recorded_, clips_, false), verdicts);
     add_recorded(std::string(set.name), "the data set", verdicts);
     return std::nullopt;
   }
@@ -696,10 +727,30 @@ class Work {
   std::vector<int> unseen_;
   std::vector<int> clips_;
   std::vector<Job> jobs_;
+  long classifiers_ = 0;  // those that judged, in the order of the plan
   long total_ = 0;
   long done_ = 0;
   bool stopped_ = false;
 };
+
+// CRC-32 of everything that decides what the classifiers say.
+std::uint32_t run_of(const Samples& samples, const Samples* recorded, const Options& options) {
+  std::ostringstream text;
+  const Settings& tree = options.tree;
+  text << fmt::format("{} {} {} {} {} {} {} {} {}\n", tree.max_depth, tree.min_leaf, tree.prune, tree.slip_weight,
+                      static_cast<int>(tree.criterion), options.seeds, options.folds, options.unseen, options.events);
+  for (const FeatureSet* set : options.sets) text << set->name << ' ';
+  for (const std::vector<Kind>& kinds : {options.kinds, options.left_out_kinds}) {
+    for (const Kind kind : kinds) text << name_of(kind) << ' ';
+    text << '\n';
+  }
+  for (const double weight : options.slip_weights) text << fmt::format("{} ", weight);
+  text << options.svm_rows << '\n';
+  write_csv(text, samples);
+  if (recorded != nullptr) write_csv(text, *recorded);
+  const std::string all = text.str();
+  return crc32({reinterpret_cast<const std::uint8_t*>(all.data()), all.size()});
+}
 
 }  // namespace
 
@@ -708,6 +759,12 @@ std::optional<std::string> evaluate(const Samples& samples, const Samples* recor
   out = {};
   Work work(samples, recorded, options, out);
   if (auto error = work.check()) return error;
+  const std::uint32_t run = run_of(samples, recorded, options);
+  if (options.piece != nullptr) *options.piece = {run, {}};
+  if (options.pieces != nullptr && options.pieces->run != run) {
+    return "the pieces are of another run. Likely cause: other data or other options than those they were made with. "
+           "Next: give the same, in the same order";
+  }
   work.plan();
   return work.run();
 }

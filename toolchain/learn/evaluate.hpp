@@ -19,6 +19,7 @@
 #include "slip/model.hpp"
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
+#include "toolchain/learn/piece.hpp"
 #include "toolchain/learn/recorded.hpp"
 #include "toolchain/learn/samples.hpp"
 #include "toolchain/learn/tsne.hpp"
@@ -185,6 +186,12 @@ struct Options {
   int tsne_points = 2000;                                  // 0: none
   int tsne_iterations = 500;
   std::function<bool(long, long)> progress;  // units of work done, of all; false stops
+  // One piece of a run (piece.hpp): only its classifiers learn, what they say goes to `piece`, and `out` is void.
+  Piece* piece = nullptr;
+  int shard = 1;  // 1 .. shards
+  int shards = 1;
+  // What all pieces of the run said: nothing learns again, but for the timing.
+  const Piece* pieces = nullptr;
 };
 
 // Whether the paper keeps this object out of training.
