@@ -32,4 +32,8 @@ set(ENV{PKG_CONFIG_SYSROOT_DIR} ${HOLDFAST_SYSROOT})
 
 # qemu-aarch64 (package qemu-user) also takes plugins, which the instruction count needs; the static one does not.
 find_program(HOLDFAST_QEMU NAMES qemu-aarch64 qemu-aarch64-static REQUIRED)
-set(CMAKE_CROSSCOMPILING_EMULATOR ${HOLDFAST_QEMU} -L /usr/${holdfast_triplet})
+# Libraries of the sysroot depend on others of it, which RUNPATH does not say.
+set(holdfast_libraries ${HOLDFAST_SYSROOT}/usr/lib/${holdfast_triplet}:${HOLDFAST_SYSROOT}/lib/${holdfast_triplet})
+string(APPEND CMAKE_EXE_LINKER_FLAGS_INIT " -Wl,-rpath-link,${holdfast_libraries}")
+set(CMAKE_CROSSCOMPILING_EMULATOR
+  ${HOLDFAST_QEMU} -L /usr/${holdfast_triplet} -E LD_LIBRARY_PATH=/usr/${holdfast_triplet}/lib:${holdfast_libraries})

@@ -7,8 +7,8 @@
 # shellcheck source=toolchain/say.sh
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
-# GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; fuzz:
-# libFuzzer.
+# GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; system:
+# the emulated machine and its root file system; fuzz: libFuzzer.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -26,6 +26,10 @@ build libjpeg62-turbo-dev 1:2.1.5-2
 build libcli11-dev 2.1.2+ds-1
 build libfmt-dev 9.1.0+ds1-2
 build nlohmann-json3-dev 3.11.2-2
+build libcamera-dev 0.0.3-6
+build libgpiod-dev 1.6.3-1+b3
+build libhidapi-dev 0.13.1-1
+build libusb-1.0-0-dev 2:1.0.26-1
 test libcpputest-dev 4.0-2
 test libmodbus-dev 3.1.6-2.1+deb12u1
 test librapidcheck-dev 0~1033-08b5058-3
@@ -38,6 +42,11 @@ fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3
 cross qemu-user 1:7.2+dfsg-7+deb12u18+b3
 cross qemu-user-static 1:7.2+dfsg-7+deb12u18+b3
+system qemu-system-arm 1:7.2+dfsg-7+deb12u18+b3
+system mmdebstrap 1.3.5-7
+system e2fsprogs 1.47.0-2+b2
+system kmod 30+20221128-1
+system cpio 2.13+dfsg-7.1
 TABLE
 }
 

@@ -1,16 +1,16 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Fetches what the rpi4 build needs beyond Debian's cross packages - CppUTest and libjpeg-turbo for arm64 - into
-# build/sysroot-aarch64.
+# Fetches what the rpi4 build needs beyond Debian's cross packages - the libraries of the board's drivers, and CppUTest,
+# for arm64, with all that they depend on - into build/sysroot-aarch64.
 # The host's package database and architectures stay as they are: apt runs on a state directory of its own, and the
-# packages are only unpacked. Does nothing when the sysroot is complete. Needs apt, network, no root.
+# packages are only unpacked; no script of theirs runs, so nothing of them has to run here. Does nothing when the sysroot is complete. Needs apt, network, no root.
 # --force builds it again.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
 
-packages=(libcpputest-dev libjpeg62-turbo libjpeg62-turbo-dev)
+packages=(libcpputest-dev libjpeg62-turbo-dev libcamera-dev libgpiod-dev libusb-1.0-0-dev libhidapi-dev)
 sysroot=build/sysroot-aarch64
 stamp=$sysroot/packages.txt
 
@@ -42,12 +42,12 @@ apt=(apt-get -q -o "Dir::State=$PWD/$work/state" -o "Dir::State::status=$PWD/$wo
 
 say "sysroot: fetching ${packages[*]} for arm64"
 if ! quietly "$work/update.log" "${apt[@]}" update ||
-  ! (cd "$work/root" && quietly ../download.log "${apt[@]}" download "${packages[@]}"); then
+  ! quietly "$work/download.log" "${apt[@]}" -y --no-install-recommends --download-only install "${packages[@]}"; then
   complain "cannot fetch ${packages[*]} for arm64" "no network, or the package source has no arm64" \
     "see the lines above, then run toolchain/sysroot.sh again"
   exit 1
 fi
-for deb in "$work"/root/*.deb; do
+for deb in "$work"/cache/archives/*.deb; do
   printf '%s\n' "$(basename "$deb")" >>"$work/fetched"
   dpkg-deb -x "$deb" "$work/root"
   rm "$deb"
@@ -55,4 +55,4 @@ done
 { printf '%s\n' "${packages[*]}" && cat "$work/fetched"; } >"$work/root/packages.txt"
 rm -rf "$sysroot"
 mv "$work/root" "$sysroot"
-say "sysroot: $sysroot is ready ($(du -sh "$sysroot" | cut -f1), $(tail -n +2 "$stamp" | tr '\n' ' '))"
+say "sysroot: $sysroot is ready ($(du -sh "$sysroot" | cut -f1), $(($(wc -l <"$stamp") - 1)) packages)"

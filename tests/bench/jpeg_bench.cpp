@@ -56,6 +56,8 @@
 #include "tests/support/host_clips.hpp"
 #include "tests/support/reference.hpp"
 #include "tests/support/scene_pictures.hpp"
+#include "toolchain/play/thread_time.hpp"
+#include "toolchain/play/timed_crew.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace {
@@ -70,9 +72,6 @@ double clock_us(clockid_t clock) {
   timespec now{};
   clock_gettime(clock, &now);
   return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
-}
-double cpu_us() {
-  return clock_us(CLOCK_THREAD_CPUTIME_ID);
 }
 
 double median(std::vector<double> values) {
@@ -89,54 +88,6 @@ std::string load() {
 }
 
 // ---- Crews that measure ----
-
-// Another crew, and the CPU time that each worker spent inside the task.
-class TimedCrew final : public hal::Crew {
- public:
-  explicit TimedCrew(hal::Crew& crew) : crew_(crew) {}
-
-  void reset() {
-    spent_us_ = {};
-    caller_us_ = 0;
-  }
-  // Since reset(), of a caller that spent `caller_us` in all.
-  [[nodiscard]] double path_us(double caller_us) const {
-    return caller_us - caller_us_ + *std::max_element(spent_us_.begin(), spent_us_.end());
-  }
-  [[nodiscard]] double all_us(double caller_us) const {
-    return caller_us - caller_us_ + std::accumulate(spent_us_.begin(), spent_us_.end(), 0.0);
-  }
-  [[nodiscard]] bool alone() const {
-    return std::all_of(spent_us_.begin() + 1, spent_us_.end(), [](double us) { return us == 0; });
-  }
-
- private:
-  class TimedTask final : public hal::Task {
-   public:
-    TimedTask(hal::Task& task, TimedCrew& crew) : task_(task), crew_(crew) {}
-
-   private:
-    void do_work(std::size_t worker) override {
-      const double start = cpu_us();
-      task_.work(worker);
-      crew_.spent_us_[worker] += cpu_us() - start;
-    }
-    hal::Task& task_;
-    TimedCrew& crew_;
-  };
-
-  [[nodiscard]] std::size_t do_size() const override { return crew_.size(); }
-  void do_run(hal::Task& task) override {
-    TimedTask timed(task, *this);
-    const double start = cpu_us();
-    crew_.run(timed);
-    caller_us_ += cpu_us() - start;
-  }
-
-  hal::Crew& crew_;
-  std::array<double, hal::kMaxWorkers> spent_us_{};
-  double caller_us_ = 0;  // in run(), work and waiting
-};
 
 // Four workers on the caller's thread, one after the other, a quarter of the slices for each. The first would take them
 // all, so it is shown no more than its own. That leaves the last slice of a quarter without the bytes of the next one,
@@ -157,12 +108,12 @@ class FourInTurn final : public hal::Crew {
       state_.slices = slices * (i + 1) / hal::kMaxWorkers;
       task.work(i);
     }
-    const double start = cpu_us();
+    const double start = tool::thread_us();
     state_.slices = slices;
     state_.claimed = 0;
     state_.valued = 0;
     task.work(0);
-    uncounted_us_ += cpu_us() - start;
+    uncounted_us_ += tool::thread_us() - start;
   }
 
   jpeg_fast::State& state_;
@@ -404,15 +355,15 @@ struct Method {
 template <typename Work>
 Spent timed(Work&& work) {
   const double wall = clock_us(CLOCK_MONOTONIC);
-  const double start = cpu_us();
+  const double start = tool::thread_us();
   work();
-  const double us = cpu_us() - start;
+  const double us = tool::thread_us() - start;
   return {us, us, clock_us(CLOCK_MONOTONIC) - wall, false};
 }
 
 // The same with helpers, who are to be found in `crew`.
 template <typename Work>
-Spent timed(TimedCrew& crew, Work&& work) {
+Spent timed(tool::TimedCrew& crew, Work&& work) {
   crew.reset();
   Spent spent = timed(work);
   const double caller_us = spent.us;
@@ -550,7 +501,7 @@ class Decoders {
   std::unique_ptr<jpeg_dc::State> plain_ = std::make_unique<jpeg_dc::State>();
   hal::Alone alone_;
   drivers::Threads threads_{{.workers = 2}};
-  TimedCrew crew_{threads_};
+  tool::TimedCrew crew_{threads_};
   // Each its own memory, as none must find it warm from another one's work.
   Fast one_lane_{1, 1};
   Fast two_lanes_{2, 1};
@@ -805,7 +756,7 @@ std::string run_to_decision(double sigma, Csv& csv, Goals& goals) {
   drivers::TurboJpegDecoder library;
   hal::Alone alone;
   drivers::Threads threads({.workers = 2});
-  TimedCrew two(threads);
+  tool::TimedCrew two(threads);
   std::vector<jpeg_fast::Worker> workers(3);
   const auto one_thread =
       std::make_unique<EighthDecoder>(EighthDecoder::Config{}, library, std::span(workers).first(1), alone);

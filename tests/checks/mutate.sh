@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # How many small faults in the firmware its own tests notice: changes one operator, number or statement at a time
 # (mutants.awk), and runs the tests of the stages on it.
-#   tests/checks/mutate.sh [--sample N] [--seed S] [--list] [FILE...]
+#   tests/checks/mutate.sh [--sample N] [--seed S] [--list] [FILE...]     e.g. firmware/vision/*.cpp
 #     FILE        sources under firmware/ (default: tactile and slip, without types and the compiled tree)
 #     --sample N  so many, drawn with seed S (1), instead of all: one takes about 5 s of a core
 #     --list      only print them
@@ -72,7 +72,9 @@ sources=(tests/all_tests.cpp)
 for stage in "${stages[@]}"; do sources+=("tests/firmware/${stage}_test.cpp"); done
 mapfile -t firmware < <(find firmware -name '*.cpp' ! -name main.cpp | sort)
 sources+=("${firmware[@]}" tests/support/reference.cpp)
-printf '%s\n' "${sources[@]}" | FLAGS="$(printf '%q ' "${flags[@]}")" xargs -P "$(nproc)" -I {} bash -c \
+jpeg_sources=()
+if [[ ${files[*]} == *vision/jpeg* ]]; then jpeg_sources=(tests/jpeg/*_test.cpp tests/support/host_jpeg_streams.cpp); fi
+printf '%s\n' "${sources[@]}" "${jpeg_sources[@]}" | FLAGS="$(printf '%q ' "${flags[@]}")" xargs -P "$(nproc)" -I {} bash -c \
   'eval "flags=($FLAGS)"; compile_base {}' || { complain "the tests do not compile" "see above" "build the sim preset first" && exit 1; }
 
 # Unchanged, all of them pass: otherwise nothing that follows would mean anything.
@@ -120,6 +122,7 @@ try() {
   case $stem in
     reference) own=(tests/firmware/reference_stage_test.cpp) ;;
     model) own=(tests/firmware/model_file_test.cpp tests/firmware/classifier_test.cpp) ;;
+    jpeg_*) own=(tests/jpeg/*_test.cpp tests/support/host_jpeg_streams.cpp) ;;
     *) [[ ! -f tests/firmware/${stem}_test.cpp ]] || own=("tests/firmware/${stem}_test.cpp") ;;
   esac
   [[ $file != *.cpp ]] || own+=("$file")

@@ -137,6 +137,36 @@ TEST(Trade, RefusesWhatIsNoTableOfPrices) {
                   read(head + "0,k,v,,inf" + commas.substr(1) + "\n", lines).value_or("").c_str());
 }
 
+TEST(Trade, CountsGoToTheSettingsThatTheyAreOf) {
+  const std::vector<Point> points = trade::points();
+  std::string counts;
+  std::set<std::string> known;
+  for (const Point& point : points) {
+    const auto settings = trade::settings_of(point);
+    CHECK_EQUAL(settings.has_value(), !point.needs_markers());
+    if (!settings || !known.insert(*settings).second) continue;
+    const bool rival = settings->starts_with("rival=");
+    CHECK_EQUAL(rival, trade::find_rival(settings->substr(settings->find('=') + 1)).has_value());
+    counts += *settings + "," + std::to_string(1000 + known.size()) + (rival ? ",\n" : ",77\n");
+  }
+  STRCMP_CONTAINS("mode=fast,1001,77\nmode=1,1002,77\n", counts.c_str());
+  std::vector<Line> lines = whole();
+  const auto put = [&](const std::string& text) {
+    std::istringstream in(text);
+    return trade::read_counts(in, "c.csv", lines).value_or("");
+  };
+  STRCMP_EQUAL("", put(counts).c_str());
+  DOUBLES_EQUAL(1002.0, lines[1].figures[trade::kInstructionsX86].value_or(0.0), 0.0);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    CHECK_EQUAL(lines[i].figures[trade::kInstructionsX86].has_value(), !points[i].needs_markers());
+    CHECK_EQUAL(lines[i].figures[trade::kInstructionsArm].has_value(),
+                !points[i].needs_markers() && points[i].tuning.rival == trade::Rival::kNone);
+  }
+  STRCMP_CONTAINS("no count of 'mode=1'", put("mode=fast,1,1\n").c_str());
+  STRCMP_CONTAINS("c.csv:1: 2 cells", put("mode=fast,1\n").c_str());
+  STRCMP_CONTAINS("c.csv:2: '-3' is no count", put("mode=fast,1,1\nmode=1,-3,1\n").c_str());
+}
+
 TEST(Trade, DominatedIsWhatNobodyShouldChoose) {
   using trade::kGraspBalanced;
   using trade::kRms;
@@ -168,8 +198,9 @@ TEST(Trade, FiguresOfAFilmAreThoseOfTheSetting) {
     return *std::ranges::find_if(points, [&](const Point& p) { return p.knob == knob && p.value == value; });
   };
   std::vector<trade::Trialled> trialled;
-  for (const Point& point : {points[0], find("jpeg_decoder", "libjpeg-turbo"), find("jpeg_rows_pct", "95 %"),
-                             find("others", "OpenCV 1/8 + Canny + SimpleBlob"), find("centres", "Q4")}) {
+  for (const Point& point :
+       {points[0], find("jpeg_decoder", "libjpeg-turbo"), find("jpeg_rows_pct", "95 %"),
+        find("others", "OpenCV 1/8 + Canny + SimpleBlob"), find("centres", "Q4"), find("jpeg_threads", "2")}) {
     trialled.emplace_back(point, trade::Lessons(0));
   }
   trade::Film film = trade::shoot(0);
@@ -196,6 +227,10 @@ TEST(Trade, FiguresOfAFilmAreThoseOfTheSetting) {
   LONGS_EQUAL(0, fast.seen->damaged_used);
   CHECK_TRUE(fewer_rows.seen->damaged_used > 0);
   CHECK_FALSE(trialled[4].price().seen.has_value());  // pictures cannot show it
+  const trade::Price threads = trialled[5].price();
+  DOUBLES_EQUAL(fast.seen->rms_px, threads.seen->rms_px, 0.0);
+  LONGS_EQUAL(60, threads.seen->frames);
+  CHECK_TRUE(threads.memory_bytes > fast.memory_bytes);
 }
 
 TEST(Trade, FiguresOfAGraspAreThoseOfTheSetting) {

@@ -86,6 +86,7 @@ struct SceneMakeOptions {
 struct TradeSimOptions {
   std::vector<std::string> scenes;
   std::string csv;
+  std::string entries;
   std::string svg;
   double reference_cell_mm = 0.35;
   int repeats = 3;
@@ -109,8 +110,11 @@ struct TradeShowOptions {
   std::string csv;
   std::string svg;
   std::string modes;
+  std::string counts;
 };
 [[nodiscard]] int trade_show(const TradeShowOptions& options);
+// Each setting that can be shown pictures, a line of words each.
+[[nodiscard]] int trade_settings();
 
 // Commands that bring their own options: each adds itself to `app` and what it does to `commands`.
 struct Command {

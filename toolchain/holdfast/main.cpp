@@ -114,10 +114,12 @@ int run(int argc, char** argv) {
   CLI::App* trade_command = app.add_subcommand("trade", "measure speed against accuracy");
   trade_command->require_subcommand(1);
   TradeSimOptions trade_options;
-  CLI::App* trade_sim_command =
-      trade_command->add_subcommand("sim", "contact levels of the simulator: time, and error against the finest grid");
+  CLI::App* trade_sim_command = trade_command->add_subcommand(
+      "sim", "levels of the simulator: time, and error against the finest grid; ways into the firmware");
   trade_sim_command->add_option("SCENE", trade_options.scenes, "scene files")->required()->check(not_empty);
   trade_sim_command->add_option("--csv", trade_options.csv, "write the table: CSV")->check(not_empty);
+  trade_sim_command->add_option("--entries", trade_options.entries, "write the table of the ways in: CSV")
+      ->check(not_empty);
   trade_sim_command->add_option("--svg", trade_options.svg, "write a picture: SVG")->check(not_empty);
   trade_sim_command
       ->add_option("--reference-cell", trade_options.reference_cell_mm,
@@ -174,7 +176,14 @@ int run(int argc, char** argv) {
       trade_command->add_subcommand("show", "put pieces of `trade firmware` together, and read them off");
   trade_show_command->add_option("CSV", show_options.tables, "the pieces, in any order")->required()->check(not_empty);
   add_outputs(trade_show_command, show_options.csv, show_options.svg, show_options.modes);
+  trade_show_command
+      ->add_option("--counts", show_options.counts,
+                   "the instruction counts of tests/bench/count_settings.sh, to be put in as well: CSV")
+      ->check(not_empty);
   trade_show_command->footer("Example:\n  holdfast trade show part_{1..8}.csv --csv trade.csv --svg trade.svg");
+  CLI::App* trade_settings_command = trade_command->add_subcommand(
+      "settings", "the settings that `trade firmware` shows pictures to, as programs understand them that count");
+  trade_settings_command->footer("Example:\n  holdfast trade settings");
 
   std::vector<Command> commands;
   add_dataset(app, commands);
@@ -209,6 +218,8 @@ int run(int argc, char** argv) {
     status = scene_describe(described);
   } else if (*make_command) {
     status = scene_make(make_options);
+  } else if (*trade_settings_command) {
+    status = trade_settings();
   } else if (*trade_firmware_command) {
     status = trade_firmware(firmware_options);
   } else if (*trade_show_command) {

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -105,6 +106,15 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   return put_out(lines, shards == 1, outputs);
 }
 
+int trade_settings() {
+  std::set<std::string> known;
+  for (const trade::Point& point : trade::points()) {
+    const auto settings = trade::settings_of(point);
+    if (settings && known.insert(*settings).second) fmt::print("{}\n", *settings);
+  }
+  return 0;
+}
+
 int trade_show(const TradeShowOptions& options) {
   OutputFiles outputs(asked(options), options.tables, "table");
   if (!outputs.error().empty()) return fail(outputs.error());
@@ -121,6 +131,16 @@ int trade_show(const TradeShowOptions& options) {
     if (const auto error = trade::read_csv(in, path, lines)) return fail(*error);
   }
   if (const auto error = trade::put_together(lines)) return fail(*error);
+  if (!options.counts.empty()) {
+    std::ifstream in(options.counts);
+    if (!in) {
+      return fail(fmt::format(
+          "{}: cannot be read. Likely cause: no such file, or no right to read it. Next: count the instructions with "
+          "tests/bench/count_settings.sh",
+          options.counts));
+    }
+    if (const auto error = trade::read_counts(in, options.counts, lines)) return fail(*error);
+  }
   return put_out(lines, true, outputs);
 }
 

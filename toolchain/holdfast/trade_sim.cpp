@@ -12,7 +12,9 @@
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "toolchain/play/play.hpp"
+#include "toolchain/play/rig.hpp"
 #include "toolchain/play/thread_time.hpp"
+#include "toolchain/trade/rival.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -172,6 +174,85 @@ std::vector<LevelPrice> price_levels(const scene::Scene& asked, const TradeSimCo
     });
   }
   return prices;
+}
+
+namespace {
+
+struct Entered {
+  std::vector<PlayedFrame> frames;
+  std::vector<bool> touching;
+};
+
+Entered enter(const scene::Scene& scene, EntryPrice& price) {
+  const Params params;
+  Rig rig(params);
+  Player player(scene, rig.clock());
+  App& app = rig.connect(player.camera());
+  Entered out;
+  if (!app.start(params).ok()) return out;
+  std::vector<double> us;
+  trade::MarkerError error;
+  bool referenced = false;
+  while (true) {
+    const double start = thread_us();
+    if (!player.step(app, params, false)) break;
+    const double spent_us = thread_us() - start;
+    const PlayedFrame frame = played(player, app);
+    out.frames.push_back(frame);
+    out.touching.push_back(player.snapshot().contact.normal_n > 0.0);
+    referenced = referenced || frame.referenced;
+    if (referenced && !frame.accepted) ++price.refused;
+    if (!out.touching.back()) continue;
+    us.push_back(spent_us);
+    if (!player.marker_centers().empty() && frame.accepted) {
+      const hal::Frame lent = player.lent();
+      error.add(app.state().tracker.field, player.marker_centers(),
+                luma_input::reduction(pipeline_config(params).luma, lent), lent.width);
+    }
+  }
+  price.frames = static_cast<int>(us.size());
+  price.us_p50 = percentile(us, 0.5);
+  price.us_p99 = percentile(us, 0.99);
+  if (error.seen > 0) price.rms_px = error.rms();
+  return out;
+}
+
+}  // namespace
+
+std::vector<EntryPrice> price_entries(const scene::Scene& scene) {
+  std::vector<EntryPrice> prices;
+  Entered features;
+  for (std::size_t i = 0; i < scene::kInjectNames.size(); ++i) {
+    EntryPrice& price = prices.emplace_back();
+    price.scene = scene.name;
+    price.entry = scene::kInjectNames[i];
+    scene::Scene entering = scene;
+    entering.level.inject = static_cast<scene::Inject>(i);
+    Entered entered = enter(entering, price);
+    if (i == 0) features = entered;
+    double sum = 0.0;
+    int both = 0;
+    for (std::size_t k = 0; k < std::min(entered.frames.size(), features.frames.size()); ++k) {
+      const PlayedFrame& here = entered.frames[k];
+      const PlayedFrame& there = features.frames[k];
+      if (!features.touching[k] || !here.accepted || !there.accepted || !here.referenced) continue;
+      sum += std::abs(here.features.entropy.raw() - there.features.entropy.raw()) / 65536.0;
+      ++both;
+    }
+    if (both > 0) price.entropy_nat = sum / both;
+    price.alarm_shift_ms = shift_ms(first_alarm_s(features.frames), first_alarm_s(entered.frames));
+  }
+  return prices;
+}
+
+std::string trade_sim_entries_csv(const std::vector<EntryPrice>& prices) {
+  std::string out = "scene,entry,us_p50,us_p99,marker_rms_px,entropy_change_nat,refused,frames,alarm_shift_ms\n";
+  for (const EntryPrice& p : prices) {
+    out += fmt::format("{},{},{:.2f},{:.2f},{},{:.4f},{},{},{}\n", p.scene, p.entry, p.us_p50, p.us_p99,
+                       p.rms_px ? fmt::format("{:.4f}", *p.rms_px) : "", p.entropy_nat, p.refused, p.frames,
+                       p.alarm_shift_ms ? fmt::format("{:.0f}", *p.alarm_shift_ms) : "");
+  }
+  return out;
 }
 
 std::string trade_sim_csv(const std::vector<LevelPrice>& prices) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Work and precision of the simulator's contact levels: what each costs and how far it is from the finest grid.
+// Work and precision of the simulator's levels: what each way to compute the contact costs and how far it is from the
+// finest grid, and what it costs to enter the firmware later or earlier, and changes.
 #pragma once
 
 #include <optional>
@@ -28,6 +29,19 @@ struct LevelPrice {
   std::optional<double> alarm_shift_ms;  // firmware: first rise of slip after that of the reference; likewise
 };
 
+// One way into the firmware, on one scene as it is, the scene's own contact and effects.
+struct EntryPrice {
+  std::string scene;
+  std::string entry;    // of scene::kInjectNames
+  double us_p50 = 0.0;  // thread CPU time of a frame in contact, simulator and firmware
+  double us_p99 = 0.0;
+  std::optional<double> rms_px;  // where there are pictures: marker centres against the truth; px of a picture 320 wide
+  double entropy_nat = 0.0;      // mean change of E against the features' entry, frames in contact that both accept
+  int refused = 0;               // frames that the firmware did not accept, once it has its rest position
+  int frames = 0;                // in contact
+  std::optional<double> alarm_shift_ms;  // first rise of slip after that of the features' entry; none: one has none
+};
+
 struct TradeSimConfig {
   double reference_cell_mm = 0.35;
   int repeats = 3;  // of the timing
@@ -37,7 +51,11 @@ struct TradeSimConfig {
 // every difference is the contact's.
 [[nodiscard]] std::vector<LevelPrice> price_levels(const scene::Scene& asked, const TradeSimConfig& config);
 
+// All ways in, cheapest first.
+[[nodiscard]] std::vector<EntryPrice> price_entries(const scene::Scene& scene);
+
 [[nodiscard]] std::string trade_sim_csv(const std::vector<LevelPrice>& prices);
+[[nodiscard]] std::string trade_sim_entries_csv(const std::vector<EntryPrice>& prices);
 // One panel per scene: time against error, both logarithmic, with what each level omits.
 [[nodiscard]] std::string trade_sim_svg(const std::vector<LevelPrice>& prices);
 

@@ -37,6 +37,8 @@ class Player {
   // Of the last step.
   [[nodiscard]] const scene::Snapshot& snapshot() const { return camera_.snapshot(); }
   [[nodiscard]] const scene::PictureConfig& picture() const { return camera_.picture(); }
+  // Where the picture of the last step truly has the markers, in its pixels; nothing at levels without pictures.
+  [[nodiscard]] std::span<const scene::PointPx> marker_centers() const { return camera_.marker_centers(); }
   // Rest places of the markers as printed, and all dots, markers first.
   [[nodiscard]] std::span<const scene::Vec2> markers() const { return camera_.simulation().markers(); }
   [[nodiscard]] std::span<const scene::Dot> dots() const { return camera_.simulation().dots(); }

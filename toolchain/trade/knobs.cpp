@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <initializer_list>
 #include <string_view>
@@ -55,6 +57,7 @@ std::vector<Point> points() {
   list.sweep(&Params::jpeg_lanes, {0, 1, 2});
   list.add("jpeg_decoder", "libjpeg-turbo").tuning.library_jpeg = true;
   list.sweep(&Params::jpeg_rows_pct, {95, 85, 70});
+  list.sweep(&Params::jpeg_threads, {2});
   for (const int passes : {1, 2, 3}) {
     list.add("passes", fmt::format("{}", passes)).tuning.passes = passes;
   }
@@ -103,6 +106,39 @@ std::vector<Point> points() {
   rival("OpenCV 1/8 + Lucas-Kanade", Rival::kFlow);
   rival("OpenCV full size + Canny + SimpleBlob", Rival::kFullBlobs);
   return list.take();
+}
+
+namespace {
+
+constexpr std::array<std::pair<std::string_view, Rival>, 4> kRivals{{{"blobs", Rival::kBlobs},
+                                                                     {"blurred_blobs", Rival::kBlurredBlobs},
+                                                                     {"flow", Rival::kFlow},
+                                                                     {"full_blobs", Rival::kFullBlobs}}};
+
+}  // namespace
+
+std::optional<Rival> find_rival(std::string_view name) {
+  const auto* const found = std::ranges::find(kRivals, name, &std::pair<std::string_view, Rival>::first);
+  return found == kRivals.end() ? std::nullopt : std::optional(found->second);
+}
+
+std::optional<std::string> settings_of(const Point& point) {
+  if (point.needs_markers()) return std::nullopt;
+  const auto* const rival = std::ranges::find(kRivals, point.tuning.rival, &std::pair<std::string_view, Rival>::second);
+  if (rival != kRivals.end()) return fmt::format("rival={}", rival->first);
+  std::string out;
+  const auto add = [&](std::string_view name, std::string_view value) {
+    out += fmt::format("{}{}={}", out.empty() ? "" : " ", name, value);
+  };
+  for (const ParamInfo& row : kParams) {
+    const std::int32_t value = point.params.*row.member;
+    if (value != Params{}.*row.member) add(row.name, fmt::format("{}", value));
+  }
+  if (point.tuning.passes != Tuning{}.passes) add("passes", fmt::format("{}", point.tuning.passes));
+  if (point.tuning.window_pct != Tuning{}.window_pct) add("window_pct", fmt::format("{}", point.tuning.window_pct));
+  if (point.tuning.library_jpeg) add("decoder", "library");
+  if (point.tuning.model == ModelChoice::kPaper) add("features", "paper");
+  return out.empty() ? "mode=fast" : out;
 }
 
 pipeline::Config config_of(const Point& point, const model::Tree* tree) {

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -61,6 +62,11 @@ struct Point {
 
 // The first three are the shipped modes, in their order.
 [[nodiscard]] std::vector<Point> points();
+
+// What differs from mode fast, as words that the programs understand which count instructions
+// (tests/bench/setting_cost, rival_cost). Nothing: the point needs markers, or a desk computer.
+[[nodiscard]] std::optional<std::string> settings_of(const Point& point);
+[[nodiscard]] std::optional<Rival> find_rival(std::string_view name);
 
 // The pipeline of a point; `tree` as pipeline_config() wants it.
 [[nodiscard]] pipeline::Config config_of(const Point& point, const model::Tree* tree);

@@ -11,33 +11,37 @@
 
 #include "app/app.hpp"
 #include "base/math.hpp"
+#include "drivers/common/crew.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "hal/crew.hpp"
 #include "tactile/entropy.hpp"
 #include "toolchain/learn/calibrate.hpp"
 #include "toolchain/play/thread_time.hpp"
+#include "toolchain/play/timed_crew.hpp"
 #include "toolchain/trade/rival.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::trade {
 namespace {
 
-// Notes what decoding takes of the frame's time.
+// Notes what decoding takes of the frame's time: of several threads, along the critical path (timed_crew.hpp).
 class TimedDecoder final : public JpegDecoder {
  public:
-  explicit TimedDecoder(JpegDecoder& decoder) : decoder_(decoder) {}
+  TimedDecoder(JpegDecoder& decoder, tool::TimedCrew& crew) : decoder_(decoder), crew_(crew) {}
 
   [[nodiscard]] double us() const { return us_; }
 
  private:
   [[nodiscard]] Status do_decode(std::span<const std::uint8_t> bytes, DecodeScale scale, LumaBuffer& out) override {
+    crew_.reset();
     const double start = tool::thread_us();
     const Status status = decoder_.decode(bytes, scale, out);
-    us_ = tool::thread_us() - start;
+    us_ = crew_.path_us(tool::thread_us() - start);
     return status;
   }
 
   JpegDecoder& decoder_;
+  tool::TimedCrew& crew_;
   double us_ = 0.0;
 };
 
@@ -51,15 +55,23 @@ struct Firmware {
       tree = std::make_unique<model::Tree>(treec::to_table(model));
     }
     config = config_of(point, tree.get());
-    ours = std::make_unique<EighthDecoder>(jpeg_config(point.params), library, std::span(worker.get(), 1), crew);
-    timed = std::make_unique<TimedDecoder>(point.tuning.library_jpeg ? static_cast<JpegDecoder&>(library) : *ours);
+    const auto threads = static_cast<std::size_t>(point.params.jpeg_threads);
+    workers = std::vector<jpeg_fast::Worker>(threads);
+    if (threads > 1) helpers = std::make_unique<drivers::Threads>(drivers::Threads::Config{.workers = threads});
+    hal::Crew& working = helpers ? static_cast<hal::Crew&>(*helpers) : alone;
+    crew = std::make_unique<tool::TimedCrew>(working);
+    ours = std::make_unique<EighthDecoder>(jpeg_config(point.params), library, workers, *crew);
+    timed =
+        std::make_unique<TimedDecoder>(point.tuning.library_jpeg ? static_cast<JpegDecoder&>(library) : *ours, *crew);
   }
 
   std::unique_ptr<model::Tree> tree;
   pipeline::Config config;
   drivers::TurboJpegDecoder library;
-  std::unique_ptr<jpeg_fast::Worker> worker = std::make_unique<jpeg_fast::Worker>();
-  hal::Alone crew;
+  std::vector<jpeg_fast::Worker> workers;
+  hal::Alone alone;
+  std::unique_ptr<drivers::Threads> helpers;  // of settings with several threads
+  std::unique_ptr<tool::TimedCrew> crew;
   std::unique_ptr<EighthDecoder> ours;
   std::unique_ptr<TimedDecoder> timed;
 };
@@ -241,8 +253,13 @@ void Trialled::show(const Film& film, std::size_t k) {
     const hal::Frame frame = frame_of(film, k);
     const double start = tool::thread_us();
     const pipeline::Result result = pipeline::update(*s.pipeline, config, *s.firmware->timed, frame);
-    s.times.all_us.push_back(tool::thread_us() - start);
-    s.times.decode_us.push_back(s.firmware->timed->us());
+    const double spent_us = tool::thread_us() - start;
+    const tool::TimedCrew& crew = *s.firmware->crew;
+    // A frame whose helpers came too late says nothing of several threads.
+    if (!s.firmware->helpers || !crew.alone()) {
+      s.times.all_us.push_back(crew.path_us(spent_us));
+      s.times.decode_us.push_back(s.firmware->timed->us());
+    }
     ++s.seen.frames;
     s.trial->add(k, shot.time, result);
     if (result.quality.ok()) {

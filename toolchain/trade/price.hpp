@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What one setting costs and gains, measured: time, memory, and what is left of the truth.
 //
-// Time is thread CPU time of this machine, median over the frames; ratios are what may be compared between machines.
+// Time is thread CPU time of this machine, median over the frames; ratios are what may be compared between machines. Of
+// several threads it is the critical path's, in frames whose helpers came in time (play/timed_crew.hpp).
 // Marker error: RMS over all markers and frames of the films, in px of a picture 320 wide. Error of E: mean of |E minus
 // the E of the true displacements in the same bins|. Decisions are counted as in learn/study.hpp, the verdict frame by
 // frame and the request event by event; those of recordings as in learn/recorded.hpp.

@@ -7,6 +7,8 @@
 #include <array>
 #include <cmath>
 #include <istream>
+#include <map>
+#include <utility>
 
 #include "toolchain/learn/charts.hpp"
 #include "toolchain/learn/evaluate_report.hpp"
@@ -55,6 +57,8 @@ constexpr std::array<Figure, kFigures> kTable{{
     {"clip_onsets", "onsets", 0},
     {"clip_hits", "hits", 0, Better::kMore},
     {"clip_alarms", "alarms", 0, Better::kLess},
+    {"instructions_x86_64", "x86-64", 2},
+    {"instructions_aarch64", "aarch64", 2},
 }};
 
 constexpr std::array<std::string_view, 4> kNames{"index", "knob", "value", "mode"};
@@ -153,7 +157,8 @@ std::string csv(const std::vector<Line>& lines) {
   for (const Line& line : lines) {
     out += fmt::format("{},{},{},{}", line.index, line.knob, line.value, line.mode);
     for (std::size_t i = 0; i < kFigures; ++i) {
-      const int digits = kTable[i].decimals == 0 ? 0 : kTable[i].decimals + 2;
+      const bool whole = kTable[i].decimals == 0 || i >= kInstructionsX86;
+      const int digits = whole ? 0 : kTable[i].decimals + 2;
       out += line.figures[i] ? fmt::format(",{:.{}f}", *line.figures[i], digits) : ",";
     }
     out += '\n';
@@ -194,6 +199,39 @@ std::optional<std::string> read_csv(std::istream& in, std::string_view name, std
   return {};
 }
 
+std::optional<std::string> read_counts(std::istream& in, std::string_view name, std::vector<Line>& lines) {
+  std::string row;
+  int number = 1;
+  const auto wrong = [&](std::string_view what) {
+    return fmt::format(
+        "{}:{}: {}. Likely cause: another file, or counted with another version. Next: count again with "
+        "tests/bench/count_settings.sh",
+        name, number, what);
+  };
+  std::map<std::string, std::array<std::optional<double>, 2>> counts;
+  for (; std::getline(in, row); ++number) {
+    const std::vector<std::string> cells = cells_of(row);
+    if (cells.size() != 3) return wrong(fmt::format("{} cells instead of 3", cells.size()));
+    auto& [x86, arm] = counts[cells[0]];
+    for (auto& [cell, count] : {std::pair(&cells[1], &x86), std::pair(&cells[2], &arm)}) {
+      double value = 0.0;
+      if (cell->empty()) continue;
+      if (!learn::to_number(*cell, value) || !(value > 0.0)) return wrong(fmt::format("'{}' is no count", *cell));
+      *count = value;
+    }
+  }
+  const std::vector<Point> all = points();
+  for (Line& line : lines) {
+    const auto settings = settings_of(all.at(static_cast<std::size_t>(line.index)));
+    if (!settings) continue;
+    const auto found = counts.find(*settings);
+    if (found == counts.end()) return wrong(fmt::format("no count of '{}'", *settings));
+    line.figures[kInstructionsX86] = found->second[0];
+    line.figures[kInstructionsArm] = found->second[1];
+  }
+  return {};
+}
+
 std::optional<std::string> put_together(std::vector<Line>& lines) {
   std::ranges::sort(lines, {}, &Line::index);
   const std::vector<Point> all = points();
@@ -230,24 +268,27 @@ bool on_front(const Line& line, const std::vector<Line>& lines, std::size_t a, s
 std::string text(const std::vector<Line>& lines, bool whole) {
   learn::Table table;
   table.columns = {{.id = "knob", .title = "", .group = ""}, {.id = "value", .title = "", .group = ""}};
-  constexpr std::array<std::size_t, 19> kShown{
-      kUsP50,         kDecodeUs,      kMemory,      kRms,      kDamagedUsed,       kEntropyError,  kFilmBalanced,
-      kFilmUnnoticed, kFilmDelayP50,  kFilmAlarms,  kGraspUs,  kGraspEntropyError, kGraspBalanced, kGraspUnnoticed,
-      kGraspDelayP50, kGraspDelayP95, kGraspAlarms, kClipHits, kClipAlarms};
+  constexpr std::array<std::size_t, 21> kShown{
+      kUsP50,       kDecodeUs,          kMemory,        kInstructionsX86, kInstructionsArm, kRms,
+      kDamagedUsed, kEntropyError,      kFilmBalanced,  kFilmUnnoticed,   kFilmDelayP50,    kFilmAlarms,
+      kGraspUs,     kGraspEntropyError, kGraspBalanced, kGraspUnnoticed,  kGraspDelayP50,   kGraspDelayP95,
+      kGraspAlarms, kClipHits,          kClipAlarms};
   for (const std::size_t i : kShown) {
     table.columns.push_back({.id = std::string(kTable[i].id),
                              .title = std::string(kTable[i].title),
-                             .group = i <= kMemory         ? "a frame"
-                                      : i <= kEntropyError ? "pictures"
-                                      : i <= kFilmAlarms   ? "filmed grasps"
-                                      : i <= kGraspAlarms  ? "grasps from markers on"
-                                                           : "recordings",
+                             .group = i <= kMemory            ? "a frame"
+                                      : i >= kInstructionsX86 ? "million instructions"
+                                      : i <= kEntropyError    ? "pictures"
+                                      : i <= kFilmAlarms      ? "filmed grasps"
+                                      : i <= kGraspAlarms     ? "grasps from markers on"
+                                                              : "recordings",
                              .decimals = kTable[i].decimals});
   }
   for (const Line& line : lines) {
     std::vector<learn::Cell> row{learn::Cell(line.knob), learn::Cell(line.value)};
     for (const std::size_t i : kShown) {
-      row.emplace_back(i == kMemory && line.figures[i] ? std::optional(*line.figures[i] / 1e3) : line.figures[i]);
+      const double unit = i == kMemory ? 1e3 : i == kInstructionsX86 || i == kInstructionsArm ? 1e6 : 1.0;
+      row.emplace_back(line.figures[i] ? std::optional(*line.figures[i] / unit) : std::nullopt);
     }
     table.rows.push_back(std::move(row));
   }
@@ -301,18 +342,20 @@ std::string svg(const std::vector<Line>& lines) {
 
 std::string modes_markdown(const std::vector<Line>& lines) {
   std::string out =
-      "| mode | time of a frame | memory it works on | marker error | error of E | grasps filmed: balanced accuracy, "
+      "| mode | time of a frame | million aarch64 instructions | memory it works on | marker error | error of E | "
+      "grasps filmed: balanced accuracy, "
       "median delay | real clips: onsets told in 10 frames, alarms |\n"
-      "|---|---|---|---|---|---|---|\n";
+      "|---|---|---|---|---|---|---|---|\n";
   const auto at = [](const Line& line, std::size_t i) { return line.figures[i].value_or(0.0); };
   for (const Line& line : lines) {
     if (line.mode.empty()) continue;
-    out += fmt::format("| `{}` | {:.2f}x | {:.1f} MB | {:.4f} px | {:.4f} nat | {:.1f} %, {:.0f} ms | {} |\n",
-                       line.mode, at(line, kUsP50) / at(lines.front(), kUsP50), at(line, kMemory) / 1e6, at(line, kRms),
-                       at(line, kEntropyError), at(line, kFilmBalanced), at(line, kFilmDelayP50),
-                       line.figures[kClipHits] ? fmt::format("{:.0f} of {:.0f}, {:.0f}", at(line, kClipHits),
-                                                             at(line, kClipOnsets), at(line, kClipAlarms))
-                                               : "not there");
+    out += fmt::format(
+        "| `{}` | {:.2f}x | {:.1f} | {:.1f} MB | {:.4f} px | {:.4f} nat | {:.1f} %, {:.0f} ms | {} |\n", line.mode,
+        at(line, kUsP50) / at(lines.front(), kUsP50), at(line, kInstructionsArm) / 1e6, at(line, kMemory) / 1e6,
+        at(line, kRms), at(line, kEntropyError), at(line, kFilmBalanced), at(line, kFilmDelayP50),
+        line.figures[kClipHits]
+            ? fmt::format("{:.0f} of {:.0f}, {:.0f}", at(line, kClipHits), at(line, kClipOnsets), at(line, kClipAlarms))
+            : "not there");
   }
   return out;
 }

@@ -18,7 +18,7 @@
 
 namespace holdfast::trade {
 
-inline constexpr std::size_t kFigures = 26;
+inline constexpr std::size_t kFigures = 28;
 // What is measured of a line, in the order of the CSV's columns. The six of decisions follow each other alike.
 enum : std::uint8_t {
   kUsP50,
@@ -47,6 +47,8 @@ enum : std::uint8_t {
   kClipOnsets,
   kClipHits,
   kClipAlarms,
+  kInstructionsX86,
+  kInstructionsArm,
 };
 struct Line {
   long index = 0;  // of points(), from 0
@@ -62,6 +64,10 @@ struct Line {
 [[nodiscard]] std::optional<std::string> read_csv(std::istream& in, std::string_view name, std::vector<Line>& lines);
 // Puts lines of any order into theirs. As above: one that is missing, or there twice.
 [[nodiscard]] std::optional<std::string> put_together(std::vector<Line>& lines);
+
+// Adds the instruction counts of a frame, one line a setting: settings,x86_64,aarch64 (tests/bench/count_settings.sh).
+// Nothing, or one line as above.
+[[nodiscard]] std::optional<std::string> read_counts(std::istream& in, std::string_view name, std::vector<Line>& lines);
 
 // The line that is as good in everything and better in something; null: none, or a figure is missing.
 [[nodiscard]] const Line* dominated_by(const Line& line, const std::vector<Line>& lines);

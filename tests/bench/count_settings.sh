@@ -1,0 +1,55 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Instructions of a frame in each setting of `holdfast trade`, from the bytes of a 3280x2464 JPEG to the decision: on
+# x86-64 by callgrind, on aarch64 by QEMU's plugin; those of rivals on x86-64 alone.
+#   tests/bench/count_settings.sh [SETTINGS...] > counts.csv
+# prints a line settings,x86_64,aarch64 for each (all when none is named), for `holdfast trade show --counts`. What is
+# counted are the last four of a film's 14 pictures, in which a sphere slips. Needs the presets sim and rpi4, built, and
+# valgrind; 20 minutes of a core for all.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+# shellcheck source=toolchain/say.sh
+source toolchain/say.sh
+
+few=10 many=14
+for program in build/sim/bin/holdfast build/sim/bin/rival_cost build/rpi4/bin/setting_cost build/rpi4/tests/checks/insn.so; do
+  [[ -e $program ]] || { complain "no $program" "not built" "cmake --build --preset sim, and rpi4; see README.md" && exit 2; }
+done
+command -v valgrind >/dev/null || { complain "no valgrind" "not installed" "apt-get install valgrind" && exit 2; }
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+film=$work/film.mjpg
+build/sim/bin/setting_cost "$film"
+
+# x86_64 PROGRAM ARGUMENT...: instructions of a frame.
+x86_64() {
+  local n counts=()
+  for n in "$few" "$many"; do
+    valgrind --tool=callgrind --callgrind-out-file=/dev/null "$@" "$n" >"$work/log" 2>&1 ||
+      { cat "$work/log" >&2 && complain "'$* $n' failed under callgrind" "see above" "run it by itself" && return 1; }
+    counts+=("$(awk '/Collected :/ { print $4 }' "$work/log")")
+  done
+  echo $(((counts[1] - counts[0]) / (many - few)))
+}
+aarch64() {
+  # A limit that nothing reaches: this is no check.
+  MEASURED=$work/measured tests/checks/count_instructions.sh "qemu-aarch64 -L /usr/aarch64-linux-gnu" \
+    build/rpi4/tests/checks/insn.so 1000000000000 "$few" "$many" "$@" >/dev/null
+  awk '{ print $2 }' "$work/measured"
+}
+
+if (($# > 0)); then
+  printf '%s\n' "$@" >"$work/settings"
+else
+  build/sim/bin/holdfast trade settings >"$work/settings"
+fi
+while read -r settings; do
+  if [[ $settings == rival=* ]]; then
+    x86=$(x86_64 build/sim/bin/rival_cost "$film" "${settings#rival=}")
+    echo "$settings,$x86,"
+  else
+    x86=$(x86_64 build/sim/bin/setting_cost "$film" "$settings")
+    arm=$(aarch64 build/rpi4/bin/setting_cost "$film" "$settings")
+    echo "$settings,$x86,$arm"
+  fi
+done <"$work/settings"
