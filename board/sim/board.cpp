@@ -7,15 +7,10 @@
 //                     lines that another process can look at, and memory that outlives it
 #include "board/board.hpp"
 
-#include <poll.h>
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <csignal>
-#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <mutex>
@@ -26,7 +21,9 @@
 #include <utility>
 #include <vector>
 
+#include "board/common/process.hpp"
 #include "drivers/common/crew.hpp"
+#include "drivers/common/file_keep.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/watchdog_thread.hpp"
@@ -36,7 +33,6 @@
 #include "drivers/sim/film.hpp"
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/hande.hpp"
-#include "drivers/sim/keep.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/serial_pty.hpp"
@@ -54,20 +50,6 @@ struct Options {
   double seconds = 0.0;  // 0: until asked to end
   std::filesystem::path tape, keep, link, gripper;
   Params params;
-};
-
-// A signal's handler may touch no more.
-volatile std::sig_atomic_t asked_to_end = 0;
-
-// Nobody has to read what is said: a pipe that is full takes the rest of it nowhere.
-class StandardOutput final : public hal::Serial {
- private:
-  [[nodiscard]] bool do_write(std::span<const std::uint8_t> bytes) override {
-    pollfd out{STDOUT_FILENO, POLLOUT, 0};
-    if (::poll(&out, 1, 0) != 1 || (out.revents & POLLOUT) == 0) return false;
-    return ::write(STDOUT_FILENO, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size());
-  }
-  [[nodiscard]] std::size_t do_read(std::span<std::uint8_t>) override { return 0; }
 };
 
 // Simulated lines are made for one thread.
@@ -197,7 +179,7 @@ class Desk {
 
   [[nodiscard]] bool over() const {
     const bool long_enough = options.seconds > 0.0 && world_->clock().now() - began_ >= lasts_;
-    return asked_to_end != 0 || long_enough || world_->over();
+    return asked_to_end() || long_enough || world_->over();
   }
 
   const Options options;
@@ -214,8 +196,8 @@ class Desk {
     note(error);
     return tape;
   }
-  [[nodiscard]] static std::unique_ptr<sim::FileKeep> keep_of(const std::filesystem::path& path) {
-    return path.empty() ? nullptr : std::make_unique<sim::FileKeep>(path, keepsake::kBytes);
+  [[nodiscard]] static std::unique_ptr<drivers::FileKeep> keep_of(const std::filesystem::path& path) {
+    return path.empty() ? nullptr : std::make_unique<drivers::FileKeep>(path, keepsake::kBytes);
   }
   [[nodiscard]] static std::unique_ptr<NamedPty> pty_of(const std::filesystem::path& path) {
     return path.empty() ? nullptr : std::make_unique<NamedPty>(path);
@@ -238,7 +220,7 @@ class Desk {
   sim::HandE hand_{world_->clock()};
   std::unique_ptr<NamedPty> link_ = pty_of(options.link);
   std::unique_ptr<NamedPty> gripper_ = pty_of(options.gripper);
-  std::unique_ptr<sim::FileKeep> keep_ = keep_of(options.keep);
+  std::unique_ptr<drivers::FileKeep> keep_ = keep_of(options.keep);
   hal::NoKeep no_keep_;
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
@@ -253,26 +235,6 @@ class Desk {
 };
 
 std::unique_ptr<Desk> desk;
-
-int fail(int status, const std::string& what, const char* likely, const char* next) {
-  const std::string line = "holdfastd: " + what + ". Likely cause: " + likely + ". Next: " + next + "\n";
-  (void)std::fputs(line.c_str(), stderr);
-  return status;
-}
-
-// What --set refuses, for CLI11; empty: it was taken.
-std::string set(Params& params, const std::string& setting) {
-  const std::size_t equals = setting.find('=');
-  if (equals == std::string::npos) return "'" + setting + "' is no name=value";
-  ParamProblem problem;
-  if (parse(setting.substr(0, equals), setting.substr(equals + 1), params, &problem).ok()) return {};
-  std::string text = "'" + setting + "': " + std::string(problem.rule);
-  if (problem.row != nullptr) {
-    text += " (" + std::to_string(problem.row->min) + " to " + std::to_string(problem.row->max);
-    text += problem.row->unit.empty() ? ")" : " " + std::string(problem.row->unit) + ")";
-  }
-  return text;
-}
 
 }  // namespace
 
@@ -297,44 +259,17 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--link", options.link, "make this path a serial port with status and command frames");
   cli.add_option("--gripper", options.gripper,
                  "make this path the gripper's serial port; without it a simulated Hand-E answers");
-  cli.add_option_function<std::vector<std::string>>(
-         "--set",
-         [&](const std::vector<std::string>& settings) {
-           for (const std::string& setting : settings) {
-             if (const std::string wrong = set(options.params, setting); !wrong.empty()) {
-               throw CLI::ValidationError("--set " + wrong);
-             }
-           }
-         },
-         "set a parameter: name=value; may be given again")
-      ->allow_extra_args(false);
+  add_set(cli, options.params);
   cli.footer(
       "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
       "  holdfastd --real-time --keep /tmp/grasp.keep --link /tmp/holdfast.link --set gripper=1");
-  try {
-    cli.parse(argc, argv);
-  } catch (const CLI::Success& help) {
-    return cli.exit(help);
-  } catch (const CLI::ParseError& error) {
-    const auto rest = cli.remaining();
-    return fail(2, rest.empty() ? error.what() : "'" + rest.front() + "' is not known to holdfastd", "a typing error",
-                "holdfastd --help shows the options");
-  }
-  if (ParamProblem problem; !validate(options.params, &problem).ok()) {
-    return fail(2, "--set: " + std::string(problem.row->name) + " is " + std::string(problem.rule),
-                "two settings that contradict each other", "change one of them");
-  }
+  if (const std::optional<int> status = parse_command_line(cli, argc, argv, options.params)) return status;
   desk = std::make_unique<Desk>(std::move(options));
   if (!desk->problem.empty()) {
     return fail(1, desk->problem, "a folder that is not there or not yours, or a file in its place",
                 "give another path");
   }
-  struct sigaction action {};
-  action.sa_handler = [](int) { asked_to_end = 1; };
-  ::sigaction(SIGTERM, &action, nullptr);
-  ::sigaction(SIGINT, &action, nullptr);
-  action.sa_handler = SIG_IGN;  // whoever read the text has gone: that is no reason to let go
-  ::sigaction(SIGPIPE, &action, nullptr);
+  heed_signals();
   return std::nullopt;
 }
 

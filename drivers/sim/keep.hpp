@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory that outlives the firmware inside: of a test, or a mapped file that outlives the process.
+// Memory that outlives the firmware inside a test.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "hal/keep.hpp"
@@ -26,23 +24,6 @@ class Keep final : public hal::Keep {
 
   std::vector<std::uint8_t> bytes_;
   bool off_ = false;
-};
-
-// A file of a fixed size, made if it is not there. Empty memory when that fails; error() then says why.
-class FileKeep final : public hal::Keep {
- public:
-  FileKeep(const std::filesystem::path& path, std::size_t bytes);
-  ~FileKeep() override;
-  FileKeep(const FileKeep&) = delete;
-  FileKeep& operator=(const FileKeep&) = delete;
-
-  [[nodiscard]] const std::string& error() const { return error_; }
-
- private:
-  [[nodiscard]] std::span<std::uint8_t> do_memory() override { return memory_; }
-
-  std::span<std::uint8_t> memory_;
-  std::string error_;
 };
 
 }  // namespace holdfast::sim

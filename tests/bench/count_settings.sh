@@ -3,7 +3,8 @@
 # Instructions of a frame in each setting of `holdfast trade`, from the bytes of a 3280x2464 JPEG to the decision: on
 # x86-64 by callgrind, on aarch64 by QEMU's plugin; those of rivals on x86-64 alone.
 #   tests/bench/count_settings.sh [SETTINGS...] > counts.csv
-# prints a line settings,x86_64,aarch64 for each (all when none is named), for `holdfast trade show --counts`. What is
+# prints a line settings,x86_64,aarch64 for each (all when none is named), for `holdfast trade show --counts`; without
+# counts when the setting refuses the film. What is
 # counted are the last four of a film's 14 pictures, in which a sphere slips. Needs the presets sim and rpi4, built, and
 # valgrind; 20 minutes of a core for all.
 set -euo pipefail
@@ -44,7 +45,12 @@ else
   build/sim/bin/holdfast trade settings >"$work/settings"
 fi
 while read -r settings; do
-  if [[ $settings == rival=* ]]; then
+  status=0
+  [[ $settings == rival=* ]] || build/sim/bin/setting_cost "$film" "$settings" "$many" || status=$?
+  ((status == 0 || status == 3)) || exit "$status"
+  if ((status == 3)); then
+    echo "$settings,,"
+  elif [[ $settings == rival=* ]]; then
     x86=$(x86_64 build/sim/bin/rival_cost "$film" "${settings#rival=}")
     echo "$settings,$x86,"
   else

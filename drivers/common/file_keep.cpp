@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/keep.hpp"
+#include "drivers/common/file_keep.hpp"
 
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -8,7 +8,7 @@
 #include <cerrno>
 #include <cstring>
 
-namespace holdfast::sim {
+namespace holdfast::drivers {
 
 FileKeep::FileKeep(const std::filesystem::path& path, std::size_t bytes) {
   const int fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
@@ -28,4 +28,4 @@ FileKeep::~FileKeep() {
   if (!memory_.empty()) ::munmap(memory_.data(), memory_.size());
 }
 
-}  // namespace holdfast::sim
+}  // namespace holdfast::drivers

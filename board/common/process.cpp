@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "board/common/process.hpp"
+
+#include <poll.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdio>
+#include <vector>
+
+namespace holdfast::board {
+namespace {
+
+// A signal's handler may touch no more.
+volatile std::sig_atomic_t told_to_end = 0;
+
+// What --set refuses, for CLI11; empty: it was taken.
+std::string set(Params& params, const std::string& setting) {
+  const std::size_t equals = setting.find('=');
+  if (equals == std::string::npos) return "'" + setting + "' is no name=value";
+  ParamProblem problem;
+  if (parse(setting.substr(0, equals), setting.substr(equals + 1), params, &problem).ok()) return {};
+  std::string text = "'" + setting + "': " + std::string(problem.rule);
+  if (problem.row != nullptr) {
+    text += " (" + std::to_string(problem.row->min) + " to " + std::to_string(problem.row->max);
+    text += problem.row->unit.empty() ? ")" : " " + std::string(problem.row->unit) + ")";
+  }
+  return text;
+}
+
+}  // namespace
+
+int fail(int status, const std::string& what, const char* likely, const char* next) {
+  const std::string line = "holdfastd: " + what + ". Likely cause: " + likely + ". Next: " + next + "\n";
+  (void)std::fputs(line.c_str(), stderr);
+  return status;
+}
+
+void add_set(CLI::App& cli, Params& params) {
+  cli.add_option_function<std::vector<std::string>>(
+         "--set",
+         [&params](const std::vector<std::string>& settings) {
+           for (const std::string& setting : settings) {
+             if (const std::string wrong = set(params, setting); !wrong.empty()) {
+               throw CLI::ValidationError("--set " + wrong);
+             }
+           }
+         },
+         "set a parameter: name=value; may be given again")
+      ->allow_extra_args(false);
+}
+
+std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv, const Params& params) {
+  try {
+    cli.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    return cli.exit(help);
+  } catch (const CLI::ParseError& error) {
+    const auto rest = cli.remaining();
+    return fail(2, rest.empty() ? error.what() : "'" + rest.front() + "' is not known to holdfastd", "a typing error",
+                "holdfastd --help shows the options");
+  }
+  if (ParamProblem problem; !validate(params, &problem).ok()) {
+    return fail(2, "--set: " + std::string(problem.row->name) + " is " + std::string(problem.rule),
+                "two settings that contradict each other", "change one of them");
+  }
+  return std::nullopt;
+}
+
+void heed_signals() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { told_to_end = 1; };
+  ::sigaction(SIGTERM, &action, nullptr);
+  ::sigaction(SIGINT, &action, nullptr);
+  action.sa_handler = SIG_IGN;
+  ::sigaction(SIGPIPE, &action, nullptr);
+}
+
+bool asked_to_end() {
+  return told_to_end != 0;
+}
+
+bool StandardOutput::do_write(std::span<const std::uint8_t> bytes) {
+  pollfd out{STDOUT_FILENO, POLLOUT, 0};
+  if (::poll(&out, 1, 0) != 1 || (out.revents & POLLOUT) == 0) return false;
+  return ::write(STDOUT_FILENO, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size());
+}
+
+}  // namespace holdfast::board

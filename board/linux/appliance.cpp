@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "board/linux/appliance.hpp"
+
+#include <sys/mman.h>
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "board/board.hpp"
+#include "board/common/process.hpp"
+#include "drivers/common/crew.hpp"
+#include "drivers/common/file_keep.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
+#include "drivers/common/monotonic_clock.hpp"
+#include "drivers/common/watchdog_thread.hpp"
+#include "drivers/linux/camera_libcamera.hpp"
+#include "drivers/linux/camera_v4l2.hpp"
+#include "drivers/linux/gpio_gpiod.hpp"
+#include "drivers/linux/notify.hpp"
+#include "drivers/linux/serial_tty.hpp"
+#include "vision/jpeg_decoder.hpp"
+
+namespace holdfast::board {
+namespace {
+
+struct Options {
+  std::string sensor;
+  std::string backend = "v4l2";
+  std::string host, link, gripper;
+  std::filesystem::path keep;
+  Params params;
+};
+
+void say(const std::string& line) {
+  (void)std::fputs(("holdfastd: " + line + "\n").c_str(), stderr);
+}
+
+// A port that is not wired.
+class NoPort final : public hal::Serial {
+ private:
+  [[nodiscard]] bool do_write(std::span<const std::uint8_t>) override { return true; }
+  [[nodiscard]] std::size_t do_read(std::span<std::uint8_t>) override { return 0; }
+};
+
+class Appliance {
+ public:
+  explicit Appliance(Options given) : options(std::move(given)) {
+    problem = gpio_.open({.wiring = hardware().wiring, .consumer = "holdfastd", .devices = "/dev"});
+    if (problem.empty() && keep_ && !keep_->error().empty()) problem = "cannot use " + keep_->error();
+  }
+
+  [[nodiscard]] bool watch(OutputWatchdog& watchdog) {
+    watchdog_ = std::make_unique<drivers::WatchdogThread>(watchdog, gpio_, clock_);
+    notify_.ready();
+    return watchdog_->running();
+  }
+  [[nodiscard]] bool over() {
+    notify_.alive(clock_.now());
+    return asked_to_end();
+  }
+  [[nodiscard]] hal::Serial& host() { return host_ ? static_cast<hal::Serial&>(*host_) : standard_output_; }
+
+  const Options options;
+  std::string problem;
+
+ private:
+  using Port = std::unique_ptr<drivers::SerialTty>;
+
+  // A port that is not there goes on being tried: its adapter may be plugged in later.
+  [[nodiscard]] Port port_of(const std::string& path) {
+    if (path.empty()) return nullptr;
+    Port port = std::make_unique<drivers::SerialTty>(clock_);
+    if (const std::string trouble = port->open({.path = path}); !trouble.empty()) say(trouble);
+    return port;
+  }
+  [[nodiscard]] hal::Serial& port_or_none(const Port& port) {
+    return port ? static_cast<hal::Serial&>(*port) : no_port_;
+  }
+  [[nodiscard]] std::unique_ptr<hal::Camera> camera_of() const {
+    drivers::V4l2Camera::Config config;
+    config.search.serial = options.sensor;
+    config.time_scale = hardware().time_scale;
+    if (options.backend == "libcamera") return std::make_unique<drivers::LibcameraCamera>(config);
+    return std::make_unique<drivers::V4l2Camera>(config);
+  }
+  [[nodiscard]] hal::Keep& keep() {
+    if (keep_) return *keep_;
+    return no_keep_;
+  }
+
+  drivers::Notify notify_;
+  drivers::MonotonicClock clock_{hardware().time_scale};
+  std::unique_ptr<hal::Camera> camera_ = camera_of();
+  drivers::GpiodGpio gpio_;
+  StandardOutput standard_output_;
+  NoPort no_port_;
+  Port host_ = port_of(options.host), link_ = port_of(options.link), gripper_ = port_of(options.gripper);
+  std::unique_ptr<drivers::FileKeep> keep_ =
+      options.keep.empty() ? nullptr : std::make_unique<drivers::FileKeep>(options.keep, keepsake::kBytes);
+  hal::NoKeep no_keep_;
+  drivers::TurboJpegDecoder other_scales_;
+  std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
+  drivers::Threads crew_{{.workers = static_cast<std::size_t>(options.params.jpeg_threads)}};
+  EighthDecoder jpeg_{jpeg_config(options.params), other_scales_, workers_, crew_};
+  std::unique_ptr<drivers::WatchdogThread> watchdog_;
+
+ public:
+  Devices devices{*camera_, gpio_, port_or_none(link_), clock_, jpeg_};
+  Periphery periphery{port_or_none(gripper_), keep()};
+};
+
+std::unique_ptr<Appliance> appliance;
+
+}  // namespace
+
+std::optional<int> make(int argc, char** argv) {
+  Options options;
+  CLI::App cli{"The firmware with real devices, board " + std::string(hardware().name), "holdfastd"};
+  cli.add_option("--sensor", options.sensor, "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one there");
+  cli.add_option("--backend", options.backend, "camera by v4l2 or libcamera")
+      ->check(CLI::IsMember({"v4l2", "libcamera"}))
+      ->capture_default_str();
+  cli.add_option("--host", options.host, "serial port of the diagnostics text; without it standard output");
+  cli.add_option("--link", options.link, "serial port of status and command frames");
+  cli.add_option("--gripper", options.gripper, "serial port of a Robotiq Hand-E, as /dev/serial/by-id/...");
+  cli.add_option("--keep", options.keep, "keep the reference in this file, and go on with what it holds");
+  add_set(cli, options.params);
+  cli.footer(
+      "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
+      "  holdfastd --sensor 2BNN4ZE7 --link /dev/ttyAMA0 --keep /run/holdfast/reference --set gripper=1 "
+      "--gripper /dev/serial/by-id/usb-FTDI_USB-RS485_Cable_FT1234-if00-port0");
+  if (const std::optional<int> status = parse_command_line(cli, argc, argv, options.params)) return status;
+  appliance = std::make_unique<Appliance>(std::move(options));
+  if (!appliance->problem.empty()) {
+    say(appliance->problem);
+    return 1;
+  }
+  // A page that was swapped out would cost more than a frame. Without the right to it (LimitMEMLOCK of the unit) it
+  // goes on all the same: boards have no swap.
+  if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0) say("memory is not locked");
+  heed_signals();
+  return std::nullopt;
+}
+
+Devices& devices() {
+  return appliance->devices;
+}
+Periphery& periphery() {
+  return appliance->periphery;
+}
+hal::Serial& host() {
+  return appliance->host();
+}
+Params params() {
+  return appliance->options.params;
+}
+bool watch(OutputWatchdog& watchdog) {
+  return appliance->watch(watchdog);
+}
+bool over() {
+  return appliance->over();
+}
+
+}  // namespace holdfast::board
