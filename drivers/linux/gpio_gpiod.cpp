@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "drivers/linux/gpio_gpiod.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace holdfast::drivers {
+namespace {
+
+// All chips, as the kernel tells of them. ChipInfo only points, so both lists live as long as it is used.
+struct Census {
+  std::vector<gpiod::KernelChip> chips;
+  std::vector<std::vector<LineInfo>> lines;
+  std::vector<ChipInfo> infos;
+  std::string refused;  // the first device file that may not be opened, with the reason
+};
+
+Census take_census(const std::string& devices) {
+  Census census;
+  std::vector<std::string> paths;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(devices, error), end; !error && entry != end; entry.increment(error)) {
+    if (entry->path().filename().string().starts_with("gpiochip")) paths.push_back(entry->path().string());
+  }
+  std::sort(paths.begin(), paths.end());
+  for (const std::string& path : paths) {
+    gpiod::KernelChip chip;
+    const int failed = gpiod::ask(path, chip);
+    if (failed == 0) {
+      census.chips.push_back(std::move(chip));
+    } else if (census.refused.empty()) {
+      census.refused = path + ": " + std::strerror(failed);
+    }
+  }
+  for (const gpiod::KernelChip& chip : census.chips) {
+    std::vector<LineInfo>& lines = census.lines.emplace_back();
+    for (const gpiod::KernelLine& line : chip.lines) lines.push_back({line.name, line.used, line.user});
+  }
+  for (std::size_t i = 0; i < census.chips.size(); ++i) {
+    census.infos.push_back({census.chips[i].name, census.chips[i].label, census.lines[i]});
+  }
+  return census;
+}
+
+std::string told(std::string_view what, std::string_view cause, std::string_view next) {
+  return std::string(what) + ". Likely cause: " + std::string(cause) + ". Next: " + std::string(next);
+}
+
+// A chip that may not be opened looks like one that is not there.
+std::string with_refusal(std::string error, const Census& census) {
+  if (census.refused.empty()) return error;
+  return told(census.refused + " (then: " + error.substr(0, error.find(". Likely cause: ")) + ")",
+              "the user of this process is not in the group gpio",
+              "add it (usermod -aG gpio NAME, or SupplementaryGroups=gpio in the unit) and start again");
+}
+
+std::string told(const Wiring& wiring, const Place& place, const Census& census, int failed) {
+  const gpiod::KernelChip& chip = census.chips[place.chip];
+  const std::string line = std::string(name_of(wiring.role)) + ": line " + std::to_string(place.offset) + " of " +
+                           chip.name + " (" + chip.label + "): ";
+  if (failed == EBUSY) {
+    return told(line + "taken by another process between the look and the request", "two programs start at once",
+                "see `gpioinfo " + chip.name + "`, end the other one and start again");
+  }
+  return told(line + "the kernel refused it: " + std::strerror(failed),
+              "this chip cannot use the line so (direction, or a pin that belongs to a device)",
+              "compare with `gpioinfo " + chip.name + "` and the kernel log, or wire another pin");
+}
+
+}  // namespace
+
+gpiod::HeldLine& GpiodGpio::slot_of(const Role& role) {
+  if (const auto* const line = std::get_if<hal::Line>(&role)) return outputs_[static_cast<std::size_t>(*line)];
+  return inputs_[static_cast<std::size_t>(*std::get_if<hal::Input>(&role))];
+}
+
+std::string GpiodGpio::open(const Config& config) {
+  close();
+  const Census census = take_census(config.devices);
+  std::vector<Place> places(config.wiring.size());
+  std::string error = find_all(census.infos, config.wiring, places);
+  if (!error.empty()) return with_refusal(std::move(error), census);
+  for (std::size_t i = 0; i < config.wiring.size(); ++i) {
+    const Wiring& wiring = config.wiring[i];
+    const bool output = std::holds_alternative<hal::Line>(wiring.role);
+    gpiod::HeldLine& slot = slot_of(wiring.role);
+    if (slot != nullptr) {
+      error = told(std::string(name_of(wiring.role)) + ": two rows of the table", "a typing error in the wiring table",
+                   "leave one row for each role");
+    } else {
+      const gpiod::Wish wish{places[i].offset, config.consumer + ":" + std::string(name_of(wiring.role)), output,
+                             wiring.active_low, !output};
+      const int failed = gpiod::request(census.chips[places[i].chip].path, wish, slot);
+      if (failed != 0) {
+        error = told(wiring, places[i], census, failed);
+      } else if (output && gpiod::read(*slot) != 0) {
+        error = told(std::string(name_of(wiring.role)) + ": told LOW, and does not read LOW",
+                     "the wire is shorted or driven from outside, or the chip cannot read its outputs back",
+                     "measure the pin with the wire off");
+      }
+    }
+    if (!error.empty()) {
+      close();
+      return error;
+    }
+  }
+  return "";
+}
+
+void GpiodGpio::close() {
+  for (gpiod::HeldLine& line : outputs_) {
+    if (line != nullptr) (void)gpiod::write(*line, false);
+    line.reset();
+  }
+  for (gpiod::HeldLine& line : inputs_) line.reset();
+}
+
+bool GpiodGpio::do_set(hal::Line line, hal::Level level) {
+  gpiod::Held* const held = outputs_[static_cast<std::size_t>(line)].get();
+  const bool high = level == hal::Level::kHigh;
+  return held != nullptr && gpiod::write(*held, high) && gpiod::read(*held) == (high ? 1 : 0);
+}
+
+std::optional<hal::Level> GpiodGpio::do_read(hal::Input input) {
+  gpiod::Held* const held = inputs_[static_cast<std::size_t>(input)].get();
+  const int level = held != nullptr ? gpiod::read(*held) : -1;
+  if (level < 0) return std::nullopt;
+  return level > 0 ? hal::Level::kHigh : hal::Level::kLow;
+}
+
+}  // namespace holdfast::drivers
