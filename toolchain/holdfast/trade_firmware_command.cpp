@@ -4,11 +4,14 @@
 
 #include <filesystem>
 #include <fstream>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "drivers/sim/scene/random.hpp"
 #include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/progress.hpp"
@@ -69,16 +72,20 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   const auto settings = static_cast<long>(mine.size());
   Progress progress("trade", static_cast<long>(grasps.size()) + options.films * kFilmInGrasps * (settings + 8) / 8);
   long done = 0;
+  std::vector<std::size_t> turns(trialled.size());
+  std::iota(turns.begin(), turns.end(), 0);
+  scene::Random random(1);
   for (int which = 0; which < options.films; ++which) {
     const trade::Film film = trade::shoot(which);
     done += kFilmInGrasps;
     progress.update(done);
     const auto frames = static_cast<long>(film.shots.size());
     for (long k = 0; k < frames; ++k) {
-      // Whoever is first meets a frame that is in no cache: another one each time.
-      for (std::size_t i = 0; i < trialled.size(); ++i) {
-        trialled[(i + static_cast<std::size_t>(k)) % trialled.size()].show(film, static_cast<std::size_t>(k));
+      // What is in the cache is what the one before left there: another one each time.
+      for (std::size_t i = turns.size(); i > 1; --i) {
+        std::swap(turns[i - 1], turns[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
       }
+      for (const std::size_t turn : turns) trialled[turn].show(film, static_cast<std::size_t>(k));
       progress.update(done + settings * kFilmInGrasps * k / frames / 8);
       if (interrupted()) return fail(interrupted_line());
     }
