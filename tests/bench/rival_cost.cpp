@@ -15,7 +15,7 @@ int main(int argc, char** argv) {
     std::fputs("usage: rival_cost FILM WHICH N\n", stderr);
     return 2;
   }
-  const std::vector<test::Jpeg> pictures = test::read_film(argv[1]);
+  const std::vector<test::Jpeg> pictures = test::read_mjpg(argv[1]);
   const auto frames = static_cast<std::size_t>(std::atol(argv[3]));
   if (pictures.size() < frames) {
     std::fprintf(stderr, "error: %s: %zu pictures (not there, or cut off). Next: write it with setting_cost FILM\n",

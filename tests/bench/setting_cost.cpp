@@ -2,7 +2,7 @@
 // setting_cost FILM SETTINGS N: N frames of the film through the pipeline of one setting, from the JPEG's bytes to the
 // decision; for the instruction counter, which takes the difference of two runs. SETTINGS as `holdfast trade settings`
 // prints them: parameters as name=value, passes=, window_pct=, decoder=library, features=paper.
-// setting_cost FILM: writes the film (film_file.hpp).
+// setting_cost FILM: writes the film (film_file.hpp). setting_cost --data FOLDER: writes the small ones of tests/data.
 //
 // One thread, whatever jpeg_threads says: what the work of all threads comes to. features=paper computes the paper's
 // four and still walks the compiled tree, some 50 instructions that no count here can see.
@@ -55,28 +55,33 @@ bool parse_setting(const std::string& text, Setting& out) {
   return true;
 }
 
-int write_film(const char* path) {
+int write_pictures(const std::string& path, const std::vector<std::vector<std::uint8_t>>& pictures) {
   std::ofstream out(path, std::ios::binary);
-  for (const test::Jpeg& jpeg : test::make_film()) {
-    out.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
+  for (const std::vector<std::uint8_t>& picture : pictures) {
+    out.write(reinterpret_cast<const char*>(picture.data()), static_cast<std::streamsize>(picture.size()));
   }
   out.close();
   if (out) return 0;
   std::fprintf(stderr, "error: %s: cannot be written (no such folder, or the disk is full). Next: give another place\n",
-               path);
+               path.c_str());
   return 1;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc == 2) return write_film(argv[1]);
+  if (argc == 2) return write_pictures(argv[1], test::make_film(test::kFilm));
+  if (argc == 3 && std::string_view(argv[1]) == "--data") {
+    const std::string folder = argv[2];
+    return write_pictures(folder + "/slip.mjpg", test::make_film(test::kSmallFilm)) |
+           write_pictures(folder + "/slip.y8", test::make_luma(240));
+  }
   Setting setting;
   if (argc != 4 || !parse_setting(argv[2], setting)) {
     std::fputs("usage: setting_cost FILM SETTINGS N; setting_cost FILM writes it\n", stderr);
     return 2;
   }
-  const std::vector<test::Jpeg> film = test::read_film(argv[1]);
+  const std::vector<test::Jpeg> film = test::read_mjpg(argv[1]);
   const auto frames = static_cast<std::size_t>(std::atol(argv[3]));
   if (film.size() < frames) {
     std::fprintf(stderr, "error: %s: %zu pictures (not there, or cut off). Next: write it with setting_cost FILM\n",

@@ -3,8 +3,9 @@
 // TABLE (digest.txt) when one is given; RECORDING leaves the others out. The product of one source is the same integers
 // with every compiler, at every level of optimisation and on every processor; this is what shows it.
 //
-// The recordings are drawn here with integers only. drivers/sim/scene draws better, but with doubles, so that a
-// difference could be either side's.
+// Most recordings are drawn here with integers only. drivers/sim/scene draws better, but with doubles, so that a
+// difference could be either side's: what it drew, a sphere that is pressed and slips, is committed as
+// files in tests/data (setting_cost --data FOLDER writes them anew).
 //
 // Exit status: 0 the table's, or none was given; 1 another; 2 wrong arguments.
 #include "tests/checks/digest.hpp"
@@ -14,12 +15,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <fstream>
+#include <iterator>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "drivers/sim/scene/jpeg_encode.hpp"
+#include "tests/support/mjpg_file.hpp"
 
 namespace {
 
@@ -407,12 +411,59 @@ std::string features_sensitive(std::string_view name) {
   return features(name, Sensitivity::kSensitive);
 }
 
+// --- What the simulator drew (tests/data) ---
+
+constexpr const char* kFilmFile = "slip.mjpg";  // 2400x1800, the least size that mode fast decodes at 1/8
+constexpr const char* kLumaFile = "slip.y8";    // kLumaWidth x kLumaHeight bytes a frame
+constexpr std::int32_t kFilmWidth = 2400, kFilmHeight = 1800, kLumaWidth = 240, kLumaHeight = 180;
+std::string data_folder = "tests/data";
+
+// The rest position is learned from three frames, and the same press and slip come three times.
+template <typename Show>
+std::string slip_of(std::string_view name, std::size_t frames, const Show& show) {
+  Params params;
+  params.reference_frames = 3;
+  params.all_features = 1;
+  Recorder recorder(params);
+  for (int round = 0; round < 3; ++round) {
+    for (std::size_t i = 0; i < frames; ++i) recorder.show(show(i));
+  }
+  return recorder.line(name);
+}
+
+std::string scene_mjpg(std::string_view name) {
+  const std::vector<test::Jpeg> film = test::read_mjpg(data_folder + "/" + kFilmFile);
+  return slip_of(name, film.size(), [&](std::size_t i) {
+    hal::Frame frame;
+    frame.bytes = film[i];
+    frame.width = kFilmWidth;
+    frame.height = kFilmHeight;
+    return frame;
+  });
+}
+
+std::string scene_luma(std::string_view name) {
+  std::ifstream file(data_folder + "/" + kLumaFile, std::ios::binary);
+  const Bytes all{std::istreambuf_iterator<char>(file), {}};
+  constexpr std::size_t kBytes = std::size_t{kLumaWidth} * kLumaHeight;
+  return slip_of(name, all.size() / kBytes, [&](std::size_t i) {
+    hal::Frame frame;
+    frame.format = hal::PixelFormat::kLuma8;
+    frame.bytes = std::span(all).subspan(i * kBytes, kBytes);
+    frame.width = frame.stride = kLumaWidth;
+    frame.height = kLumaHeight;
+    return frame;
+  });
+}
+
 struct Recording {
   std::string_view name;
   std::string (*digest)(std::string_view name);
 };
 
-constexpr std::array<Recording, 14> kRecordings{{
+constexpr std::array<Recording, 16> kRecordings{{
+    {"scene_mjpg", scene_mjpg},
+    {"scene_luma", scene_luma},
     {"luma_9x7", luma_9x7},
     {"luma_10x8", luma_10x8},
     {"luma_410", luma_410},
@@ -436,6 +487,11 @@ int main(int argc, char** argv) {
   if (argc > 3 || !table.readable()) {
     std::fputs("usage: digest [TABLE [RECORDING]], TABLE as tests/checks/digest.txt\n", stderr);
     return 2;
+  }
+  if (argc > 1) {
+    const std::string path = argv[1];
+    const std::size_t folder = path.find("tests/checks");
+    if (folder != std::string::npos) data_folder = path.substr(0, folder) + "tests/data";
   }
   std::puts("# recording         frames, accepted, slips, hashes of input, markers, features, signals");
   bool same = true;

@@ -4,49 +4,59 @@
 // most of their run. The first pictures show the empty gel, the middle is cut short, the last are consecutive.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
-#include <fstream>
-#include <iterator>
-#include <string>
 #include <vector>
 
 #include "drivers/sim/scene/jpeg_encode.hpp"
 #include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/mjpg_file.hpp"
 #include "tests/support/scene_pictures.hpp"
 
 namespace holdfast::test {
 
-using Jpeg = std::vector<std::uint8_t>;
-
 // Frames of the scene: rest, press in steps, and a slip.
-inline constexpr int kFilmFrames[] = {0, 1, 2, 3, 10, 16, 22, 28, 34, 40, 46, 47, 48, 49, 50, 51};
+inline constexpr std::array<int, 16> kFilmFrames{0, 1, 2, 3, 10, 16, 22, 28, 34, 40, 46, 47, 48, 49, 50, 51};
 
-[[nodiscard]] inline std::vector<Jpeg> make_film() {
-  scene::PictureConfig config = scene::camera_3280x2464();
-  config.noise_sigma = 3;
-  const std::vector<SceneView> views = views_of(scene::sphere_slip(), config);
-  std::vector<Jpeg> film;
+struct FilmConfig {
+  int width = 3280;  // 4:3
+  double noise = 3.0;
+  int quality = 85;
+};
+inline constexpr FilmConfig kFilm{};
+// For a file that is committed: 100 kB a picture.
+inline constexpr FilmConfig kSmallFilm{.width = 2400, .noise = 1.0, .quality = 60};
+
+[[nodiscard]] inline scene::PictureConfig picture_of(const FilmConfig& film) {
+  scene::PictureConfig picture = scene::scaled(scene::camera_3280x2464(), film.width);
+  if (film.width != 3280) picture.height = film.width * 3 / 4;
+  picture.noise_sigma = film.noise;
+  return picture;
+}
+
+[[nodiscard]] inline std::vector<Jpeg> make_film(const FilmConfig& film) {
+  const scene::PictureConfig picture = picture_of(film);
+  const std::vector<SceneView> views = views_of(scene::sphere_slip(), picture);
+  std::vector<Jpeg> out;
   for (const int frame : kFilmFrames) {
     const SceneView& view = views[static_cast<std::size_t>(frame)];
     std::vector<std::uint8_t> rgb;
-    scene::render_rgb(config, view.dots, &view.imprint, static_cast<std::uint64_t>(frame) + 1, rgb);
-    film.push_back(scene::encode_jpeg(rgb, config.width, config.height, scene::JpegInput::kRgb, 85));
+    scene::render_rgb(picture, view.dots, &view.imprint, static_cast<std::uint64_t>(frame) + 1, rgb);
+    out.push_back(scene::encode_jpeg(rgb, picture.width, picture.height, scene::JpegInput::kRgb, film.quality));
   }
-  return film;
+  return out;
 }
 
-// Empty: it cannot be read. A picture starts with FF D8 FF, which entropy-coded bytes cannot hold.
-[[nodiscard]] inline std::vector<Jpeg> read_film(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  const Jpeg all{std::istreambuf_iterator<char>(file), {}};
-  std::vector<Jpeg> film;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const bool begins = i + 2 < all.size() && all[i] == 0xFF && all[i + 1] == 0xD8 && all[i + 2] == 0xFF;
-    if (begins) film.emplace_back();
-    if (!film.empty()) film.back().push_back(all[i]);
+[[nodiscard]] inline std::vector<std::vector<std::uint8_t>> make_luma(int width) {
+  const scene::PictureConfig picture = picture_of({.width = width});
+  const std::vector<SceneView> views = views_of(scene::sphere_slip(), picture);
+  std::vector<std::vector<std::uint8_t>> out;
+  for (const int frame : kFilmFrames) {
+    const SceneView& view = views[static_cast<std::size_t>(frame)];
+    scene::render_luma(picture, view.dots, &view.imprint, static_cast<std::uint64_t>(frame) + 1, out.emplace_back());
   }
-  return film;
+  return out;
 }
 
 }  // namespace holdfast::test
