@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "drivers/linux/serial_tty.hpp"
 #include "drivers/sim/camera_faults.hpp"
 #include "drivers/sim/camera_memory.hpp"
 #include "drivers/sim/clock.hpp"
@@ -16,6 +17,7 @@
 #include "hal/clock.hpp"
 #include "hal/gpio.hpp"
 #include "hal/serial.hpp"
+#include "tests/support/pty.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -63,6 +65,14 @@ struct SimSerialRig final : Rig<hal::Serial> {
   hal::Serial& device() override { return serial; }
 };
 
+struct TtySerialRig final : Rig<hal::Serial> {
+  holdfast::test::Pty pty;
+  sim::Clock clock;
+  holdfast::drivers::SerialTty serial{clock};
+  TtySerialRig() { STRCMP_EQUAL("", serial.open({.path = pty.path()}).c_str()); }
+  hal::Serial& device() override { return serial; }
+};
+
 // A stream of at least five frames that ends, and the clock of its time stamps.
 struct CameraRig : Rig<hal::Camera> {
   virtual hal::Clock& clock() = 0;
@@ -88,7 +98,8 @@ struct CameraBackend {
 
 constexpr Backend<hal::Clock> kClocks[] = {{"sim::Clock", make_rig<SimClockRig, hal::Clock>}};
 constexpr Backend<hal::Gpio> kGpios[] = {{"sim::Gpio", make_rig<SimGpioRig, hal::Gpio>}};
-constexpr Backend<hal::Serial> kSerials[] = {{"sim::Serial", make_rig<SimSerialRig, hal::Serial>}};
+constexpr Backend<hal::Serial> kSerials[] = {{"sim::Serial", make_rig<SimSerialRig, hal::Serial>},
+                                             {"SerialTty", make_rig<TtySerialRig, hal::Serial>}};
 const CameraBackend kCameras[] = {
     {"sim::CameraMemory", []() -> std::unique_ptr<CameraRig> { return std::make_unique<SimCameraRig>(); }},
     {"sim::FaultyCamera", []() -> std::unique_ptr<CameraRig> { return std::make_unique<SimFaultyCameraRig>(); }},
