@@ -10,7 +10,8 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
 
-packages=(libcpputest-dev libjpeg62-turbo-dev libcamera-dev libgpiod-dev libusb-1.0-0-dev libhidapi-dev libcli11-dev)
+packages=(libcpputest-dev libjpeg62-turbo-dev libcamera-dev libgpiod-dev libusb-1.0-0-dev libhidapi-dev libcli11-dev
+  libfmt-dev nlohmann-json3-dev)
 sysroot=build/sysroot-aarch64
 stamp=$sysroot/packages.txt
 

@@ -9,12 +9,9 @@
 #include <vector>
 
 #include "drivers/sim/scene/scene.hpp"
+#include "toolchain/holdfast/command.hpp"
 #include "toolchain/holdfast/session.hpp"
 #include "toolchain/treec/tree_model.hpp"
-
-namespace CLI {
-class App;
-}
 
 namespace holdfast::tool {
 
@@ -117,10 +114,6 @@ struct TradeShowOptions {
 [[nodiscard]] int trade_settings();
 
 // Commands that bring their own options: each adds itself to `app` and what it does to `commands`.
-struct Command {
-  CLI::App* app = nullptr;
-  std::function<int()> run;
-};
 void add_dataset(CLI::App& app, std::vector<Command>& commands);
 void add_train(CLI::App& app, std::vector<Command>& commands);
 void add_evaluate(CLI::App& app, std::vector<Command>& commands);
