@@ -8,7 +8,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
 
-parts=(packages format sim heap tidy coverage asan tsan integer rpi4 fuzz)
+parts=(packages format sim heap tidy coverage asan tsan rpi4 fuzz)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
   [format]="clang-format on every source"
@@ -16,9 +16,8 @@ declare -A what=(
   [heap]="heap calls from start() to stop(), counted"
   [tidy]="clang-tidy on every source that the host build compiles"
   [coverage]="lines and branches of the firmware that its tests run, against baseline and list"
-  [asan]="host build and tests with AddressSanitizer and UndefinedBehaviorSanitizer"
+  [asan]="host build and tests by clang: memory, undefined behaviour and, in the firmware, integers that wrap or lose bits"
   [tsan]="tests of the worker threads with ThreadSanitizer"
-  [integer]="tests of firmware and JPEG by clang with its checks of integers: unsigned wraps and lossy conversions, too"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
@@ -188,17 +187,6 @@ part_tsan() {
   step "tsan jpeg" build/tsan/bin/jpeg_tests -v -sg JpegFast -sn NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures ||
     status=1
   count_one "tsan (tests/run.sh --only tsan)" "$status"
-}
-part_integer() {
-  step "integer configure" cmake --preset integer || {
-    count_one "integer: configure" 1
-    return 1
-  }
-  step "integer build" cmake --build --preset integer --target firmware_tests jpeg_tests integer_selftest || {
-    count_one "integer: build" 1
-    return 1
-  }
-  run_ctest "integer tests" integer --tests-regex '^(firmware_tests|jpeg_tests|checks\.integer)' --exclude-regex "$slow_groups"
 }
 part_fuzz() {
   local status=0

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Wraps: a build of the preset integer must end here, and integer_ignore.txt must not cover it.
+// Wraps: a build of the preset asan must end here, and sanitize_ignore.txt must not cover it.
 #include <cstdint>
 
 int main(int argc, char** /*argv*/) {

@@ -198,8 +198,9 @@ std::vector<Item> serial_ports(const Places& places) {
       if (number_of(latency, 1) > 1) item.what += fmt::format("; collects input for {} ms until it is used", latency);
       const std::string padded = " " + consoles + " ";
       if (padded.find(" " + name + " ") != std::string::npos) {
-        judge(item, Verdict::kWrong, "the kernel's console writes to it",
-              fmt::format("take console={} out of the kernel's command line (cmdline.txt) and boot again", name));
+        judge(item, Verdict::kNote, "the kernel's console writes to it: not for a gripper or a link",
+              fmt::format("to use it, take console={} out of the kernel's command line (cmdline.txt) and boot again",
+                          name));
       }
       judge_rights(places, item, "dialout");
       items.push_back(std::move(item));
