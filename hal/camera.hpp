@@ -50,6 +50,9 @@ class Camera {
   // Which sensor this is, its serial number: another one has another gel. Valid after start(), until the next; empty:
   // the driver cannot tell.
   [[nodiscard]] std::string_view identity() const { return do_identity(); }
+  // Why the last start() failed, one line for people: what, likely cause, next step. Empty: it did not, or the driver
+  // cannot tell. Valid until the next call of the camera.
+  [[nodiscard]] std::string_view problem() const { return do_problem(); }
   // A sensor that sends pictures now: no two are alike, because they have noise, and their rate tells of its health.
   // Not so a recording, or a scene that is drawn without noise.
   [[nodiscard]] bool live() const { return do_live(); }
@@ -60,6 +63,7 @@ class Camera {
   virtual void do_release(const Frame& frame) = 0;
   virtual void do_stop() = 0;
   [[nodiscard]] virtual std::string_view do_identity() const { return {}; }
+  [[nodiscard]] virtual std::string_view do_problem() const { return {}; }
   [[nodiscard]] virtual bool do_live() const { return true; }
   bool running_ = false;
 };

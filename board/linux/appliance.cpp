@@ -2,6 +2,7 @@
 #include "board/linux/appliance.hpp"
 
 #include <sys/mman.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
@@ -24,6 +25,7 @@
 #include "drivers/linux/gpio_gpiod.hpp"
 #include "drivers/linux/notify.hpp"
 #include "drivers/linux/serial_tty.hpp"
+#include "drivers/linux/text.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::board {
@@ -62,6 +64,7 @@ class Appliance {
   }
   [[nodiscard]] bool over() {
     notify_.alive(clock_.now());
+    tell_of_camera();
     return asked_to_end();
   }
   [[nodiscard]] hal::Serial& host() { return host_ ? static_cast<hal::Serial&>(*host_) : standard_output_; }
@@ -89,6 +92,16 @@ class Appliance {
     if (options.backend == "libcamera") return std::make_unique<drivers::LibcameraCamera>(config);
     return std::make_unique<drivers::V4l2Camera>(config);
   }
+  // Into the log, once each, without memory. (A camera that is missing is looked for again several times a second.)
+  void tell_of_camera() {
+    const std::string_view now = camera_->problem();
+    if (now == told_.view()) return;
+    told_.clear();
+    told_ << now;
+    drivers::Text<360> line;
+    line << "holdfastd: " << (now.empty() ? "the camera is there" : now) << "\n";
+    (void)!::write(STDERR_FILENO, line.c_str(), line.view().size());
+  }
   [[nodiscard]] hal::Keep& keep() {
     if (keep_) return *keep_;
     return no_keep_;
@@ -97,6 +110,7 @@ class Appliance {
   drivers::Notify notify_;
   drivers::MonotonicClock clock_{hardware().time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
+  drivers::Text<320> told_;  // of the camera
   drivers::GpiodGpio gpio_;
   StandardOutput standard_output_;
   NoPort no_port_;

@@ -101,7 +101,7 @@ LibcameraCamera::~LibcameraCamera() {
   if (state_->manager_runs) state_->manager.stop();
 }
 
-std::string_view LibcameraCamera::problem() const {
+std::string_view LibcameraCamera::do_problem() const {
   return state_->problem.view();
 }
 const V4l2Camera::Counts& LibcameraCamera::counts() const {

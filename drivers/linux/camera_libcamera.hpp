@@ -25,7 +25,6 @@ class LibcameraCamera final : public hal::Camera {
   LibcameraCamera& operator=(const LibcameraCamera&) = delete;
 
   // As V4l2Camera's.
-  [[nodiscard]] std::string_view problem() const;
   [[nodiscard]] const V4l2Camera::Counts& counts() const;
 
  private:
@@ -36,6 +35,7 @@ class LibcameraCamera final : public hal::Camera {
   void do_release(const hal::Frame& frame) override;
   void do_stop() override;
   [[nodiscard]] std::string_view do_identity() const override;
+  [[nodiscard]] std::string_view do_problem() const override;
 
   std::unique_ptr<State> state_;
 };

@@ -58,8 +58,6 @@ class V4l2Camera final : public hal::Camera {
   V4l2Camera(const V4l2Camera&) = delete;
   V4l2Camera& operator=(const V4l2Camera&) = delete;
 
-  // Why the last start() failed, one line: what, likely cause, next step. Empty: it did not.
-  [[nodiscard]] std::string_view problem() const { return problem_.view(); }
   [[nodiscard]] const Counts& counts() const { return counts_; }
 
  private:
@@ -73,6 +71,7 @@ class V4l2Camera final : public hal::Camera {
   void do_release(const hal::Frame& frame) override;
   void do_stop() override { close(); }
   [[nodiscard]] std::string_view do_identity() const override { return node_.serial.view(); }
+  [[nodiscard]] std::string_view do_problem() const override { return problem_.view(); }
 
   [[nodiscard]] bool open_node();
   [[nodiscard]] bool set_format();
