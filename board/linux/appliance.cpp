@@ -6,6 +6,7 @@
 
 #include <CLI/CLI.hpp>
 #include <array>
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -36,6 +37,7 @@ struct Options {
   std::string backend = "v4l2";
   std::string host, link, gripper;
   std::filesystem::path keep;
+  std::int32_t time_scale = hardware().time_scale;
   Params params;
 };
 
@@ -88,7 +90,7 @@ class Appliance {
   [[nodiscard]] std::unique_ptr<hal::Camera> camera_of() const {
     drivers::V4l2Camera::Config config;
     config.search.serial = options.sensor;
-    config.time_scale = hardware().time_scale;
+    config.time_scale = options.time_scale;
     if (options.backend == "libcamera") return std::make_unique<drivers::LibcameraCamera>(config);
     return std::make_unique<drivers::V4l2Camera>(config);
   }
@@ -108,7 +110,7 @@ class Appliance {
   }
 
   drivers::Notify notify_;
-  drivers::MonotonicClock clock_{hardware().time_scale};
+  drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::Text<320> told_;  // of the camera
   drivers::GpiodGpio gpio_;
@@ -144,6 +146,11 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--link", options.link, "serial port of status and command frames");
   cli.add_option("--gripper", options.gripper, "serial port of a Robotiq Hand-E, as /dev/serial/by-id/...");
   cli.add_option("--keep", options.keep, "keep the reference in this file, and go on with what it holds");
+  if (hardware().time_scale > 1) {
+    cli.add_option("--time-scale", options.time_scale, "seconds of the world in one of the firmware's")
+        ->check(CLI::Range(1, 100))
+        ->capture_default_str();
+  }
   add_set(cli, options.params);
   cli.footer(
       "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
