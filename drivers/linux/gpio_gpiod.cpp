@@ -18,7 +18,8 @@ struct Census {
   std::vector<gpiod::KernelChip> chips;
   std::vector<std::vector<LineInfo>> lines;
   std::vector<ChipInfo> infos;
-  std::string refused;  // the first device file that may not be opened, with the reason
+  std::string refused;     // the first device file that does not open, with the reason
+  bool forbidden = false;  // that reason is a missing right
 };
 
 Census take_census(const std::string& devices) {
@@ -36,6 +37,7 @@ Census take_census(const std::string& devices) {
       census.chips.push_back(std::move(chip));
     } else if (census.refused.empty()) {
       census.refused = path + ": " + std::strerror(failed);
+      census.forbidden = failed == EACCES || failed == EPERM;
     }
   }
   for (const gpiod::KernelChip& chip : census.chips) {
@@ -52,11 +54,14 @@ std::string told(std::string_view what, std::string_view cause, std::string_view
   return std::string(what) + ". Likely cause: " + std::string(cause) + ". Next: " + std::string(next);
 }
 
-// A chip that may not be opened looks like one that is not there.
+// A chip that does not open looks like one that is not there.
 std::string with_refusal(std::string error, const Census& census) {
   if (census.refused.empty()) return error;
-  return told(census.refused + " (then: " + error.substr(0, error.find(". Likely cause: ")) + ")",
-              "the user of this process is not in the group gpio",
+  const std::string what = census.refused + " (then: " + error.substr(0, error.find(". Likely cause: ")) + ")";
+  if (!census.forbidden) {
+    return told(what, "this device file is no GPIO chip, or its chip is just going", "compare with `gpiodetect`");
+  }
+  return told(what, "the user of this process is not in the group gpio",
               "add it (usermod -aG gpio NAME, or SupplementaryGroups=gpio in the unit) and start again");
 }
 
