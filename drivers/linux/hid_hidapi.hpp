@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// A HID device by hidapi, on its hidraw device file. From two threads only as its user takes turns (Mcp2221Gpio does).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "drivers/linux/bridge_mcp2221.hpp"
+
+struct hid_device_;  // hidapi's own
+
+namespace holdfast::drivers {
+
+class HidapiPort final : public HidPort {
+ public:
+  // `serial`: as the device tells it; empty: whichever there is, if it is the only one. Empty: open. Otherwise one
+  // line: what, likely cause, next step. Uses the heap. A transfer that fails costs hidapi a heap call for its message
+  // (0.13); whoever gets kGone does not ask again.
+  [[nodiscard]] std::string open(std::uint16_t vendor, std::uint16_t product, std::string_view serial);
+
+ private:
+  struct Close {
+    void operator()(hid_device_* device) const;
+  };
+
+  [[nodiscard]] bool do_send(const Report& report) override;
+  [[nodiscard]] Got do_receive(Report& report, std::chrono::milliseconds at_most) override;
+
+  std::unique_ptr<hid_device_, Close> device_;
+};
+
+}  // namespace holdfast::drivers

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+// The MCP2221A as GPIO lines, on a model of the chip: what a voltmeter at its pins would show.
+#include <atomic>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include "drivers/linux/bridge_mcp2221.hpp"
+#include "tests/support/mcp2221_model.hpp"
+// last: it redefines new
+#include <CppUTest/TestHarness.h>
+// after it: they need what it defines
+#include <CppUTest/MemoryLeakDetector.h>
+#include <CppUTest/MemoryLeakWarningPlugin.h>
+
+using namespace holdfast;
+using namespace std::chrono_literals;
+using drivers::Mcp2221Gpio;
+using drivers::Wiring;
+using hal::Input;
+using hal::Level;
+using hal::Line;
+using test::Mcp2221Model;
+
+namespace {
+
+constexpr std::size_t kGrip = 0, kAlive = 1, kTare = 3;
+
+void check_says(const std::string& error, std::initializer_list<std::string_view> parts) {
+  for (const std::string_view part : parts) {
+    if (error.find(part) == std::string::npos)
+      FAIL(("not in the message: " + std::string(part) + "\n" + error).c_str());
+  }
+  CHECK_TRUE(error.find(". Likely cause: ") != std::string::npos && error.find(". Next: ") != std::string::npos);
+}
+
+// By name, and by label and offset, as a row for the kernel's own driver has it.
+std::vector<Wiring> table(bool active_low = false) {
+  return {{.role = Line::kGripOk, .line = "GP0", .chip = {}, .active_low = active_low},
+          {.role = Line::kAlive, .line = {}, .chip = "mcp2221_gpio", .offset = 1, .active_low = active_low},
+          {.role = Input::kTare, .line = "GP3", .chip = {}, .active_low = active_low}};
+}
+
+}  // namespace
+
+TEST_GROUP(LinuxBridge) {
+  Mcp2221Model chip;
+  Mcp2221Gpio gpio{chip};
+
+  std::string open(const std::vector<Wiring>& wiring) {
+    return gpio.open({.wiring = wiring, .patience = 20ms});
+  }
+  void open_well(bool active_low = false) {
+    STRCMP_EQUAL("", open(table(active_low)).c_str());
+  }
+};
+
+TEST(LinuxBridge, PinsBecomeLinesWithoutShowingAnythingElse) {
+  for (const bool active_low : {false, true}) {
+    Mcp2221Model fresh;
+    for (Mcp2221Model::Pin& pin : fresh.pins) pin.latch = true;  // as somebody left it
+    Mcp2221Gpio on(fresh);
+    const std::vector<Wiring> wiring = table(active_low);
+    STRCMP_EQUAL("", on.open({.wiring = wiring}).c_str());
+    for (const std::size_t pin : {kGrip, kAlive}) {
+      CHECK_TRUE(fresh.pins[pin].use == 0 && !fresh.pins[pin].input);
+      CHECK_TRUE((fresh.pins[pin].shown == std::vector<bool>{active_low}));
+    }
+    CHECK_TRUE(fresh.pins[kTare].use == 0 && fresh.pins[kTare].input);
+    LONGS_EQUAL(1, fresh.pins[2].use);  // GP2 is nobody's, and stays what it was
+    CHECK_TRUE(fresh.pins[2].latch);
+  }
+}
+
+TEST(LinuxBridge, PolarityIsAppliedOnceInBothDirections) {
+  for (const bool active_low : {false, true}) {
+    open_well(active_low);
+    for (const Level level : {Level::kHigh, Level::kLow, Level::kHigh, Level::kHigh, Level::kLow}) {
+      CHECK_TRUE(gpio.set(Line::kGripOk, level));
+      CHECK_EQUAL((level == Level::kHigh) != active_low, chip.wire(kGrip));
+      CHECK_EQUAL(active_low, chip.wire(kAlive));
+    }
+    for (const bool high : {true, false, true}) {
+      chip.pins[kTare].outside = high;
+      CHECK_TRUE(gpio.read(Input::kTare) == (high != active_low ? Level::kHigh : Level::kLow));
+    }
+  }
+}
+
+TEST(LinuxBridge, WhatAPinDoesNotShowIsToldEachTime) {
+  open_well();
+  chip.pins[kGrip].stuck = true;
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kHigh));
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kLow));
+  chip.pins[kGrip].stuck = false;
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh));
+  chip.pins[kAlive].input = true;  // another program turned it round: it shows LOW, and drives nothing
+  CHECK_FALSE(gpio.set(Line::kAlive, Level::kLow));
+  chip.pins[kAlive].input = false;
+  chip.pins[kGrip].use = 1;
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));
+  chip.pins[kTare].use = 2;
+  CHECK_FALSE(gpio.read(Input::kTare).has_value());
+}
+
+TEST(LinuxBridge, ALineWithoutAPinTakesNothing) {
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));  // not opened yet
+  open_well();
+  CHECK_FALSE(gpio.set(Line::kIncrease, Level::kLow));
+  CHECK_FALSE(gpio.read(Input::kArm).has_value());
+}
+
+TEST(LinuxBridge, AnAnswerBelongsToItsCommand) {
+  open_well();
+  // Late: the command counts as failed; its answer comes before the next one's and must not be taken for it.
+  chip.late = 1;
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kHigh));
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kLow));
+  CHECK_FALSE(chip.wire(kGrip));
+  chip.pins[kTare].outside = true;
+  CHECK_TRUE(gpio.read(Input::kTare) == Level::kHigh);
+  // The same with two answers of one command, the older of which shows another level.
+  chip.late = 1;
+  CHECK_FALSE(gpio.read(Input::kTare).has_value());
+  chip.pins[kTare].outside = false;
+  CHECK_TRUE(gpio.read(Input::kTare) == Level::kLow);
+  // And with what another program asked for, before or in between.
+  chip.foreign = 1;
+  CHECK_TRUE(gpio.read(Input::kTare) == Level::kLow);
+  chip.foreign = 2;
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh));
+  for (int i = 0; i < 3; ++i) chip.inject({0x10, 0x00});
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh));
+  for (int i = 0; i < 100; ++i) chip.inject({0x10, 0x00});  // a flood is not waited for
+  const int before = chip.commands;
+  (void)gpio.set(Line::kGripOk, Level::kLow);
+  CHECK_TRUE(chip.commands <= before + 2);
+}
+
+TEST(LinuxBridge, SilenceAndRefusalsPassAnUnpluggedChipDoesNot) {
+  open_well();
+  chip.silent = 1;
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kHigh));
+  chip.refusing = 1;
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kHigh));
+  chip.refusing = 1;
+  CHECK_FALSE(gpio.read(Input::kTare).has_value());
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh));
+  CHECK_TRUE(chip.asked_to_wait <= 20ms);
+  chip.gone = true;
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));
+  chip.gone = false;  // plugged in again: its pins are the factory's
+  const int before = chip.commands;
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));
+  CHECK_FALSE(gpio.read(Input::kTare).has_value());
+  LONGS_EQUAL(before, chip.commands);
+  open_well();
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh));
+}
+
+TEST(LinuxBridge, WhatCannotBeSetUpIsToldAndLeftAlone) {
+  chip.silent = 1;
+  check_says(open(table()), {"MCP2221A: no answer", "another program"});
+  chip.refusing = 1;
+  check_says(open(table()), {"MCP2221A: no answer"});
+  chip.pins[kAlive].stuck = chip.pins[kAlive].outside = true;
+  check_says(open(table()), {"GP1 was made an output and told LOW", "shorted"});
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));
+  chip.pins[kAlive].stuck = false;
+  std::vector<Wiring> wiring = table();
+  wiring[2].line = "GP4";
+  check_says(open(wiring), {"TARE", "no such line", "nearest names: 'GP0'"});
+  wiring[2] = {.role = Line::kAlive, .line = "GP2", .chip = {}};
+  check_says(open(wiring), {"ALIVE has two rows"});
+  chip.gone = true;
+  check_says(open(table()), {"no answer"});
+}
+
+TEST(LinuxBridge, AnEndLeavesEveryOutputLow) {
+  for (const bool active_low : {false, true}) {
+    open_well(active_low);
+    CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh) && gpio.set(Line::kAlive, Level::kHigh));
+    gpio.close();
+    CHECK_EQUAL(active_low, chip.wire(kGrip));
+    CHECK_EQUAL(active_low, chip.wire(kAlive));
+    CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));
+  }
+}
+
+TEST(LinuxBridge, TwoThreadsDoNotTakeEachOthersAnswers) {
+  const std::vector<Wiring> wiring = table();
+  STRCMP_EQUAL("", gpio.open({.wiring = wiring, .patience = 10s}).c_str());  // the machine may be busy
+  std::atomic<int> refused{0};
+  std::atomic<bool> begin{false};
+  const auto work = [&](Line line) {
+    while (!begin.load()) std::this_thread::yield();
+    for (int i = 0; i < 2000; ++i) {
+      if (!gpio.set(line, i % 2 == 0 ? Level::kHigh : Level::kLow)) ++refused;
+    }
+  };
+  std::thread a(work, Line::kGripOk);
+  std::thread b(work, Line::kAlive);
+  begin = true;
+  a.join();
+  b.join();
+  LONGS_EQUAL(0, refused.load());
+  LONGS_EQUAL(0, chip.overlaps);
+  LONGS_EQUAL(2001, chip.pins[kGrip].shown.size());
+  LONGS_EQUAL(2001, chip.pins[kAlive].shown.size());
+}
+
+TEST(LinuxBridge, AfterTheStartTheDriverTakesNoHeap) {
+  // The model takes some for its queues: as much with the driver as without.
+  open_well();
+  const auto now = [] { return MemoryLeakWarningPlugin::getGlobalDetector()->getCurrentAllocationNumber(); };
+  const auto cost_of = [&](auto&& action) {
+    const unsigned before = now();
+    for (int i = 0; i < 1000; ++i) action();
+    return now() - before;
+  };
+  const unsigned asked = cost_of([&] { (void)gpio.read(Input::kTare); });
+  const unsigned alone = cost_of([&] {
+    drivers::HidPort::Report report{0x51};
+    (void)chip.send(report);
+    (void)chip.receive(report, 0ms);
+  });
+  const unsigned told = cost_of([&] { (void)gpio.set(Line::kGripOk, Level::kHigh); });
+  CHECK_TRUE(asked <= alone + 2);
+  CHECK_TRUE(told <= 2 * alone + 20);  // two reports, and the model's list of levels
+  CHECK_TRUE(alone < 1000);            // so one allocation a call would show
+}
