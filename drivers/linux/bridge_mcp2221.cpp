@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <string_view>
+#include <thread>
 #include <variant>
 #include <vector>
 
@@ -37,6 +38,7 @@ constexpr std::size_t kSramAnswerPins = 22;  // of the answer to kGetSram
 constexpr std::uint8_t kPinHigh = 0x10;
 constexpr std::uint8_t kPinInput = 0x08;
 
+constexpr std::chrono::microseconds kLookAgain{100};
 constexpr int kMostStale = 8;  // answers that came too late and wait
 
 constexpr std::string_view kLabel = "mcp2221_gpio";
@@ -50,6 +52,17 @@ std::string told(std::string_view what, std::string_view cause, std::string_view
 }
 
 }  // namespace
+
+// Not a timed_mutex: its pthread_mutex_clocklock() is unknown to gcc 12's ThreadSanitizer, which then sees races.
+std::unique_lock<std::mutex> Mcp2221Gpio::turn() {
+  const auto until = steady_clock::now() + 2 * patience_;
+  std::unique_lock lock(mutex_, std::try_to_lock);
+  while (!lock.owns_lock() && steady_clock::now() < until) {
+    std::this_thread::sleep_for(kLookAgain);
+    (void)lock.try_lock();
+  }
+  return lock;
+}
 
 std::optional<Mcp2221Gpio::Report> Mcp2221Gpio::ask(const Report& command) {
   if (!usable_.load(std::memory_order_acquire)) return std::nullopt;
@@ -92,13 +105,13 @@ bool Mcp2221Gpio::drive(const Pin& pin, bool high) {
 bool Mcp2221Gpio::do_set(hal::Line line, hal::Level level) {
   const std::optional<Pin>& pin = outputs_[static_cast<std::size_t>(line)];
   const bool high = level == hal::Level::kHigh;
-  const std::unique_lock lock(mutex_, 2 * patience_);  // one set() of another thread
+  const auto lock = turn();
   return pin && lock.owns_lock() && drive(*pin, high) && level_of(*pin, true) == high;
 }
 
 std::optional<hal::Level> Mcp2221Gpio::do_read(hal::Input input) {
   const std::optional<Pin>& pin = inputs_[static_cast<std::size_t>(input)];
-  const std::unique_lock lock(mutex_, 2 * patience_);
+  const auto lock = turn();
   const std::optional<bool> level = pin && lock.owns_lock() ? level_of(*pin, false) : std::nullopt;
   if (!level) return std::nullopt;
   return *level ? hal::Level::kHigh : hal::Level::kLow;

@@ -80,6 +80,8 @@ class Mcp2221Gpio final : public hal::Gpio {
   [[nodiscard]] bool do_set(hal::Line line, hal::Level level) override;
   [[nodiscard]] std::optional<hal::Level> do_read(hal::Input input) override;
 
+  // Waits at most for one set() of another thread.
+  [[nodiscard]] std::unique_lock<std::mutex> turn();
   // The answer to a command; nothing: none in time, refused, or gone.
   [[nodiscard]] std::optional<Report> ask(const Report& command);
   [[nodiscard]] bool drive(const Pin& pin, bool high);
@@ -88,7 +90,7 @@ class Mcp2221Gpio final : public hal::Gpio {
 
   HidPort& port_;
   std::chrono::milliseconds patience_{};
-  std::timed_mutex mutex_;  // an answer belongs to the command before it
+  std::mutex mutex_;  // an answer belongs to the command before it
   std::atomic<bool> usable_{false};
   std::array<std::optional<Pin>, hal::kLineCount> outputs_;
   std::array<std::optional<Pin>, hal::kInputCount> inputs_;

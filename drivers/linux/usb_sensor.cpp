@@ -78,7 +78,8 @@ FixedText<31> usb_path_of(const char* node) {
   std::array<char, 256> target{};
   const ssize_t size = ::readlink(joined(node, "device").c_str(), target.data(), target.size());
   std::string_view path(target.data(), static_cast<std::size_t>(std::max<ssize_t>(size, 0)));
-  path = path.substr(path.rfind('/') + 1);  // npos + 1 is 0
+  const std::size_t slash = path.rfind('/');
+  if (slash != std::string_view::npos) path = path.substr(slash + 1);
   const std::size_t colon = path.find(':');
   return colon != std::string_view::npos ? path.substr(0, colon) : std::string_view();
 }

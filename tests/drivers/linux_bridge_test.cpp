@@ -210,6 +210,20 @@ TEST(LinuxBridge, TwoThreadsDoNotTakeEachOthersAnswers) {
   LONGS_EQUAL(2001, chip.pins[kAlive].shown.size());
 }
 
+TEST(LinuxBridge, AThreadThatHangsInTheKernelHoldsTheOtherOneOffForAWhileOnly) {
+  const std::vector<Wiring> wiring = table();
+  STRCMP_EQUAL("", gpio.open({.wiring = wiring, .patience = 1ms}).c_str());
+  chip.hangs = true;
+  std::thread hanging([&] { (void)gpio.set(Line::kAlive, Level::kHigh); });
+  while (!chip.hanging) std::this_thread::yield();
+  CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));  // it comes back, and says that nothing was done
+  CHECK_FALSE(gpio.read(Input::kTare).has_value());
+  chip.hangs = false;
+  hanging.join();
+  STRCMP_EQUAL("", gpio.open({.wiring = wiring, .patience = 10s}).c_str());
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh));
+}
+
 TEST(LinuxBridge, AfterTheStartTheDriverTakesNoHeap) {
   // The model takes some for its queues: as much with the driver as without.
   open_well();

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -33,10 +34,12 @@ class Mcp2221Model final : public drivers::HidPort {
   // From the factory: LED of UART reception, LED of UART transmission, USBCFG, LED of I2C.
   std::array<Pin, 4> pins{Pin{.use = 2}, Pin{.use = 3}, Pin{.use = 1}, Pin{.use = 1}};
 
-  int silent = 0;    // so many commands get no answer
-  int late = 0;      // so many answers come only before the next one
-  int foreign = 0;   // so many answers come behind one to another program
-  int refusing = 0;  // so many commands are answered with an error, and not obeyed
+  std::atomic<bool> hangs{false};    // a command does not come back from the kernel
+  std::atomic<bool> hanging{false};  // one is there now
+  int silent = 0;                    // so many commands get no answer
+  int late = 0;                      // so many answers come only before the next one
+  int foreign = 0;                   // so many answers come behind one to another program
+  int refusing = 0;                  // so many commands are answered with an error, and not obeyed
   bool gone = false;
   int commands = 0;
   int overlaps = 0;                           // commands that came before the answer to the one before was taken
@@ -52,6 +55,10 @@ class Mcp2221Model final : public drivers::HidPort {
  private:
   [[nodiscard]] bool do_send(const Report& report) override {
     if (gone) return false;
+    while (hangs) {
+      hanging = true;
+      std::this_thread::yield();
+    }
     ++commands;
     if (!answers_.empty()) ++overlaps;
     Report answer{report[0]};
