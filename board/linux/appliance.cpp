@@ -23,10 +23,10 @@
 #include "drivers/common/watchdog_thread.hpp"
 #include "drivers/linux/camera_libcamera.hpp"
 #include "drivers/linux/camera_v4l2.hpp"
+#include "drivers/linux/fixed_text.hpp"
 #include "drivers/linux/gpio_gpiod.hpp"
 #include "drivers/linux/notify.hpp"
 #include "drivers/linux/serial_tty.hpp"
-#include "drivers/linux/text.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::board {
@@ -89,7 +89,7 @@ class Appliance {
   }
   [[nodiscard]] std::unique_ptr<hal::Camera> camera_of() const {
     drivers::V4l2Camera::Config config;
-    config.search.serial = options.sensor;
+    config.serial = options.sensor;
     config.time_scale = options.time_scale;
     if (options.backend == "libcamera") return std::make_unique<drivers::LibcameraCamera>(config);
     return std::make_unique<drivers::V4l2Camera>(config);
@@ -98,9 +98,8 @@ class Appliance {
   void tell_of_camera() {
     const std::string_view now = camera_->problem();
     if (now == told_.view()) return;
-    told_.clear();
-    told_ << now;
-    drivers::Text<360> line;
+    told_ = now;
+    drivers::FixedText<600> line;
     line << "holdfastd: " << (now.empty() ? "the camera is there" : now) << "\n";
     (void)!::write(STDERR_FILENO, line.c_str(), line.view().size());
   }
@@ -112,7 +111,7 @@ class Appliance {
   drivers::Notify notify_;
   drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
-  drivers::Text<320> told_;  // of the camera
+  drivers::FixedText<511> told_;  // of the camera
   drivers::GpiodGpio gpio_;
   StandardOutput standard_output_;
   NoPort no_port_;

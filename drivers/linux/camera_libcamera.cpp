@@ -27,7 +27,7 @@ struct LibcameraCamera::State {
   explicit State(const V4l2Camera::Config& asked) : config(asked) {}
 
   bool fail(std::string_view what, std::string_view cause, std::string_view next) {
-    problem.clear();
+    problem = {};
     problem << "libcamera: " << what << ". Likely cause: " << cause << ". Next: " << next;
     close();
     return false;
@@ -49,7 +49,7 @@ struct LibcameraCamera::State {
     for (const std::shared_ptr<libcamera::Camera>& one : manager.cameras()) {
       // The video node's name, cut at 31 characters: "GelSight Mini R0B 2BNN-4ZE7: Ge".
       const auto model = one->properties().get(libcamera::properties::Model);
-      if (model && std::string_view(*model).starts_with(node.product.view())) return one;
+      if (model && std::string_view(*model).starts_with(sensor.device.product.view())) return one;
     }
     return nullptr;
   }
@@ -75,8 +75,9 @@ struct LibcameraCamera::State {
 
   V4l2Camera::Config config;
   V4l2Camera::Counts counts;
-  Text<320> problem;
-  SensorNode node;
+  FixedText<511> problem;
+  UsbCensus census;
+  SensorSearch sensor;
   libcamera::CameraManager manager;
   bool manager_runs = false;
   std::shared_ptr<libcamera::Camera> camera;
@@ -108,15 +109,19 @@ const V4l2Camera::Counts& LibcameraCamera::counts() const {
   return state_->counts;
 }
 std::string_view LibcameraCamera::do_identity() const {
-  return state_->node.serial.view();
+  return state_->sensor.serial.view();
 }
 
 bool LibcameraCamera::do_start() {
   State& s = *state_;
   s.close();
-  s.problem.clear();
-  s.node = {};
-  if (!find_sensor(Kernel::real(), s.config.search, s.node, s.problem)) return false;
+  s.problem = {};
+  take_census(s.config.sysfs, s.census);
+  s.sensor = find_sensor(s.census, s.config.serial);
+  if (s.sensor.result != Search::kFound) {
+    s.problem << s.sensor.message.view();
+    return false;
+  }
   if (!s.manager_runs && s.manager.start() != 0) {
     return s.fail("does not start", "no right to the devices, or udev does not run", "see its own messages above");
   }
@@ -171,7 +176,7 @@ bool LibcameraCamera::do_start() {
   }
   // The stream's own file is libcamera's: controls take another one.
   Kernel& kernel = Kernel::real();
-  if (const int fd = kernel.open(s.node.path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC); fd >= 0) {
+  if (const int fd = kernel.open(s.sensor.node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC); fd >= 0) {
     s.counts.controls_off = set_camera_controls(kernel, fd);
     (void)kernel.close(fd);
   }

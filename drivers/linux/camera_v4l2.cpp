@@ -27,17 +27,21 @@ std::chrono::microseconds monotonic_now() {
 
 bool V4l2Camera::fail(std::string_view what, std::string_view cause, std::string_view next) {
   const char* const why = std::strerror(errno);
-  problem_.clear();
-  problem_ << node_.path.view() << ": " << what << " (" << why << "). Likely cause: " << cause << ". Next: " << next;
+  problem_ = {};
+  problem_ << sensor_.node.view() << ": " << what << " (" << why << "). Likely cause: " << cause << ". Next: " << next;
   close();
   return false;
 }
 
 bool V4l2Camera::do_start() {
   close();
-  problem_.clear();
-  node_ = {};
-  if (!find_sensor(kernel_, config_.search, node_, problem_)) return false;
+  problem_ = {};
+  take_census(config_.sysfs, census_);
+  sensor_ = find_sensor(census_, config_.serial);
+  if (sensor_.result != Search::kFound) {
+    problem_ << sensor_.message.view();
+    return false;
+  }
   if (!open_node() || !set_format()) return false;
   counts_.controls_off = set_camera_controls(kernel_, fd_);
   if (!map_buffers()) return false;
@@ -57,7 +61,7 @@ bool V4l2Camera::do_start() {
 }
 
 bool V4l2Camera::open_node() {
-  fd_ = kernel_.open(node_.path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+  fd_ = kernel_.open(sensor_.node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (fd_ < 0) {
     const bool rights = errno == EACCES || errno == EPERM;
     return fail("cannot be opened", rights ? "no right to it" : "it is just being unplugged",
@@ -92,7 +96,7 @@ bool V4l2Camera::set_format() {
   if (got.pixelformat != V4L2_PIX_FMT_MJPEG || got.width != static_cast<std::uint32_t>(config_.width) ||
       got.height != static_cast<std::uint32_t>(config_.height)) {
     errno = ENOTSUP;
-    Text<96> what;
+    FixedText<95> what;
     what << "offers " << got.width << "x" << got.height << ", not MJPG " << config_.width << "x" << config_.height;
     return fail(what.view(), "another camera, or another firmware of it", "use a GelSight Mini");
   }

@@ -3,7 +3,7 @@
 // decoder reads without a copy.
 //
 // start() looks for the sensor, because its device file changes with every replug, and takes the one that is there, or
-// the one whose serial is asked for; nothing is taken for a GelSight because its USB id is the same (sensor_node.hpp).
+// the one whose serial is asked for; nothing is taken for a GelSight because its USB id is the same (usb_sensor.hpp).
 // It sets the controls that make pictures comparable (camera_controls.hpp).
 //
 // Time stamps are uvcvideo's: the monotonic clock's, start of exposure as the driver reckons it. Sequence numbers count
@@ -23,9 +23,9 @@
 #include <string_view>
 
 #include "drivers/linux/camera_controls.hpp"
+#include "drivers/linux/fixed_text.hpp"
 #include "drivers/linux/kernel.hpp"
-#include "drivers/linux/sensor_node.hpp"
-#include "drivers/linux/text.hpp"
+#include "drivers/linux/usb_sensor.hpp"
 #include "hal/camera.hpp"
 
 namespace holdfast::drivers {
@@ -34,7 +34,8 @@ class V4l2Camera final : public hal::Camera {
  public:
   static constexpr std::size_t kMostBuffers = 8;
   struct Config {
-    SensorSearch search{};
+    std::string_view serial{};   // with or without its dash; empty: the only sensor there is
+    const char* sysfs = "/sys";  // tests bring their own
     std::int32_t width = 3280;   // pixels
     std::int32_t height = 2464;  // pixels
     std::uint32_t fps = 25;
@@ -70,7 +71,7 @@ class V4l2Camera final : public hal::Camera {
   [[nodiscard]] hal::Capture do_next(hal::Frame& frame, std::chrono::microseconds timeout) override;
   void do_release(const hal::Frame& frame) override;
   void do_stop() override { close(); }
-  [[nodiscard]] std::string_view do_identity() const override { return node_.serial.view(); }
+  [[nodiscard]] std::string_view do_identity() const override { return sensor_.serial.view(); }
   [[nodiscard]] std::string_view do_problem() const override { return problem_.view(); }
 
   [[nodiscard]] bool open_node();
@@ -82,8 +83,9 @@ class V4l2Camera final : public hal::Camera {
 
   Config config_;
   Kernel& kernel_;
-  Text<320> problem_;
-  SensorNode node_;
+  FixedText<511> problem_;
+  UsbCensus census_;
+  SensorSearch sensor_;
   int fd_ = -1;
   std::array<Buffer, kMostBuffers> buffers_{};
   std::size_t buffer_count_ = 0;

@@ -17,9 +17,6 @@ int Kernel::open(const char* path, int flags) {
 int Kernel::close(int fd) {
   return ::close(fd);
 }
-ssize_t Kernel::read(int fd, void* bytes, std::size_t count) {
-  return ::read(fd, bytes, count);
-}
 int Kernel::ioctl(int fd, unsigned long request, void* argument) {
   // Signals end the process in order or are ignored: a handful at most in its life.
   for (int tries = 0;; ++tries) {

@@ -15,7 +15,6 @@ class Kernel {
   virtual ~Kernel() = default;
   [[nodiscard]] virtual int open(const char* path, int flags);
   [[nodiscard]] virtual int close(int fd);
-  [[nodiscard]] virtual ssize_t read(int fd, void* bytes, std::size_t count);
   // Called again when a signal interrupts it.
   [[nodiscard]] virtual int ioctl(int fd, unsigned long request, void* argument);
   [[nodiscard]] virtual int poll(pollfd* one, int timeout_ms);

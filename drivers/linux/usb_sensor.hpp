@@ -13,32 +13,14 @@
 #include <cstdint>
 #include <string_view>
 
+#include "drivers/linux/fixed_text.hpp"
+
 namespace holdfast::drivers {
 
 inline constexpr std::uint16_t kSensorVendor = 0x0c45;
 inline constexpr std::uint16_t kSensorProduct = 0x636d;
 inline constexpr std::string_view kSensorName = "GelSight Mini";
 inline constexpr std::uint32_t kHighSpeed_mbit = 480;  // what its one mode, MJPEG of 8 megapixels, needs
-
-// At most kMost letters; what is longer is cut.
-template <std::size_t kMost>
-class FixedText {
- public:
-  FixedText() = default;
-  FixedText(std::string_view text) { *this += text; }  // NOLINT(google-explicit-constructor): a text is a text
-  FixedText& operator+=(std::string_view text) {
-    for (const char letter : text.substr(0, kMost - size_)) letters_[size_++] = letter;
-    return *this;
-  }
-  [[nodiscard]] std::string_view view() const { return {letters_.data(), size_}; }
-  operator std::string_view() const { return view(); }                 // NOLINT(google-explicit-constructor)
-  [[nodiscard]] const char* c_str() const { return letters_.data(); }  // a zero follows
-  [[nodiscard]] bool empty() const { return size_ == 0; }
-
- private:
-  std::array<char, kMost + 1> letters_{};
-  std::size_t size_ = 0;
-};
 
 struct UsbDevice {
   std::uint16_t vendor = 0;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The V4L2 camera and the search for its node against a model of the kernel: a sysfs of files, and a video device that
-// does what videobuf2 and uvcvideo do, written from the kernel's documentation of the calls. The real kernel is met in
-// tests/system.
+// The V4L2 camera against a model of the kernel: a video device that does what videobuf2 and uvcvideo do, written from
+// the kernel's documentation of the calls. The real kernel is met in tests/system.
 #include "drivers/linux/camera_v4l2.hpp"
 
 #include <fcntl.h>
@@ -18,6 +17,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/sysfs_tree.hpp"
+// last: it redefines new
 #include <CppUTest/TestHarness.h>
 
 namespace {
@@ -48,23 +49,15 @@ struct Device {
 
 class ModelKernel final : public drivers::Kernel {
  public:
-  std::map<std::string, std::string> files;
   std::map<std::string, Device> devices;
   std::map<std::string, int> refusals;   // of open: errno
   std::map<unsigned long, int> refused;  // of ioctl: errno
   int polled_ms = -1;
 
-  void add_camera(int number, const std::string& product, const std::string& serial, int index = 0,
-                  const std::string& id = "636d") {
-    const std::string node = "/sys/class/video4linux/video" + std::to_string(number) + "/";
-    files[node + "index"] = std::to_string(index) + "\n";
-    files[node + "device/../idVendor"] = "0c45\n";
-    files[node + "device/../idProduct"] = id + "\n";
-    files[node + "device/../product"] = product + "\n";
-    files[node + "device/../serial"] = serial + "\n";
-    Device& device = devices["/dev/video" + std::to_string(number)];
+  Device& add_camera(const std::string& path) {
+    Device& device = devices[path];
     for (const drivers::CameraControl& control : drivers::camera_controls()) device.controls[control.id] = -77;
-    if (index != 0) device.caps = V4L2_CAP_META_CAPTURE | V4L2_CAP_STREAMING;
+    return device;
   }
   [[nodiscard]] int open_files() const { return open_; }
 
@@ -74,22 +67,16 @@ class ModelKernel final : public drivers::Kernel {
       errno = refusal->second;
       return -1;
     }
-    if (!files.contains(path) && !devices.contains(path)) return -1;
+    if (!devices.contains(path)) return -1;
     ++open_;
     names_.emplace_back(path);
-    if (devices.contains(path)) ++devices[path].opens;
+    ++devices[path].opens;
     return static_cast<int>(names_.size()) + 99;
   }
   int close(int fd) override {
     --open_;
-    if (devices.contains(name(fd))) device(fd).streaming = false;
+    device(fd).streaming = false;
     return 0;
-  }
-  ssize_t read(int fd, void* bytes, std::size_t count) override {
-    const std::string& text = files.at(name(fd));
-    const std::size_t size = std::min(count, text.size());
-    std::memcpy(bytes, text.data(), size);
-    return static_cast<ssize_t>(size);
   }
   int poll(pollfd* one, int timeout_ms) override {
     polled_ms = timeout_ms;
@@ -190,66 +177,19 @@ class ModelKernel final : public drivers::Kernel {
   int open_ = 0;
 };
 
-constexpr const char* kProduct = "GelSight Mini R0B 2BNN-4ZE7";
-
 }  // namespace
 
-TEST_GROUP(LinuxSensor) {
-  ModelKernel kernel;
-  drivers::SensorNode node;
-  drivers::Text<320> problem;
-
-  bool find(std::string_view serial = {}) {
-    return drivers::find_sensor(kernel, {.serial = serial}, node, problem);
-  }
-};
-
-TEST(LinuxSensor, TakesThePictureNodeOfTheOnlyOne) {
-  kernel.add_camera(0, "USB Camera", "SN1", 0, "6366");
-  kernel.add_camera(2, kProduct, "2BNN4ZE7");
-  kernel.add_camera(3, kProduct, "2BNN4ZE7", 1);
-  CHECK_TRUE(find());
-  STRCMP_EQUAL("/dev/video2", node.path.c_str());
-  STRCMP_EQUAL("2BNN4ZE7", node.serial.c_str());
-  STRCMP_EQUAL(kProduct, node.product.c_str());
-  STRCMP_EQUAL("", problem.c_str());
-  LONGS_EQUAL(0, kernel.open_files());
-  LONGS_EQUAL(0, kernel.devices["/dev/video2"].opens);
-}
-
-TEST(LinuxSensor, IsAskedForByItsSerialWithOrWithoutDashes) {
-  kernel.add_camera(0, kProduct, "2BNN4ZE7");
-  kernel.add_camera(1, "GelSight Mini R0B 28LG-GZD8", "28LGGZD8");
-  CHECK_FALSE(find());
-  STRCMP_CONTAINS("2BNN4ZE7 and 28LGGZD8", problem.c_str());
-  for (const char* serial : {"28LGGZD8", "28LG-GZD8"}) {
-    CHECK_TRUE(find(serial));
-    STRCMP_EQUAL("/dev/video1", node.path.c_str());
-  }
-  CHECK_FALSE(find("28LGGZD"));
-  CHECK_FALSE(find("28LGGZD88"));
-  STRCMP_CONTAINS("no sensor 28LGGZD88, but 'GelSight Mini R0B", problem.c_str());
-}
-
-TEST(LinuxSensor, RefusesLookAlikesByName) {
-  kernel.add_camera(4, "USB 2.0 Camera", "SN0001");
-  CHECK_FALSE(find());
-  STRCMP_CONTAINS("'USB 2.0 Camera' has a GelSight's USB id 0c45:636d but is none", problem.c_str());
-  STRCMP_CONTAINS("Next: ", problem.c_str());
-  kernel.files.clear();
-  CHECK_FALSE(find());
-  STRCMP_CONTAINS("no GelSight Mini on USB", problem.c_str());
-}
-
 TEST_GROUP(LinuxCamera) {
+  test::SysfsTree sys;
+  std::string sysfs = sys.root();
   ModelKernel kernel;
   std::unique_ptr<V4l2Camera> camera;
   Device* device = nullptr;
   hal::Frame frame;
 
   void setup() override {
-    kernel.add_camera(0, kProduct, "2BNN4ZE7");
-    device = &kernel.devices["/dev/video0"];
+    plug("1-1", 0);
+    device = &kernel.add_camera("/dev/video0");
     make({});
   }
   void teardown() override {
@@ -257,7 +197,11 @@ TEST_GROUP(LinuxCamera) {
     LONGS_EQUAL(0, kernel.open_files());
     LONGS_EQUAL(0, device->maps);
   }
-  void make(const V4l2Camera::Config& config) {
+  void plug(const std::string& port, int node) {
+    sys.plug({.path = port, .product = "GelSight Mini R0B 2BNN-4ZE7", .serial = "2BNN4ZE7", .first_node = node});
+  }
+  void make(V4l2Camera::Config config) {
+    config.sysfs = sysfs.c_str();
     camera = std::make_unique<V4l2Camera>(config, kernel);
   }
   void fill(std::uint32_t sequence, microseconds stamp = 1s, std::uint32_t bytes = 100, std::uint32_t flags = 0) {
@@ -339,10 +283,11 @@ TEST(LinuxCamera, UnpluggedIsGoneAndComesBackUnderAnotherNumber) {
   camera->release(frame);
   CHECK_TRUE(camera->next(frame, 5ms) == Capture::kGone);
   LONGS_EQUAL(0, kernel.open_files());
-  kernel.files.clear();
+  sys.unplug("1-1");
   CHECK_FALSE(camera->start());
   STRCMP_CONTAINS("no GelSight Mini", std::string(camera->problem()).c_str());
-  kernel.add_camera(1, kProduct, "2BNN4ZE7");
+  plug("1-2", 1);
+  (void)kernel.add_camera("/dev/video1");
   CHECK_TRUE(camera->start());
   CHECK_TRUE(camera->problem().empty());
   LONGS_EQUAL(2, camera->counts().starts);
