@@ -184,6 +184,7 @@ part_tsan() {
   local status=0
   step "tsan crew" build/tsan/bin/firmware_tests -v -sg Crew || status=1
   step "tsan watchdog" build/tsan/bin/firmware_tests -v -sg Watchdog || status=1
+  step "tsan bridge" build/tsan/bin/firmware_tests -v -sg LinuxBridge || status=1
   step "tsan jpeg" build/tsan/bin/jpeg_tests -v -sg JpegFast -sn NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures ||
     status=1
   count_one "tsan (tests/run.sh --only tsan)" "$status"

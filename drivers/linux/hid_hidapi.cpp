@@ -74,8 +74,7 @@ std::string HidapiPort::open(std::uint16_t vendor, std::uint16_t product, std::s
     if (!driver.empty()) {
       return "HID device " + id + ": the kernel's driver '" + driver +
              "' has it, and leaves no hidraw device. Likely cause: the module was loaded when it was plugged in. Next: "
-             "wire "
-             "by the GPIO chip that this driver made (gpiodetect), or unload the module (modprobe -r) and replug";
+             "wire by the GPIO chip that this driver made (gpiodetect), or unload the module (modprobe -r) and replug";
     }
     return "HID device " + id +
            ": not there. Likely cause: not plugged in, or a cable without data wires. Next: look for it with lsusb";
@@ -95,8 +94,7 @@ std::string HidapiPort::open(std::uint16_t vendor, std::uint16_t product, std::s
   return "HID device " + id + ": " + found.front().path + " does not open (" +
          (allowed ? narrow(hid_error(nullptr)) : std::strerror(errno)) +
          "). Likely cause: the udev rule of the board is not installed, or the user is not in its group. Next: install "
-         "the "
-         "rule and replug";
+         "the rule and replug";
 }
 
 bool HidapiPort::do_send(const Report& report) {

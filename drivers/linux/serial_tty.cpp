@@ -92,6 +92,14 @@ std::string ports_in(const std::filesystem::path& folder) {
   return names;
 }
 
+std::string in_use(const std::string& path, const std::string& why) {
+  return path + ": in use (" + why +
+         "). Likely cause: a terminal program, a second holdfastd, a login prompt, or ModemManager, which looks at "
+         "every "
+         "new port. Next: see `fuser -v " +
+         path + "` and end it";
+}
+
 }  // namespace
 
 bool SerialTty::in_time(std::size_t waiting, std::uint32_t baud, std::chrono::microseconds backlog) {
@@ -147,10 +155,7 @@ std::string SerialTty::told() const {
              "). Likely cause: a typing error in the port's name. Next: choose one of /dev/serial/by-id, or "
              "/dev/ttyAMA0";
     case Step::kLock:
-      return path + ": in use (" + why +
-             "). Likely cause: a terminal program, a second holdfastd or a login prompt has it open. Next: see `fuser "
-             "-v " +
-             path + "` and end it";
+      return in_use(path, why);
     case Step::kSettings:
       return path + ": does not take " + std::to_string(config_.baud) + " baud, 8N1 (" + why +
              "). Likely cause: the adapter does not know this rate. Next: use 115200, or another adapter";
@@ -158,20 +163,15 @@ std::string SerialTty::told() const {
   if (failure_.error == EACCES || failure_.error == EPERM) {
     return path + ": " + why +
            ". Likely cause: the user of this process is not in the group dialout. Next: add it (usermod -aG dialout "
-           "NAME, "
-           "or SupplementaryGroups=dialout in the unit) and start again";
+           "NAME, or SupplementaryGroups=dialout in the unit) and start again";
   }
-  if (failure_.error == EBUSY) {  // TIOCEXCL of somebody else
-    return path + ": in use (" + why + "). Likely cause: another program has it for itself. Next: see `fuser -v " +
-           path + "` and end it";
-  }
+  if (failure_.error == EBUSY) return in_use(path, why);  // TIOCEXCL of somebody else
   const std::string others =
       ports_in(std::filesystem::path(path).parent_path() == "/dev" ? "/dev/serial/by-id"
                                                                    : std::filesystem::path(path).parent_path());
   return path + ": " + why + "; there is " + (others.empty() ? "no serial adapter" : others) +
          ". Likely cause: the adapter is not plugged in, or it is another one. Next: plug it in (it is tried again), "
-         "or "
-         "give the name of the one that is there";
+         "or give the name of the one that is there";
 }
 
 // The lock first: what another program has set up is left alone.

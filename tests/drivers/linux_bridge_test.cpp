@@ -9,10 +9,7 @@
 #include "drivers/linux/bridge_mcp2221.hpp"
 #include "tests/support/mcp2221_model.hpp"
 // last: it redefines new
-#include <CppUTest/TestHarness.h>
-// after it: they need what it defines
-#include <CppUTest/MemoryLeakDetector.h>
-#include <CppUTest/MemoryLeakWarningPlugin.h>
+#include "tests/support/allocations.hpp"
 
 using namespace holdfast;
 using namespace std::chrono_literals;
@@ -227,11 +224,10 @@ TEST(LinuxBridge, AThreadThatHangsInTheKernelHoldsTheOtherOneOffForAWhileOnly) {
 TEST(LinuxBridge, AfterTheStartTheDriverTakesNoHeap) {
   // The model takes some for its queues: as much with the driver as without.
   open_well();
-  const auto now = [] { return MemoryLeakWarningPlugin::getGlobalDetector()->getCurrentAllocationNumber(); };
   const auto cost_of = [&](auto&& action) {
-    const unsigned before = now();
+    const unsigned before = test::allocations();
     for (int i = 0; i < 1000; ++i) action();
-    return now() - before;
+    return test::allocations() - before;
   };
   const unsigned asked = cost_of([&] { (void)gpio.read(Input::kTare); });
   const unsigned alone = cost_of([&] {

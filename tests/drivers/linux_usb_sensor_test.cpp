@@ -8,10 +8,7 @@
 #include "drivers/linux/usb_sensor.hpp"
 #include "tests/support/sysfs_tree.hpp"
 // last: it redefines new
-#include <CppUTest/TestHarness.h>
-// after it: they need what it defines
-#include <CppUTest/MemoryLeakDetector.h>
-#include <CppUTest/MemoryLeakWarningPlugin.h>
+#include "tests/support/allocations.hpp"
 
 using namespace holdfast;
 using drivers::Search;
@@ -204,11 +201,11 @@ TEST(LinuxUsbSensor, LookingTakesNoHeap) {
   sys.plug(sensor("2BNN-4ZE7", "1-1.2", 0));
   sys.plug(aukey("1-1.3", 2));
   const std::string root = sys.root();
-  const unsigned before = MemoryLeakWarningPlugin::getGlobalDetector()->getCurrentAllocationNumber();
+  const unsigned before = test::allocations();
   drivers::take_census(root.c_str(), *census);
   const SensorSearch found = drivers::find_sensor(*census, "2BNN4ZE7");
   const SensorSearch refused = drivers::find_sensor(*census, "X");
-  LONGS_EQUAL(before, MemoryLeakWarningPlugin::getGlobalDetector()->getCurrentAllocationNumber());
+  LONGS_EQUAL(before, test::allocations());
   check_found(found, "2BNN4ZE7", "/dev/video0");
   CHECK_TRUE(refused.result == Search::kOther);
 }

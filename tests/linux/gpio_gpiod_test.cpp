@@ -10,7 +10,7 @@
 #include "tests/linux/gpio_kernel.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
-#include <CppUTest/TestHarness.h>
+#include "tests/support/allocations.hpp"
 
 using namespace holdfast;
 using drivers::GpiodGpio;
@@ -202,14 +202,17 @@ TEST(GpiodGpio, TablesThatCannotBeRightAreRefused) {
   check_says(gpio.open({.wiring = wiring, .consumer = "x", .devices = "/nonexistent"}), {"no GPIO chip"});
 }
 
-TEST(GpiodGpio, NothingIsOpenedAfterTheStart) {
+TEST(GpiodGpio, NothingIsOpenedAndNoHeapTakenAfterTheStart) {
   STRCMP_EQUAL("", open(table()).c_str());
+  wire(kGripPin).levels.reserve(1000);
+  const unsigned allocations = test::allocations();
   const int calls = GpioKernel::get().calls;
   const std::size_t levels = wire(kGripPin).levels.size();
   for (int i = 0; i < 100; ++i) {
     CHECK_TRUE(gpio.set(Line::kGripOk, i % 2 == 0 ? Level::kHigh : Level::kLow));
     CHECK_TRUE(gpio.read(Input::kTare).has_value());
   }
+  LONGS_EQUAL(allocations, test::allocations());
   LONGS_EQUAL(calls, GpioKernel::get().calls);
   LONGS_EQUAL(levels + 100, wire(kGripPin).levels.size());  // one write each
 }
