@@ -14,6 +14,7 @@
 #include <filesystem>
 #include <optional>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 namespace holdfast::drivers {
@@ -26,7 +27,7 @@ constexpr std::pair<std::uint32_t, speed_t> kSpeeds[] = {
     {1500000, B1500000}, {2000000, B2000000}, {2500000, B2500000}, {3000000, B3000000}, {3500000, B3500000},
     {4000000, B4000000},
 };
-constexpr std::size_t kBitsPerByte = 10;  // 8N1: start, eight, stop
+constexpr std::int64_t kBitsPerByte = 10;  // 8N1: start, eight, stop
 constexpr int kPortsTold = 4;
 
 std::optional<speed_t> speed_of(std::uint32_t baud) {
@@ -58,11 +59,16 @@ int set_up(int fd, speed_t speed) {
   return same ? 0 : EINVAL;
 }
 
-// Best effort: drivers without a latency timer do not know it.
-void ask_for_low_latency(int fd) {
+// Best effort: drivers without a latency timer do not know it, and only root may change what the kernel does with
+// output that nobody takes when a process is killed: it holds the dead process for 30 s otherwise, and its restart with
+// it.
+void tune(int fd) {
   serial_struct serial{};
   if (::ioctl(fd, TIOCGSERIAL, &serial) != 0) return;
   serial.flags |= static_cast<int>(ASYNC_LOW_LATENCY);
+  const auto waits = std::exchange(serial.closing_wait, static_cast<unsigned short>(ASYNC_CLOSING_WAIT_NONE));
+  if (::ioctl(fd, TIOCSSERIAL, &serial) == 0) return;
+  serial.closing_wait = waits;
   (void)::ioctl(fd, TIOCSSERIAL, &serial);
 }
 
@@ -79,6 +85,11 @@ std::size_t waiting_in(int fd) {
 
 bool is_try_again(int error) {
   return error == EAGAIN || error == EINTR;  // EWOULDBLOCK is the same number
+}
+
+// Range: waiting < 2^32 (an int of the kernel, and kLongest), so waiting * 10^7 < 2^56.
+std::chrono::microseconds time_of(std::size_t waiting, std::uint32_t baud) {
+  return std::chrono::microseconds{static_cast<std::int64_t>(waiting) * kBitsPerByte * 1'000'000 / baud};
 }
 
 std::string ports_in(const std::filesystem::path& folder) {
@@ -103,10 +114,7 @@ std::string in_use(const std::string& path, const std::string& why) {
 }  // namespace
 
 bool SerialTty::in_time(std::size_t waiting, std::uint32_t baud, std::chrono::microseconds backlog) {
-  if (backlog.count() <= 0 || waiting == 0) return true;
-  // Range: waiting < 2^31 (an int of the kernel), so waiting * 10^7 < 2^55.
-  const std::uint64_t us = static_cast<std::uint64_t>(waiting) * kBitsPerByte * 1'000'000U / baud;
-  return us <= static_cast<std::uint64_t>(backlog.count());
+  return backlog.count() <= 0 || waiting == 0 || time_of(waiting, baud) <= backlog;
 }
 
 std::string SerialTty::open(Config config) {
@@ -127,15 +135,35 @@ std::string SerialTty::open(Config config) {
 }
 
 void SerialTty::close() {
-  if (fd_ >= 0) {
-    (void)flush();
-    // Another holder would keep the mark alive, and the port would stay shut for everybody.
-    if (fd_ >= 0) (void)::ioctl(fd_, TIOCNXCL);
-    if (fd_ >= 0) ::close(fd_);
-  }
-  fd_ = -1;
+  const bool out = fd_ >= 0 && let_out();
+  if (fd_ >= 0) free_port(out);
   wanted_ = false;
   rest_begin_ = rest_end_ = 0;
+}
+
+// In the time that what waits needs at this rate, and no longer.
+bool SerialTty::let_out() {
+  constexpr std::chrono::microseconds kLookAgain{2000};
+  constexpr std::chrono::microseconds kLongest{1'000'000};
+  const std::size_t waiting = waiting_in(fd_) + (rest_end_ - rest_begin_);
+  const auto looks = std::min(time_of(waiting, config_.baud), kLongest) / kLookAgain + 2;
+  for (std::int64_t i = 0; i < looks; ++i) {
+    const bool handed_over = flush();
+    if (fd_ < 0) return false;
+    if (handed_over && waiting_in(fd_) == 0) return true;
+    std::this_thread::sleep_for(kLookAgain);
+  }
+  return false;
+}
+
+// Output that nobody takes would hold close() for 30 s (closing_wait; seen on an emulated 16550 with a stuck far end).
+// And another holder would keep the mark alive, and the port would stay shut for everybody.
+void SerialTty::free_port(bool all_out) {
+  // On a pseudo terminal this takes even what was handed over.
+  if (!all_out) (void)::tcflush(fd_, TCIOFLUSH);
+  (void)::ioctl(fd_, TIOCNXCL);
+  ::close(fd_);
+  fd_ = -1;
 }
 
 SerialTty::Counters SerialTty::counters() const {
@@ -191,7 +219,7 @@ bool SerialTty::try_open() {
     failure_ = {Step::kSettings, failed};
     (void)::ioctl(fd, TIOCNXCL);
   } else {
-    ask_for_low_latency(fd);
+    tune(fd);
     (void)::tcflush(fd, TCIOFLUSH);  // what came before was read at another speed, or for somebody else
     overruns_before_ = overruns_of(fd);
     fd_ = fd;
@@ -220,10 +248,7 @@ bool SerialTty::open_or_retry() {
 
 void SerialTty::hang_up() {
   ++counters_.hang_ups;
-  (void)::tcflush(fd_, TCIOFLUSH);  // a close() may wait 30 s for output that nobody takes
-  (void)::ioctl(fd_, TIOCNXCL);
-  ::close(fd_);
-  fd_ = -1;
+  free_port(false);
   rest_begin_ = rest_end_ = 0;
   wait_ = kFirstWait;
   put_off();

@@ -7,6 +7,10 @@
 // few control transfers (milliseconds). Give the port by the name of its adapter, /dev/serial/by-id/...: ttyUSB0 may
 // come back as ttyUSB1.
 //
+// A process that is killed while its output is stuck (a wedged adapter; a UART without flow control never is) stays for
+// 30 s in the kernel, which waits for the output (31 s on an emulated 16550, Linux 6.1); open() by root switches that
+// off (then 0.06 s), others need `setserial PORT closing_wait none` before the start.
+//
 // RS-485, half duplex (Hand-E): use an adapter that switches its driver by itself (FTDI chips with TXDEN on CBUS, or an
 // automatic one); this driver does not turn RTS, and a UART of the header with a transceiver needs TIOCSRS485, which is
 // not set here. Whether the adapter echoes what is sent is its own business (RE tied to ground does): the Modbus master
@@ -62,7 +66,7 @@ class SerialTty final : public hal::Serial {
   // Empty: it is open. Otherwise one line: what, likely cause, next step; unless the configuration is wrong (a baud
   // rate that there is not), the port goes on trying. Uses the heap, the other calls do not.
   [[nodiscard]] std::string open(Config config);
-  // Lets out what waits (at most the backlog), and frees the port.
+  // Lets out what waits, for as long as that takes at this rate and a second at most; the rest is thrown away.
   void close();
 
   [[nodiscard]] bool connected() const { return fd_ >= 0; }
@@ -85,6 +89,8 @@ class SerialTty final : public hal::Serial {
   [[nodiscard]] bool open_or_retry();
   void put_off();
   void hang_up();
+  [[nodiscard]] bool let_out();  // whether nothing waits any more
+  void free_port(bool all_out);
   // Sends on what did not fit. True: nothing is left.
   [[nodiscard]] bool flush();
   [[nodiscard]] std::string told() const;

@@ -178,6 +178,26 @@ TEST(LinuxSerial, MessagesArriveWholeAndInOrderHoweverFullThePortIs) {
   CHECK_TRUE(port.counters().split > 0);  // and messages were taken in part
 }
 
+TEST(LinuxSerial, AnEndLetsOutWhatWaitsAndIsNotHeldByAFarEndThatDoesNotRead) {
+  Pty pty;
+  open(pty);
+  std::size_t sent = 0;
+  const auto fill = [&] {
+    while (port.write(Bytes(SerialTty::kLongest, 'e'))) sent += SerialTty::kLongest;
+    CHECK_TRUE(port.counters().split > 0);
+  };
+  fill();
+  const std::size_t before = pty.take(3 * SerialTty::kLongest).size();
+  port.close();
+  LONGS_EQUAL(sent, before + pty.take().size());
+
+  open(pty);
+  fill();
+  const auto begin = std::chrono::steady_clock::now();
+  port.close();
+  CHECK_TRUE(std::chrono::steady_clock::now() - begin < 20s);  // less than a second, on a machine that is not busy
+}
+
 TEST(LinuxSerial, AMessageThatIsTooLongIsRefusedAsAWhole) {
   Pty pty;
   open(pty);
