@@ -10,9 +10,10 @@
 // unplugged chip.
 //
 // Linux has its own driver (hid-mcp2221), which takes the chip as a GPIO chip labelled "mcp2221_gpio" and leaves no
-// hidraw device to this one. Its reading of pins always gave 1 before Linux 6.4 (commit e36c31f8cac5), so that the
-// read-back of gpio_gpiod.hpp fails there; unload it then (modprobe -r hid_mcp2221) and use this. Rows of the wiring
-// table are the same for both: chip "mcp2221_gpio" with offsets 0 to 3. Here "GP0" to "GP3" are names as well.
+// hidraw device to this one (seen on Linux 6.1). Its reading of pins always gave 1 before Linux 6.4 (commit
+// e36c31f8cac5), so that the read-back of gpio_gpiod.hpp fails there; unload it then (modprobe -r hid_mcp2221) and use
+// this. Rows of the wiring table are the same for both: chip "mcp2221_gpio" with offsets 0 to 3. Here "GP0" to "GP3"
+// are names as well.
 #pragma once
 
 #include <array>

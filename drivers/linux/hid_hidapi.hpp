@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A HID device by hidapi, on its hidraw device file. From two threads only as its user takes turns (Mcp2221Gpio does).
+// A HID device by hidapi, on its hidraw device file. Tried on Linux 6.1 with a virtual MCP2221A (uhid): opening by
+// serial number, answers, two threads, and the device's end, which the next call tells within 30 us. Calls from two
+// threads have to take turns (Mcp2221Gpio does).
 #pragma once
 
 #include <cstdint>
