@@ -33,6 +33,13 @@ namespace holdfast::drivers {
 inline constexpr std::uint16_t kMcp2221Vendor = 0x04d8;
 inline constexpr std::uint16_t kMcp2221Product = 0x00dd;
 
+// A desk's table: GP2, which the chip drives by itself until open(), is left out.
+inline constexpr std::array<Wiring, 3> kMcp2221Desk{{
+    {.role = hal::Line::kGripOk, .line = {}, .chip = "mcp2221_gpio", .offset = 0},
+    {.role = hal::Line::kAlive, .line = {}, .chip = "mcp2221_gpio", .offset = 1},
+    {.role = hal::Input::kTare, .line = {}, .chip = "mcp2221_gpio", .offset = 3},
+}};
+
 // Reports to and from a HID device that numbers none.
 class HidPort {
  public:

@@ -101,6 +101,14 @@ TEST(LinuxBridge, WhatAPinDoesNotShowIsToldEachTime) {
   CHECK_FALSE(gpio.read(Input::kTare).has_value());
 }
 
+TEST(LinuxBridge, ADesksTableFits) {
+  STRCMP_EQUAL("", gpio.open({.wiring = drivers::kMcp2221Desk}).c_str());
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh) && chip.wire(kGrip));
+  CHECK_TRUE(gpio.set(Line::kAlive, Level::kHigh) && chip.wire(kAlive));
+  chip.pins[kTare].outside = true;
+  CHECK_TRUE(gpio.read(Input::kTare) == Level::kHigh);
+}
+
 TEST(LinuxBridge, ALineWithoutAPinTakesNothing) {
   CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));  // not opened yet
   open_well();
