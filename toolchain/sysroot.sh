@@ -9,6 +9,8 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
+# shellcheck source=toolchain/apt_arm64.sh
+source toolchain/apt_arm64.sh
 
 packages=(libcpputest-dev libjpeg62-turbo-dev libcamera-dev libgpiod-dev libusb-1.0-0-dev libhidapi-dev libcli11-dev
   libfmt-dev nlohmann-json3-dev)
@@ -35,15 +37,12 @@ mkdir -p build
 work=$(mktemp -d build/sysroot.XXXXXX)
 trap 'rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
-mkdir -p "$work"/{state/lists/partial,cache/archives/partial,root}
-: >"$work/state/status"
-apt=(apt-get -q -o "Dir::State=$PWD/$work/state" -o "Dir::State::status=$PWD/$work/state/status"
-  -o "Dir::Cache=$PWD/$work/cache" -o APT::Architecture=arm64 -o APT::Architectures=arm64
-  -o "APT::Sandbox::User=$(id -un)")
+mkdir -p "$work/root"
+apt_arm64_in "$work"
 
 say "sysroot: fetching ${packages[*]} for arm64"
-if ! quietly "$work/update.log" "${apt[@]}" update ||
-  ! quietly "$work/download.log" "${apt[@]}" -y --no-install-recommends --download-only install "${packages[@]}"; then
+if ! quietly "$work/update.log" "${apt_arm64[@]}" update ||
+  ! quietly "$work/download.log" "${apt_arm64[@]}" -y --no-install-recommends --download-only install "${packages[@]}"; then
   complain "cannot fetch ${packages[*]} for arm64" "no network, or the package source has no arm64" \
     "see the lines above, then run toolchain/sysroot.sh again"
   exit 1

@@ -1,0 +1,59 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Fetches Debian's stock arm64 kernel into build/image/kernel: vmlinuz, modules with their index, the Raspberry Pi's
+# device trees, and `version`. Does nothing when it is there. Needs apt, kmod, network, no root; 60 MB are fetched.
+# --force fetches it again, for a newer one.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+# shellcheck source=toolchain/say.sh
+source toolchain/say.sh
+# shellcheck source=toolchain/apt_arm64.sh
+source toolchain/apt_arm64.sh
+PATH=$PATH:/usr/sbin:/sbin  # depmod
+
+kernel=build/image/kernel
+case ${1:-} in
+  '') ;;
+  --force) rm -rf "$kernel" ;;
+  *) say "usage: board/image/kernel.sh [--force]" && exit 2 ;;
+esac
+if [[ -f $kernel/version ]]; then
+  say "kernel: $(cat "$kernel/version") is here"
+  exit 0
+fi
+for tool in apt-get dpkg-deb depmod; do
+  command -v "$tool" >/dev/null && continue
+  complain "cannot fetch the kernel" "$tool is not here" "on Debian: apt-get install apt dpkg kmod"
+  exit 1
+done
+
+mkdir -p build/image
+work=$(mktemp -d build/image/kernel.XXXXXX)
+trap 'rm -rf "$work"' EXIT
+trap 'exit 130' INT TERM
+apt_arm64_in "$work"
+
+# linux-image-arm64 only names the kernel of the day.
+find_kernel() {
+  "${apt_cache_arm64[@]}" depends linux-image-arm64 | sed -n 's/^ *Depends: \(linux-image-[0-9][^ ]*-arm64\)$/\1/p' | head -n 1
+}
+fetch() { (cd "$work" && "${apt_arm64[@]}" download "$1"); }
+say "kernel: fetching Debian's linux-image-arm64"
+if ! quietly "$work/update.log" "${apt_arm64[@]}" update || ! package=$(find_kernel) || [[ -z $package ]] ||
+  ! quietly "$work/download.log" fetch "$package"; then
+  complain "cannot fetch a kernel for arm64" "no network, or the package source has no arm64" \
+    "see the lines above, then run board/image/kernel.sh again"
+  exit 1
+fi
+version=${package#linux-image-}
+mkdir "$work/all" "$work/kernel"
+dpkg-deb -x "$work"/*.deb "$work/all"
+mv "$work/all/boot/vmlinuz-$version" "$work/kernel/vmlinuz"
+mkdir -p "$work/kernel/lib"
+mv "$work/all/lib/modules" "$work/kernel/lib/"
+mv "$work/all/usr/lib/linux-image-$version/broadcom" "$work/kernel/dtb"
+depmod -b "$work/kernel" "$version"
+printf '%s\n' "$version" >"$work/kernel/version"
+rm -rf "$kernel"
+mv "$work/kernel" "$kernel"
+say "kernel: $version is ready ($(du -sh "$kernel" | cut -f1))"
