@@ -29,7 +29,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include "tests/support/film_file.hpp"
+#include "tests/support/mjpg_file.hpp"
 #include "tests/system/camera_commands.hpp"
 #include "tests/system/usb_camera.hpp"
 #include "tests/system/usbredir.hpp"
@@ -222,7 +222,7 @@ int run(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
 
   std::signal(SIGPIPE, SIG_IGN);
-  std::vector<Bytes> film = read_film(film_path);
+  std::vector<Bytes> film = read_mjpg(film_path);
   if (film.empty()) {
     return fail(film_path + ": no pictures (no such file, or no JPEG stream)", "make one with system_film");
   }
