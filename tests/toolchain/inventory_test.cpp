@@ -8,6 +8,7 @@
 #include <set>
 
 #include "tests/support/host_process.hpp"
+#include "tests/support/sysfs_tree.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -23,6 +24,7 @@ namespace fs = std::filesystem;
 
 TEST_GROUP(Inventory) {
   test::TempDir folder;
+  test::SysfsTree usb;  // of cameras; the other kinds have a tree in `folder`
   devices::Places places;
   std::set<std::string> forbidden;
 
@@ -41,20 +43,9 @@ TEST_GROUP(Inventory) {
     fs::create_directories((folder / path).parent_path());
     test::write_file(folder / path, text + "\n");
   }
-  // A camera's video node, on the interface `usb`:1.0 of a device at `usb`.
-  void add_camera(int number, const std::string& usb, const std::string& product, const std::string& serial,
-                  int index = 0, const std::string& id = "636d", const std::string& speed = "480") {
-    const std::string device = "sys/devices/usb1/" + usb;
-    put(device + "/idVendor", "0c45");
-    put(device + "/idProduct", id);
-    put(device + "/product", product);
-    put(device + "/serial", serial);
-    put(device + "/speed", speed);
-    fs::create_directories(folder / (device + "/" + usb + ":1.0"));
-    const std::string node = "sys/class/video4linux/video" + std::to_string(number);
-    put(node + "/index", std::to_string(index));
-    put(node + "/name", product.substr(0, 27) + ": Ge");
-    fs::create_directory_symlink(folder / (device + "/" + usb + ":1.0"), folder / (node + "/device"));
+  void plug(const test::UsbCamera& camera) {
+    usb.plug(camera);
+    places.sys = usb.root();
   }
   std::string dev(const std::string& name) const {
     return places.dev + "/" + name;
@@ -62,50 +53,46 @@ TEST_GROUP(Inventory) {
 };
 
 TEST(Inventory, ASensorAndItsMetadata) {
-  add_camera(10, "1-2", "GelSight Mini R0B 2BNN-4ZE7", "2BNN4ZE7", 1);
-  add_camera(9, "1-2b", "GelSight Mini R0B 2BNN-4ZE7", "2BNN4ZE7");
+  plug({.path = "1-2", .product = "GelSight Mini R0B 2BNN-4ZE7", .serial = "2BNN4ZE7", .first_node = 8});
   const auto items = devices::cameras(places);
-  LONGS_EQUAL(2, items.size());
-  STRCMP_EQUAL(dev("video9").c_str(), items[0].path.c_str());  // by number
+  LONGS_EQUAL(3, items.size());                                // and the tree's codec, which is no camera of ours
+  STRCMP_EQUAL(dev("video8").c_str(), items[0].path.c_str());  // by number
   CHECK_TRUE(items[0].verdict == Verdict::kGood);
   STRCMP_EQUAL("serial 2BNN4ZE7, 480 Mb/s", items[0].what.c_str());
   CHECK_TRUE(items[1].verdict == Verdict::kNote);
   STRCMP_CONTAINS("metadata", items[1].what.c_str());
+  STRCMP_CONTAINS("another camera", items[2].what.c_str());
 }
 
 TEST(Inventory, WhatIsWrongWithCameras) {
-  add_camera(0, "1-1", "USB 2.0 Camera", "SN1");
+  plug({.path = "1-1", .product = "USB 2.0 Camera", .serial = "SN1", .first_node = 0});
   auto items = devices::cameras(places);
-  LONGS_EQUAL(2, items.size());
+  LONGS_EQUAL(4, items.size());
   CHECK_TRUE(items[0].verdict == Verdict::kWrong);
   STRCMP_CONTAINS("has a GelSight's USB id 0c45:636d, but is none", items[0].what.c_str());
-  STRCMP_EQUAL("not there", items[1].what.c_str());
-  add_camera(1, "1-2", "GelSight Mini R0B 28LG-GZD8", "28LGGZD8", 0, "636d", "12");
+  STRCMP_EQUAL("not there", items[3].what.c_str());
+  plug({.path = "1-2", .product = "GelSight Mini R0B 28LG-GZD8", .serial = "28LGGZD8", .speed = "12", .first_node = 2});
   items = devices::cameras(places);
-  LONGS_EQUAL(2, items.size());
-  STRCMP_CONTAINS("runs at 12 Mb/s", items[1].what.c_str());
-  forbidden.insert(dev("video1"));
+  STRCMP_CONTAINS("runs at 12 Mb/s", items[2].what.c_str());
+  forbidden.insert(dev("video2"));
   items = devices::cameras(places);
-  STRCMP_CONTAINS("no right to use it", items[1].what.c_str());
-  STRCMP_CONTAINS("group video", items[1].fix.c_str());
+  STRCMP_CONTAINS("no right to use it", items[2].what.c_str());
+  STRCMP_CONTAINS("group video", items[2].fix.c_str());
 }
 
 TEST(Inventory, TwoSensorsHaveToBeTold) {
-  add_camera(0, "1-1", "GelSight Mini R0B 2BNN-4ZE7", "2BNN4ZE7");
-  add_camera(2, "1-2", "GelSight Mini R0B 28LG-GZD8", "28LGGZD8");
+  plug({.path = "1-1", .product = "GelSight Mini R0B 2BNN-4ZE7", .serial = "2BNN4ZE7", .first_node = 0});
+  plug({.path = "1-2", .product = "GelSight Mini R0B 28LG-GZD8", .serial = "28LGGZD8", .first_node = 2});
   const auto items = devices::cameras(places);
   STRCMP_CONTAINS("--sensor 2BNN4ZE7", items[0].fix.c_str());
-  STRCMP_CONTAINS("--sensor 28LGGZD8", items[1].fix.c_str());
+  STRCMP_CONTAINS("--sensor 28LGGZD8", items[2].fix.c_str());
 }
 
 TEST(Inventory, ASensorWithoutItsDriver) {
-  put("sys/bus/usb/devices/1-3/idVendor", "0c45");
-  put("sys/bus/usb/devices/1-3/idProduct", "636d");
-  put("sys/bus/usb/devices/1-3/product", "GelSight Mini R0B 2BNN-4ZE7");
+  plug({.path = "1-3", .product = "GelSight Mini R0B 2BNN-4ZE7", .serial = "2BNN4ZE7"});
   const auto items = devices::cameras(places);
-  LONGS_EQUAL(1, items.size());
-  STRCMP_CONTAINS("is on USB, but has no video node", items[0].what.c_str());
-  STRCMP_CONTAINS("modprobe uvcvideo", items[0].fix.c_str());
+  STRCMP_CONTAINS("is on USB, but has no video node", items.back().what.c_str());
+  STRCMP_CONTAINS("modprobe uvcvideo", items.back().fix.c_str());
 }
 
 TEST(Inventory, GpioChipsByTheirLabels) {

@@ -13,8 +13,12 @@
 #include <charconv>
 #include <filesystem>
 #include <fstream>
+#include <memory>
+#include <span>
 #include <string_view>
 #include <system_error>
+
+#include "drivers/linux/usb_sensor.hpp"
 
 namespace holdfast::devices {
 namespace {
@@ -71,10 +75,6 @@ void judge_rights(const Places& places, Item& item, std::string_view group) {
         fmt::format("add yourself to the group {} (sudo usermod -aG {} $USER) and log in again", group, group));
 }
 
-constexpr std::string_view kSensorVendor = "0c45";
-constexpr std::string_view kSensorId = "636d";
-constexpr std::string_view kSensorName = "GelSight Mini";
-
 }  // namespace
 
 Places this_computer() {
@@ -93,55 +93,53 @@ Places this_computer() {
 }
 
 std::vector<Item> cameras(const Places& places) {
+  using drivers::Kinship;
+  const auto census = std::make_unique<drivers::UsbCensus>();
+  drivers::take_census(places.sys.c_str(), *census);
   std::vector<Item> items;
-  const fs::path nodes = fs::path(places.sys) / "class/video4linux";
-  std::vector<std::string> serials;
-  bool has_node = false;
-  for (const std::string& node : names_in(nodes, "video")) {
-    const fs::path here = nodes / node;
-    const fs::path usb = here / "device/..";
-    Item item{.kind = "camera", .path = places.dev + "/" + node, .name = line_of(usb / "product")};
-    if (item.name.empty()) item.name = line_of(here / "name");
-    const bool same_id = line_of(usb / "idVendor") == kSensorVendor && line_of(usb / "idProduct") == kSensorId;
-    const std::string serial = line_of(usb / "serial");
-    const std::string speed = line_of(usb / "speed");
-    item.facts = {{"index", line_of(here / "index")}, {"serial", serial}, {"speed_mbit_s", speed}};
-    if (!same_id) {
+  std::size_t sensors = 0;
+  for (const drivers::VideoNode& node : std::span(census->nodes).first(census->node_count)) {
+    const auto devices = std::span(census->devices).first(census->device_count);
+    const auto device = std::ranges::find_if(
+        devices, [&](const drivers::UsbDevice& one) { return one.path.view() == node.usb.view(); });
+    const bool on_usb = device != devices.end() && !node.usb.empty();
+    Item item{.kind = "camera",
+              .path = places.dev + "/" + std::string(node.name.view()),
+              .name = std::string(on_usb ? device->product.view() : node.card.view())};
+    const Kinship kin = on_usb ? kinship(*device) : Kinship::kStranger;
+    if (kin == Kinship::kStranger) {
       judge(item, Verdict::kNote, "another camera: it is left alone");
-    } else if (!item.name.starts_with(kSensorName)) {
+    } else if (kin == Kinship::kLookAlike) {
       judge(item, Verdict::kWrong, "has a GelSight's USB id 0c45:636d, but is none",
             "plug in the GelSight Mini; this one is refused by its name");
-    } else if (line_of(here / "index") != "0") {
-      has_node = true;
+    } else if (node.index != 0) {
       judge(item, Verdict::kNote, "the sensor's metadata: pictures come from its first node");
     } else {
-      has_node = true;
-      serials.push_back(serial);
-      judge(item, Verdict::kGood, fmt::format("serial {}, {} Mb/s", serial, speed));
-      if (number_of(speed, 0) < 480) {
-        judge(item, Verdict::kWrong, fmt::format("runs at {} Mb/s: too slow for its pictures", speed),
+      ++sensors;
+      const std::string serial(serial_of(*device).view());
+      item.facts = {{"serial", serial}, {"speed_mbit_s", fmt::format("{}", device->speed_mbit)}};
+      judge(item, Verdict::kGood, fmt::format("serial {}, {} Mb/s", serial, device->speed_mbit));
+      if (device->speed_mbit < drivers::kHighSpeed_mbit) {
+        judge(item, Verdict::kWrong, fmt::format("runs at {} Mb/s: too slow for its pictures", device->speed_mbit),
               "give it a USB 2 port of its own, without a hub, and a short cable");
       }
       judge_rights(places, item, "video");
     }
     items.push_back(std::move(item));
   }
-  if (serials.size() > 1) {
+  std::ranges::sort(items, {}, [](const Item& item) { return std::pair(item.path.size(), item.path); });
+  if (sensors > 1) {
     for (Item& item : items) {
       if (item.verdict != Verdict::kGood) continue;
-      item.what += "; there are two";
-      item.fix = fmt::format("say which: holdfastd --sensor {}", item.facts[1].second);
+      item.what += "; it is not the only one";
+      item.fix = fmt::format("say which: holdfastd --sensor {}", item.facts[0].second);
     }
   }
-  if (has_node) return items;
-  Item none{.kind = "camera", .path = {}, .name = std::string(kSensorName), .verdict = Verdict::kWrong};
+  if (sensors > 0) return items;
+  Item none{.kind = "camera", .path = {}, .name = std::string(drivers::kSensorName)};
   judge(none, Verdict::kWrong, "not there", "plug it in; if it is, look at its micro-USB plug, which works loose");
-  const fs::path bus = fs::path(places.sys) / "bus/usb/devices";
-  for (const std::string& device : names_in(bus, "")) {
-    if (line_of(bus / device / "idVendor") != kSensorVendor || line_of(bus / device / "idProduct") != kSensorId)
-      continue;
-    if (!line_of(bus / device / "product").starts_with(kSensorName)) continue;
-    none.name = line_of(bus / device / "product");
+  if (const drivers::SensorSearch search = find_sensor(*census, {}); search.result == drivers::Search::kNoNode) {
+    none.name = std::string(search.device.product.view());
     judge(none, Verdict::kWrong, "is on USB, but has no video node", "load its driver: sudo modprobe uvcvideo");
   }
   items.push_back(std::move(none));
