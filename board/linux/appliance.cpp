@@ -6,6 +6,7 @@
 
 #include <CLI/CLI.hpp>
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
@@ -21,10 +22,12 @@
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/watchdog_thread.hpp"
+#include "drivers/linux/bridge_mcp2221.hpp"
 #include "drivers/linux/camera_libcamera.hpp"
 #include "drivers/linux/camera_v4l2.hpp"
 #include "drivers/linux/fixed_text.hpp"
 #include "drivers/linux/gpio_gpiod.hpp"
+#include "drivers/linux/hid_hidapi.hpp"
 #include "drivers/linux/notify.hpp"
 #include "drivers/linux/serial_tty.hpp"
 #include "vision/jpeg_decoder.hpp"
@@ -35,6 +38,7 @@ namespace {
 struct Options {
   std::string sensor;
   std::string backend = "v4l2";
+  std::string gpio = "header";
   std::string host, link, gripper;
   std::filesystem::path keep;
   std::int32_t time_scale = hardware().time_scale;
@@ -55,7 +59,12 @@ class NoPort final : public hal::Serial {
 class Appliance {
  public:
   explicit Appliance(Options given) : options(std::move(given)) {
-    problem = gpio_.open({.wiring = hardware().wiring, .consumer = "holdfastd", .devices = "/dev"});
+    if (options.gpio == "header") {
+      problem = header_.open({.wiring = hardware().wiring, .consumer = "holdfastd", .devices = "/dev"});
+    } else {
+      problem = usb_.open(drivers::kMcp2221Vendor, drivers::kMcp2221Product, {});
+      if (problem.empty()) problem = bridge_.open({.wiring = drivers::kMcp2221Desk});
+    }
     if (problem.empty() && keep_ && !keep_->error().empty()) problem = "cannot use " + keep_->error();
   }
 
@@ -78,10 +87,11 @@ class Appliance {
   using Port = std::unique_ptr<drivers::SerialTty>;
 
   // A port that is not there goes on being tried: its adapter may be plugged in later.
-  [[nodiscard]] Port port_of(const std::string& path) {
+  // `backlog`: what is late is no news on the link; text on the host's port is read whenever.
+  [[nodiscard]] Port port_of(const std::string& path, std::chrono::microseconds backlog) {
     if (path.empty()) return nullptr;
     Port port = std::make_unique<drivers::SerialTty>(clock_);
-    if (const std::string trouble = port->open({.path = path}); !trouble.empty()) say(trouble);
+    if (const std::string trouble = port->open({.path = path, .backlog = backlog}); !trouble.empty()) say(trouble);
     return port;
   }
   [[nodiscard]] hal::Serial& port_or_none(const Port& port) {
@@ -112,10 +122,15 @@ class Appliance {
   drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
-  drivers::GpiodGpio gpio_;
+  drivers::GpiodGpio header_;
+  drivers::HidapiPort usb_;
+  drivers::Mcp2221Gpio bridge_{usb_};
+  hal::Gpio& gpio_ = options.gpio == "header" ? static_cast<hal::Gpio&>(header_) : bridge_;
   StandardOutput standard_output_;
   NoPort no_port_;
-  Port host_ = port_of(options.host), link_ = port_of(options.link), gripper_ = port_of(options.gripper);
+  static constexpr std::chrono::microseconds kFresh{100'000}, kWhenever{0};
+  Port host_ = port_of(options.host, kWhenever);
+  Port link_ = port_of(options.link, kFresh), gripper_ = port_of(options.gripper, kFresh);
   std::unique_ptr<drivers::FileKeep> keep_ =
       options.keep.empty() ? nullptr : std::make_unique<drivers::FileKeep>(options.keep, keepsake::kBytes);
   hal::NoKeep no_keep_;
@@ -140,6 +155,9 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--sensor", options.sensor, "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one there");
   cli.add_option("--backend", options.backend, "camera by v4l2 or libcamera")
       ->check(CLI::IsMember({"v4l2", "libcamera"}))
+      ->capture_default_str();
+  cli.add_option("--gpio", options.gpio, "lines by the board's header, or by an MCP2221A on USB")
+      ->check(CLI::IsMember({"header", "mcp2221"}))
       ->capture_default_str();
   cli.add_option("--host", options.host, "serial port of the diagnostics text; without it standard output");
   cli.add_option("--link", options.link, "serial port of status and command frames");
