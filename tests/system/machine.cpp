@@ -159,7 +159,7 @@ Machine::Machine(const Config& config)
   }
   ::fcntl(camera[0], F_SETFL, O_NONBLOCK);
   camera_line_.take(camera[0]);
-  std::vector<std::string> camera_command{HOLDFAST_BIN_DIR "/usb_camera", (sockets_ / "usb").string(),
+  std::vector<std::string> camera_command{std::string(HOLDFAST_BIN_DIR) + "/usb_camera", (sockets_ / "usb").string(),
                                           config.film.string(), "--period", std::to_string(config.period.count())};
   if (!config.plugged) camera_command.emplace_back("--unplugged");
   camera_.start(camera_command, camera[1], logs_ / "camera.log");
