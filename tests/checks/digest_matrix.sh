@@ -7,7 +7,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 sysroot=$PWD/build/sysroot-aarch64 triplet=aarch64-linux-gnu
-aarch64="$triplet-g++ -isystem $sysroot/usr/include -isystem $sysroot/usr/include/$triplet -L$sysroot/usr/lib/$triplet"
+aarch64="$triplet-g++ -isystem $sysroot/usr/include -isystem $sysroot/usr/include/$triplet"
 
 if (($# > 0)); then
   commands=("$@")
@@ -23,9 +23,9 @@ for command in "${commands[@]}"; do
   objects=build/digest/${command//[^a-z0-9A-Z]/_}
   mkdir -p "$objects"
   emulator=()
-  compile=$command
+  compile=$command jpeg=-ljpeg
   if [[ $command == "$triplet"-* ]]; then
-    compile="$aarch64 ${command#* }"
+    compile="$aarch64 ${command#* }" jpeg=$sysroot/usr/lib/$triplet/libjpeg.so
     emulator=(qemu-aarch64 -L "/usr/$triplet" -E "LD_LIBRARY_PATH=$sysroot/usr/lib/$triplet")
   fi
   read -ra compile <<<"$compile -std=c++20 -DNDEBUG -Ifirmware -I."
@@ -33,7 +33,8 @@ for command in "${commands[@]}"; do
     object=$objects/${source//\//_}.o
     "${compile[@]}" -c "$source" -o "$object"
   done
-  "${compile[@]}" "$objects"/*.o -ljpeg -o "$objects/digest"
+  # Named, not looked for: the sysroot has a libc of its own as well.
+  "${compile[@]}" "$objects"/*.o "$jpeg" -o "$objects/digest"
   start=$SECONDS
   if "${emulator[@]}" "$objects/digest" tests/checks/digest.txt >"$objects/digest.log"; then
     echo "$command: the same, in $((SECONDS - start)) s"
