@@ -80,7 +80,10 @@ done
 
 cp -R board/image/root/. "$root/"
 # Unlike the copies of this tree, files of a root belong to root and are not writable for others.
-find board/image/root -mindepth 1 -printf '%P\0' | (cd "$root" && xargs -0 chmod go-w)
+# Never through a link: masked units are links to /dev/null, which would be this machine's own.
+find board/image/root -mindepth 1 -printf '%P\0' | while IFS= read -r -d '' path; do
+  [[ -L $root/$path ]] || chmod go-w "$root/$path"
+done
 
 # Nothing changed since the last update: or systemd would do at every start what is done here.
 touch "$root/etc/.updated" "$root/var/.updated"
