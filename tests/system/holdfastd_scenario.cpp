@@ -155,3 +155,37 @@ TEST(Holdfastd, SaysWhenTheGripperIsSilent) {
   machine.gripper().trouble(sim::LineTrouble::kNone);
   become_fine();
 }
+
+// The same tests as on the host, on the kernel's own camera and lines.
+TEST(Holdfastd, LeavesItsDevicesToTheContract) {
+  become_fine();
+  said("systemctl stop holdfastd");
+  camera("play 0 11");
+  camera("period 250");
+  const std::string log = said("HOLDFAST_REAL_DEVICES=virt /usr/lib/holdfast/firmware_tests -v -sg HalContract 2>&1");
+  STRCMP_CONTAINS("OK (", log.c_str());
+  camera("period 800");
+  said("systemctl start holdfastd");
+  become_fine();
+}
+
+// As through V4L2, and again after a replug.
+TEST(Holdfastd, SeesThroughLibcameraAsWell) {
+  become_fine();
+  said("mkdir -p /run/systemd/system/holdfastd.service.d");
+  said(
+      "printf '[Service]\\nExecStart=\\nExecStart=/usr/bin/holdfastd --backend libcamera --keep "
+      "/run/holdfast/reference "
+      "$HOLDFASTD_OPTIONS\\n' > /run/systemd/system/holdfastd.service.d/libcamera.conf");
+  said("systemctl daemon-reload && systemctl restart holdfastd");
+  stop_being_fine();
+  become_fine();
+  camera("unplug");
+  stop_being_fine();
+  camera("plug");
+  become_fine();
+  said("rm /run/systemd/system/holdfastd.service.d/libcamera.conf && systemctl daemon-reload");
+  said("systemctl restart holdfastd");
+  stop_being_fine();
+  become_fine();
+}

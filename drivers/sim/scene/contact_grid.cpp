@@ -133,7 +133,7 @@ Influence influence(const Layer& layer, double cell, Vec2 at) {
   Influence k = half_space(gel.poisson, cell, at);
   if (!(gel.thickness_mm < std::numeric_limits<double>::infinity())) return k;
   constexpr double kNode = 0.2886751345948129;  // sqrt(1/12) of the panel from its middle
-  const int panels = std::clamp(static_cast<int>(std::ceil(cell / gel.thickness_mm)), 1, 16);
+  const int panels = static_cast<int>(std::clamp(std::ceil(cell / gel.thickness_mm), 1.0, 16.0));
   const double side = cell / panels;
   const double area = 0.25 * side * side;
   const auto place = [&](int node) {
