@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "tests/support/host_process.hpp"
 #include "tests/system/scenario.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -72,6 +73,40 @@ TEST_GROUP(Holdfastd) {
     std::printf(" fine after %.1f s;", seconds_since(since));
   }
 };
+
+// Calls of libc's allocator by holdfastd's threads while the camera sends so many frames: probes of the kernel in the
+// library, so the process is the one that is shipped.
+long heap_calls(Machine& machine, const std::string& pid, long frames) {
+  const auto said = [&](const std::string& command) {
+    const Machine::Said answer = machine.run(command);
+    LONGS_EQUAL_TEXT(0, answer.status, (command + ": " + answer.text).c_str());
+    return answer.text;
+  };
+  const std::string libc = HOLDFAST_SOURCE_DIR "/build/sysroot-aarch64/lib/aarch64-linux-gnu/libc.so.6";
+  const std::string symbols = test::run({"aarch64-linux-gnu-readelf", "--dyn-syms", "-W", libc}).out;
+  said("mountpoint -q /sys/kernel/tracing || mount -t tracefs none /sys/kernel/tracing");
+  said("cd /sys/kernel/tracing && echo 0 > tracing_on && echo > uprobe_events && echo > trace");
+  for (const std::string name : {"malloc", "calloc", "realloc", "memalign", "aligned_alloc", "posix_memalign"}) {
+    const std::size_t at = symbols.find(" " + name + "@@");
+    CHECK_TEXT(at != std::string::npos, name.c_str());
+    const std::size_t line = symbols.rfind('\n', at);
+    const std::string address = symbols.substr(symbols.find(": ", line) + 2, 16);
+    said("echo 'p:heap/" + name + " /usr/lib/aarch64-linux-gnu/libc.so.6:0x" + address +
+         "' >> /sys/kernel/tracing/uprobe_events");
+  }
+  said("f=; for t in /proc/" + pid +
+       "/task/*; do f=\"$f${f:+ || }common_pid == ${t##*/}\"; done; cd /sys/kernel/tracing; echo \"$f\" > "
+       "events/heap/filter && echo 1 > events/heap/enable && echo 1 > tracing_on");
+  const auto sent = [&] {
+    const std::string status = machine.camera("status");
+    return std::atol(status.substr(status.find("frames=") + 7).c_str());
+  };
+  const long until = sent() + frames;
+  CHECK(machine.wait([&] { return sent() >= until; }, frames * 1s + 60s));
+  const long calls = std::atol(said("cd /sys/kernel/tracing; echo 0 > tracing_on; grep -cv '^#' trace; true").c_str());
+  said("cd /sys/kernel/tracing; echo 0 > events/heap/enable; echo > uprobe_events");
+  return calls;
+}
 
 TEST(Holdfastd, StartsAndBecomesFineOnAnEmptyGel) {
   camera("play 0 11");
@@ -184,6 +219,33 @@ TEST(Holdfastd, SeesThroughLibcameraAsWell) {
   stop_being_fine();
   camera("plug");
   become_fine();
+  said("rm /run/systemd/system/holdfastd.service.d/libcamera.conf && systemctl daemon-reload");
+  said("systemctl restart holdfastd");
+  stop_being_fine();
+  become_fine();
+}
+
+// A replug included: the kernel's buffers come and go, the heap stays as it is. libcamera takes memory for every frame,
+// which shows that the probes see calls.
+TEST(Holdfastd, TakesNoMemoryOnceItRuns) {
+  const char* const asked = std::getenv("HOLDFAST_HEAP_FRAMES");
+  const long frames = asked != nullptr ? std::atol(asked) : 100;
+  become_fine();
+  camera("period 100");
+  LONGS_EQUAL(0, heap_calls(machine, pid(), frames));
+  said("mkdir -p /run/systemd/system/holdfastd.service.d");
+  said(
+      "printf '[Service]\\nExecStart=\\nExecStart=/usr/bin/holdfastd --backend libcamera $HOLDFASTD_OPTIONS\\n' > "
+      "/run/systemd/system/holdfastd.service.d/libcamera.conf");
+  said("systemctl daemon-reload && systemctl restart holdfastd");
+  camera("period 800");
+  stop_being_fine();
+  become_fine();
+  camera("period 200");
+  const long calls = heap_calls(machine, pid(), 50);
+  std::printf(" libcamera: %ld calls in 50 frames;", calls);
+  CHECK(calls > 0);
+  camera("period 800");
   said("rm /run/systemd/system/holdfastd.service.d/libcamera.conf && systemctl daemon-reload");
   said("systemctl restart holdfastd");
   stop_being_fine();
