@@ -87,12 +87,16 @@ long heap_calls(Machine& machine, const std::string& pid, long frames) {
   said("mountpoint -q /sys/kernel/tracing || mount -t tracefs none /sys/kernel/tracing");
   said("cd /sys/kernel/tracing && echo 0 > tracing_on && echo > uprobe_events && echo > trace");
   for (const std::string name : {"malloc", "calloc", "realloc", "memalign", "aligned_alloc", "posix_memalign"}) {
-    const std::size_t at = symbols.find(" " + name + "@@");
+    std::string symbol = " ";
+    symbol += name;
+    const std::size_t at = symbols.find(symbol += "@@");
     CHECK_TEXT(at != std::string::npos, name.c_str());
     const std::size_t line = symbols.rfind('\n', at);
-    const std::string address = symbols.substr(symbols.find(": ", line) + 2, 16);
-    said("echo 'p:heap/" + name + " /usr/lib/aarch64-linux-gnu/libc.so.6:0x" + address +
-         "' >> /sys/kernel/tracing/uprobe_events");
+    std::string probe = "echo 'p:heap/";
+    probe += name;
+    probe += " /usr/lib/aarch64-linux-gnu/libc.so.6:0x";
+    probe += symbols.substr(symbols.find(": ", line) + 2, 16);
+    said(probe += "' >> /sys/kernel/tracing/uprobe_events");
   }
   said("f=; for t in /proc/" + pid +
        "/task/*; do f=\"$f${f:+ || }common_pid == ${t##*/}\"; done; cd /sys/kernel/tracing; echo \"$f\" > "
