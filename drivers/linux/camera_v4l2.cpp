@@ -10,18 +10,13 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
-#include <ctime>
+
+#include "drivers/common/monotonic_clock.hpp"
 
 namespace holdfast::drivers {
 namespace {
 
 constexpr std::uint32_t kBufferType = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-
-std::chrono::microseconds monotonic_now() {
-  timespec now{};
-  ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return std::chrono::seconds{now.tv_sec} + std::chrono::microseconds{now.tv_nsec / 1000};
-}
 
 }  // namespace
 
@@ -183,7 +178,7 @@ hal::Capture V4l2Camera::do_next(hal::Frame& frame, std::chrono::microseconds ti
   if (!stamped) ++counts_.unstamped;
   const std::chrono::microseconds taken =
       stamped ? std::chrono::seconds{buffer.timestamp.tv_sec} + std::chrono::microseconds{buffer.timestamp.tv_usec}
-              : monotonic_now();
+              : MonotonicClock().now();
   frame = {};
   frame.bytes = {static_cast<const std::uint8_t*>(memory.memory), buffer.bytesused};
   frame.format = hal::PixelFormat::kMjpeg;
