@@ -213,7 +213,7 @@ std::optional<std::string> read_counts(std::istream& in, std::string_view name, 
     const std::vector<std::string> cells = cells_of(row);
     if (cells.size() != 3) return wrong(fmt::format("{} cells instead of 3", cells.size()));
     auto& [x86, arm] = counts[cells[0]];
-    for (auto& [cell, count] : {std::pair(&cells[1], &x86), std::pair(&cells[2], &arm)}) {
+    for (const auto& [cell, count] : {std::pair(&cells[1], &x86), std::pair(&cells[2], &arm)}) {
       double value = 0.0;
       if (cell->empty()) continue;
       if (!learn::to_number(*cell, value) || !(value > 0.0)) return wrong(fmt::format("'{}' is no count", *cell));
