@@ -10,8 +10,10 @@
 #include "tests/support/mcp2221_model.hpp"
 // last: it redefines new
 #include "tests/support/allocations.hpp"
+#include "tests/support/error_line.hpp"
 
 using namespace holdfast;
+using test::check_says;
 using namespace std::chrono_literals;
 using drivers::Mcp2221Gpio;
 using drivers::Wiring;
@@ -23,14 +25,6 @@ using test::Mcp2221Model;
 namespace {
 
 constexpr std::size_t kGrip = 0, kAlive = 1, kTare = 3;
-
-void check_says(const std::string& error, std::initializer_list<std::string_view> parts) {
-  for (const std::string_view part : parts) {
-    if (error.find(part) == std::string::npos)
-      FAIL(("not in the message: " + std::string(part) + "\n" + error).c_str());
-  }
-  CHECK_TRUE(error.find(". Likely cause: ") != std::string::npos && error.find(". Next: ") != std::string::npos);
-}
 
 // By name, and by label and offset, as a row for the kernel's own driver has it.
 std::vector<Wiring> table(bool active_low = false) {

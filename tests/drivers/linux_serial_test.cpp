@@ -25,23 +25,16 @@
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
 #include "tests/support/allocations.hpp"
+#include "tests/support/error_line.hpp"
 
 using namespace holdfast;
 using drivers::SerialTty;
+using test::check_says;
 using test::Pty;
 using namespace std::chrono_literals;
 using Bytes = std::vector<std::uint8_t>;
 
 namespace {
-
-void check_says(const std::string& error, std::initializer_list<std::string_view> parts) {
-  for (const std::string_view part : parts) {
-    if (error.find(part) == std::string::npos)
-      FAIL(("not in the message: " + std::string(part) + "\n" + error).c_str());
-  }
-  CHECK_TRUE(error.find(". Likely cause: ") != std::string::npos && error.find(". Next: ") != std::string::npos);
-  CHECK_TRUE(error.find('\n') == std::string::npos);
-}
 
 // The mark of TIOCEXCL; nothing under qemu-user, which does not pass this question on.
 std::optional<bool> exclusive(int fd) {

@@ -12,21 +12,16 @@
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
+// after it: its checks
+#include "tests/support/error_line.hpp"
 
 using namespace holdfast;
 using drivers::Wiring;
+using test::check_says;
 
 namespace {
 
 constexpr Wiring kGrip{.role = hal::Line::kGripOk, .line = "GPIO17", .chip = {}};
-
-void check_says(const std::string& error, std::initializer_list<std::string_view> parts) {
-  for (const std::string_view part : parts) {
-    if (error.find(part) == std::string::npos)
-      FAIL(("not in the message: " + std::string(part) + "\n" + error).c_str());
-  }
-  CHECK_TRUE(error.find(". Likely cause: ") != std::string::npos && error.find(". Next: ") != std::string::npos);
-}
 
 }  // namespace
 

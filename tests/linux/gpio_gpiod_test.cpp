@@ -11,6 +11,7 @@
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
 #include "tests/support/allocations.hpp"
+#include "tests/support/error_line.hpp"
 
 using namespace holdfast;
 using drivers::GpiodGpio;
@@ -18,6 +19,7 @@ using drivers::Wiring;
 using hal::Input;
 using hal::Level;
 using hal::Line;
+using test::check_says;
 using test::GpioKernel;
 using test::Pull;
 using test::Wire;
@@ -27,15 +29,6 @@ namespace {
 constexpr std::size_t kGripPin = 17;
 constexpr std::size_t kAlivePin = 27;
 constexpr std::size_t kTarePin = 22;
-
-void check_says(const std::string& error, std::initializer_list<std::string_view> parts) {
-  for (const std::string_view part : parts) {
-    if (error.find(part) == std::string::npos)
-      FAIL(("not in the message: " + std::string(part) + "\n" + error).c_str());
-  }
-  CHECK_TRUE(error.find(". Likely cause: ") != std::string::npos && error.find(". Next: ") != std::string::npos);
-  CHECK_TRUE(error.find('\n') == std::string::npos);
-}
 
 std::vector<Wiring> table(bool active_low = false) {
   return {{.role = Line::kGripOk, .line = "GPIO17", .chip = {}, .active_low = active_low},
