@@ -34,7 +34,8 @@ USAGE
   for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
   --long       add the runs that take long, half an hour or more: all pairs of faults, a soak of a day of frames, 200
-               kills and stops, 200 book pulls, the entropy of every histogram
+               kills and stops, 200 book pulls, the entropy of every histogram; on the emulated machine 100 replugs, 100 kills and heap calls
+               in 10 000 frames
   --system     all scenarios on the emulated machine instead of the short set: hang, watchdog, gripper, and the machine
                by itself
   --help       this
@@ -210,6 +211,14 @@ part_long() {
   count_one "HOLDFAST_KILLS=200 host_tests -sg Process" $?
   step "long grip" env HOLDFAST_GRIP_PULLS=200 build/sim/bin/host_tests -v -sg Grip
   count_one "HOLDFAST_GRIP_PULLS=200 host_tests -sg Grip" $?
+  if step "long image" bash -c 'toolchain/sysroot.sh && cmake --preset rpi4 && cmake --build --preset rpi4 &&
+    cmake --build --preset sim --target system_film_made && tests/system/prepare.sh'; then
+    step "long machine" env HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 build/sim/bin/system_scenarios -v \
+      -sg Holdfastd -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns
+    count_one "HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 system_scenarios -sg Holdfastd" $?
+  else
+    count_one "long: image" 1
+  fi
   step "long histograms" env HOLDFAST_ALL_HISTOGRAMS=1 build/sim/bin/firmware_tests -v -sg Entropy
   count_one "HOLDFAST_ALL_HISTOGRAMS=1 firmware_tests -sg Entropy" $?
 }
@@ -243,7 +252,7 @@ part_system() {
   }
   local status=0
   local -a short=(-sg Holdfastd -sn StartsAndBecomesFineOnAnEmptyGel -sn ASlipIsAnEdge -sn GoesOnAfterAReplug
-    -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill)
+    -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill -sn SkipsDamagedFrames -sn IsNotFooledByAFrozenPicture)
   ((all_scenarios == 0)) || short=()
   step "system scenarios" build/sim/bin/system_scenarios -v "${short[@]}" || status=1
   grep -E '^TEST\(|^OK|^Errors' "$logs/system-scenarios.log" | sed 's/^/   /'
@@ -255,7 +264,7 @@ closing() {
   local line
   for line in "${skips[@]}"; do say "skipped: $line"; done
   say "left out under sanitizers and emulation: ${slow_groups//|/, } (they ran in part sim)"
-  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls, all histograms"
+  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls, all histograms, 100 replugs and kills of the emulated machine"
   ((all_scenarios == 1)) || say "left out: emulated machine (--system): hang, gripper, watchdog, and the machine by itself"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"

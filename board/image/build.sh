@@ -66,7 +66,7 @@ fi
 
 # By what the machine of tests/system has: disk and console by virtio, USB camera, watchdog; serial adapters and
 # the USB-HID bridge for whoever plugs one in. GPIO, PCI serial and hidraw are built in.
-root_modules=(virtio_console virtio_rng xhci_pci uvcvideo i6300esb ftdi_sio cp210x hid_generic usbhid hid_mcp2221 uhid)
+root_modules=(virtio_console virtio_rng xhci_pci uvcvideo i6300esb ftdi_sio cp210x hid_generic usbhid hid_mcp2221 uhid loop)
 initrd_modules=(virtio_mmio virtio_pci virtio_blk ext4)
 kernel=build/image/kernel
 version=$(cat "$kernel/version")
