@@ -141,8 +141,8 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
   }
   slip_before_ = outputs.slip;
 
-  const Reason reason = accepted ? outputs.reason : result.quality.reason;
   if (features_) {
+    const Reason reason = accepted ? outputs.reason : result.quality.reason;
     fmt::print(features_->stream(), "{},{:.6f},{},{},", frame, t_s, info(outputs.state).name, info(reason).name);
     if (has_features) {
       fmt::print(features_->stream(), "{},{:.3f},{:.3f},{:.6f},{:.6f}", f.markers, mm_per_s(f.vx), mm_per_s(f.vy),
@@ -209,7 +209,6 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
   }
   if (!paths_.report.empty()) report_.add(row, arrows_);
-  row.reason = reason;  // in a table there is no other place for why a frame was refused
   if (log_ || frame_log_) write_logs(row);
   if (!paths_.overlay.empty() && has_features) keep_for_overlay(scale, given);
 }
