@@ -8,12 +8,13 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
 
-parts=(packages format sim heap tidy coverage asan tsan rpi4 system fuzz)
+parts=(packages format sim heap web tidy coverage asan tsan rpi4 system fuzz)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
   [format]="clang-format on every source"
   [sim]="host build and its tests"
   [heap]="heap calls from start() to stop(), counted"
+  [web]="npm packages: logs read by the official reader, page in Chromium"
   [tidy]="clang-tidy on every source that the host build compiles"
   [coverage]="lines and branches of the firmware that its tests run, against baseline and list"
   [asan]="host build and tests by clang: memory, undefined behaviour and, in the firmware, integers that wrap or lose bits"
@@ -161,6 +162,21 @@ part_format() {
 }
 part_sim() { build sim && run_ctest "sim tests" sim --label-exclude heap; }
 part_heap() { build sim && run_ctest "heap tests" sim --label-regex heap; }
+part_web() {
+  build sim || return 1
+  if ! command -v npm >/dev/null; then
+    skipped=$((skipped + 1)) skips+=("web: no npm. Next: apt-get install nodejs npm")
+    return 0
+  fi
+  step "web packages" npm --prefix tests/npm ci || {
+    count_one "web: npm ci in tests/npm" 1
+    return 1
+  }
+  local status=0
+  step "web logs" tests/npm/check_logs.sh || status=1
+  sed 's/^/   /' "$logs/web-logs.log"
+  count_one "web logs (tests/npm/check_logs.sh)" "$status"
+}
 part_tidy() {
   build sim || return 1
   local status=0

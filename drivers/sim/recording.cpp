@@ -322,6 +322,34 @@ class StreamSource final : public Recording::Source {
   std::uint32_t count_ = 0;
 };
 
+class PictureSource final : public Recording::Source {
+ public:
+  PictureSource(std::unique_ptr<MappedFile> file, std::shared_ptr<const std::vector<StampedPicture>> pictures)
+      : file_(std::move(file)), pictures_(std::move(pictures)) {}
+
+  Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
+    const std::size_t at = position_;
+    if (skip() == Read::kEnd) return Read::kEnd;
+    const StampedPicture& picture = (*pictures_)[at];
+    pts_s = static_cast<double>(picture.time.count()) * 1e-6;
+    take_jpeg(file_->bytes().subspan(picture.offset, picture.size), frame);
+    frame.sequence = static_cast<std::uint32_t>(at);
+    return Read::kFrame;
+  }
+  Read skip() override { return position_ < pictures_->size() ? (++position_, Read::kFrame) : Read::kEnd; }
+  [[nodiscard]] long frames() const override { return static_cast<long>(pictures_->size()); }
+  [[nodiscard]] double fps() const override {
+    if (pictures_->size() < 2) return 0;
+    return static_cast<double>(pictures_->size() - 1) * 1e6 /
+           static_cast<double>((pictures_->back().time - pictures_->front().time).count());
+  }
+
+ private:
+  std::unique_ptr<MappedFile> file_;
+  std::shared_ptr<const std::vector<StampedPicture>> pictures_;
+  std::size_t position_ = 0;
+};
+
 // MJPEG in AVI by our own walk: OpenCV 4.6 gives the same bytes in raw mode (compared in the tests), but no
 // time stamps with them, and it hides the empty chunks that stand for dropped frames.
 class AviSource final : public Recording::Source {
@@ -506,7 +534,17 @@ SourceResult open_avi(const fs::path& path, std::unique_ptr<MappedFile> file, Av
   return std::make_unique<AviSource>(std::move(file), std::move(index));
 }
 
-SourceResult open_source(const fs::path& path) {
+SourceResult open_pictures(const fs::path& path, std::unique_ptr<MappedFile> file,
+                           const std::shared_ptr<const std::vector<StampedPicture>>& pictures) {
+  const std::size_t size = file->bytes().size();
+  const auto inside = [&](const StampedPicture& p) { return p.offset <= size && p.size <= size - p.offset; };
+  if (std::all_of(pictures->begin(), pictures->end(), inside)) {
+    return std::make_unique<PictureSource>(std::move(file), pictures);
+  }
+  return fail_line(path, "is shorter than it was", "another program writes it now", "wait until it is written");
+}
+
+SourceResult open_source(const fs::path& path, const RecordingOptions& options) {
   silence_libraries();
   std::error_code ec;
   const fs::file_status status = fs::status(path, ec);
@@ -522,6 +560,7 @@ SourceResult open_source(const fs::path& path) {
   }
   auto file = std::make_unique<MappedFile>(path);
   if (file->bytes().empty()) return fail_line(path, "cannot be read", "no permission", "check its permissions");
+  if (options.pictures) return open_pictures(path, std::move(file), options.pictures);
   if (starts_like_jpeg(file->bytes()) || has_extension(path, {".mjpg", ".mjpeg"})) {
     if (!find_jpeg(file->bytes(), 0)) {
       return fail_line(path, "holds no frames", "there is no JPEG picture in it: not an MJPEG stream",
@@ -535,7 +574,7 @@ SourceResult open_source(const fs::path& path) {
 }
 
 // Reads up to the first frame that tells the size: the first one, unless it is a damaged JPEG.
-Result<RecordingInfo> probe(const fs::path& path, Recording::Source& source, RecordingOptions options) {
+Result<RecordingInfo> probe(const fs::path& path, Recording::Source& source, const RecordingOptions& options) {
   RecordedFrame frame;
   std::optional<double> pts_s;
   bool mjpeg = false;
@@ -579,8 +618,8 @@ struct Walk {
 };
 
 // Skips `from` frames, then reads one, or all up to the end.
-Result<Walk> walk(const fs::path& path, long from, Until until) {
-  SourceResult opened = open_source(path);
+Result<Walk> walk(const fs::path& path, const RecordingOptions& options, long from, Until until) {
+  SourceResult opened = open_source(path, options);
   if (auto* error = std::get_if<Error>(&opened)) return *error;
   Recording::Source& source = *std::get<0>(opened);
   Walk walked;
@@ -601,23 +640,23 @@ Result<Walk> walk(const fs::path& path, long from, Until until) {
 }  // namespace
 
 Recording::Recording(fs::path path, RecordingOptions options, RecordingInfo info, std::unique_ptr<Source> source)
-    : path_(std::move(path)), options_(options), info_(info), source_(std::move(source)) {}
+    : path_(std::move(path)), options_(std::move(options)), info_(info), source_(std::move(source)) {}
 Recording::Recording(Recording&&) noexcept = default;
 Recording& Recording::operator=(Recording&&) noexcept = default;
 Recording::~Recording() = default;
 
 Result<Recording> Recording::open(const fs::path& path, RecordingOptions options) {
-  SourceResult probed = open_source(path);
+  SourceResult probed = open_source(path, options);
   if (auto* error = std::get_if<Error>(&probed)) return *error;
   Result<RecordingInfo> info = probe(path, *std::get<0>(probed), options);
   if (auto* error = std::get_if<Error>(&info)) return *error;
-  Recording recording(path, options, std::get<RecordingInfo>(info), nullptr);
+  Recording recording(path, std::move(options), std::get<RecordingInfo>(info), nullptr);
   if (!recording.rewind()) return Error{recording.error_};
   return recording;
 }
 
 bool Recording::rewind() {
-  SourceResult source = open_source(path_);
+  SourceResult source = open_source(path_, options_);
   if (auto* error = std::get_if<Error>(&source)) {
     error_ = error->line;
     return false;
@@ -665,9 +704,9 @@ Result<RecordedFrame> Recording::at(std::string_view which) const {
   };
   if (which == "last") {
     // All but the announced end is skipped; when the end comes earlier, a second walk knows where.
-    Result<Walk> walked = walk(path_, std::max(info_.frames - 1, 0L), Until::kEnd);
+    Result<Walk> walked = walk(path_, options_, std::max(info_.frames - 1, 0L), Until::kEnd);
     if (auto* walk_result = std::get_if<Walk>(&walked); walk_result != nullptr && !walk_result->frame) {
-      walked = walk(path_, std::max(walk_result->frames - 1, 0L), Until::kFirst);
+      walked = walk(path_, options_, std::max(walk_result->frames - 1, 0L), Until::kFirst);
     }
     if (auto* error = std::get_if<Error>(&walked)) return *error;
     Walk& result = std::get<Walk>(walked);
@@ -681,7 +720,7 @@ Result<RecordedFrame> Recording::at(std::string_view which) const {
       return no_frame("not a name or number of a frame", info_.frames);
     }
   }
-  Result<Walk> walked = walk(path_, wanted, Until::kFirst);
+  Result<Walk> walked = walk(path_, options_, wanted, Until::kFirst);
   if (auto* error = std::get_if<Error>(&walked)) return *error;
   Walk& result = std::get<Walk>(walked);
   if (!result.frame) {

@@ -2,11 +2,11 @@
 // Recordings from disk, as a camera would have sent them.
 //
 // Inputs: any video file that OpenCV's videoio opens, a folder of images in natural order (img2 before
-// img10), a single image, or a raw concatenated MJPEG stream. MJPEG content (a stream, AVI or another
-// container, a folder of JPEG files) comes out as the original JPEG bytes; everything else as 8-bit BT.601
-// luma, reduced by the smallest integer box mean that fits the working image (kMaxLumaWidth x
-// kMaxLumaHeight). Errors are one line: file, what, likely cause, next step. No exception leaves this file.
-// Not for live streams or pipes: the size of the file must be known.
+// img10), a single image, a raw concatenated MJPEG stream, or JPEG pictures at known places of any file.
+// MJPEG content (a stream, AVI or another container, a folder of JPEG files) comes out as the original JPEG
+// bytes; everything else as 8-bit BT.601 luma, reduced by the smallest integer box mean that fits the working
+// image (kMaxLumaWidth x kMaxLumaHeight). Errors are one line: file, what, likely cause, next step. No exception leaves
+// this file. Not for live streams or pipes: the size of the file must be known.
 #pragma once
 
 #include <cstdint>
@@ -29,8 +29,17 @@ struct Error {
 template <typename T>
 using Result = std::variant<T, Error>;
 
+// Where a JPEG picture lies in its file, and when it was taken.
+struct StampedPicture {
+  std::size_t offset = 0;
+  std::size_t size = 0;
+  Micros time{};
+};
+
 struct RecordingOptions {
   double fps = 0;  // time base of inputs that carry none; 0: kDefaultFps
+  // For files that the caller can read and this one cannot (logs): the pictures in them. Null: the file is looked at.
+  std::shared_ptr<const std::vector<StampedPicture>> pictures = nullptr;
 };
 
 inline constexpr double kDefaultFps = 25;  // the sensor's nominal rate

@@ -163,6 +163,16 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
                   "their length: PNG")
       ->check(not_empty);
   command.add_option("--report", options.paths.report, "write a report that any browser shows: HTML")->check(not_empty);
+  command
+      .add_option("--log", options.paths.log,
+                  "write one row per frame in numbers only, for PlotJuggler and other programs: CSV. state: 0 BOOT, 1 "
+                  "REFERENCE, 2 OK, 3 SLIP, 4 DEGRADED, 5 FAULT; reason: the number in firmware/app/STATES.md")
+      ->check(not_empty);
+  command
+      .add_option("--mcap", options.paths.mcap,
+                  "write decisions, markers and the camera's JPEG pictures, untouched, for Foxglove, PlotJuggler and "
+                  "Rerun: MCAP")
+      ->check(not_empty);
   command.add_flag("--json", options.json, "print the summary as JSON");
 }
 
@@ -208,6 +218,10 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
 }
 
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options) {
+  if (session.left_pictures_out()) {
+    note(fmt::format("{}: without {}, because no frame came as a JPEG picture", options.paths.mcap.string(),
+                     log::kCameraTopic));
+  }
   const GridSize grid = session.app().state().tracker.field.grid;
   if (options.json) {
     nlohmann::json out;

@@ -26,7 +26,7 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, calibrate, study, grip, faults, devices, doctor or trade; holdfast --help shows how",
+        "evaluate, compile, calibrate, study, grip, faults, log, devices, doctor or trade; holdfast --help shows how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
   std::string command = "holdfast";
@@ -48,7 +48,9 @@ int run(int argc, char** argv) {
 
   ReplayOptions replay_options;
   CLI::App* replay_command = app.add_subcommand("replay", "run a recording through the firmware");
-  replay_command->add_option("INPUT", replay_options.input, "video file, folder of images, or raw .mjpg stream")
+  replay_command
+      ->add_option("INPUT", replay_options.input,
+                   "video file, folder of images, raw .mjpg stream, or what --mcap wrote")
       ->required()
       ->check(not_empty);
   replay_command
@@ -196,6 +198,7 @@ int run(int argc, char** argv) {
   add_study(app, commands);
   add_grip(app, commands);
   add_faults(app, commands);
+  add_log(app, commands);
   add_devices(app, commands);
 
   try {

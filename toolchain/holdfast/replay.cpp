@@ -6,9 +6,11 @@
 #include <variant>
 
 #include "drivers/sim/camera_replay.hpp"
+#include "drivers/sim/container.hpp"
 #include "drivers/sim/recording.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/progress.hpp"
+#include "toolchain/log/frame_reader.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "vision/luma_input.hpp"
 
@@ -22,6 +24,29 @@ std::string explain_reference(Reason reason, const App& app) {
          "another frame or an image with --reference";
 }
 
+// In a log of --mcap. Empty, or an error line; other files are left to whoever opens them.
+std::string find_pictures(const std::string& path, sim::RecordingOptions& options) {
+  const sim::MappedFile mapped(path);
+  const auto bytes = mapped.bytes();
+  if (!log::is_mcap(bytes)) return {};
+  std::vector<sim::StampedPicture> pictures;
+  log::FrameVisit visit;
+  visit.picture = [&](const log::CompressedImage& picture) {
+    const log::Time& stamp = picture.header.stamp;
+    pictures.push_back({static_cast<std::size_t>(picture.data.data() - bytes.data()), picture.data.size(),
+                        Micros{std::int64_t{stamp.sec} * 1'000'000 + stamp.nanosec / 1000}});
+  };
+  const log::McapFile file = log::read_frames(bytes, visit);
+  if (!file.faults.empty()) return log::fault_line(path, file);
+  if (pictures.empty()) {
+    return fmt::format(
+        "{}: has no {}. Likely cause: it was made of a recording without JPEG pictures. Next: give that recording",
+        path, log::kCameraTopic);
+  }
+  options.pictures = std::make_shared<const std::vector<sim::StampedPicture>>(std::move(pictures));
+  return {};
+}
+
 }  // namespace
 
 int replay(const ReplayOptions& options) {
@@ -31,7 +56,9 @@ int replay(const ReplayOptions& options) {
       !error.empty()) {
     return fail(error);
   }
-  auto opened = sim::Recording::open(options.input, {options.fps});
+  sim::RecordingOptions recorded{options.fps};
+  if (const std::string error = find_pictures(options.input, recorded); !error.empty()) return fail(error);
+  auto opened = sim::Recording::open(options.input, recorded);
   if (const auto* error = std::get_if<sim::Error>(&opened)) return fail(error->line);
   auto& recording = std::get<sim::Recording>(opened);
   const sim::RecordingInfo about = recording.info();

@@ -12,6 +12,7 @@
 
 #include "app/modes.hpp"
 #include "base/math.hpp"
+#include "toolchain/log/csv_log.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -91,6 +92,8 @@ Session::Session(SessionInfo info, OutputPaths paths)
   truth_ = open(paths_.truth);
   truth_markers_ = open(paths_.truth_markers);
   report_file_ = open(paths_.report);
+  log_ = open(paths_.log);
+  mcap_ = open(paths_.mcap);
   (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
   if (features_) {
     features_->stream()
@@ -98,6 +101,8 @@ Session::Session(SessionInfo info, OutputPaths paths)
            "imprint_patches,imprint_um\n";
   }
   if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
+  if (log_) log_->stream() << log::csv_header();
+  if (mcap_) frame_log_ = std::make_unique<log::FrameLog>(mcap_->stream());
 }
 
 std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
@@ -108,7 +113,8 @@ std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
 }
 
 void Session::connect(hal::Camera& camera, const model::Tree* tree) {
-  app_ = std::make_unique<App>(Devices{camera, gpio_, link_, clock_, jpeg_}, tree);
+  if (frame_log_) tap_ = std::make_unique<CameraTap>(camera);
+  app_ = std::make_unique<App>(Devices{tap_ ? *tap_ : camera, gpio_, link_, clock_, jpeg_}, tree);
 }
 
 void Session::record(long frame, double t_s, double scale, const hal::Frame& given) {
@@ -203,7 +209,20 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
   }
   if (!paths_.report.empty()) report_.add(row, arrows_);
+  if (log_ || frame_log_) write_logs(row);
   if (!paths_.overlay.empty() && has_features) keep_for_overlay(scale, given);
+}
+
+void Session::write_logs(const ReportFrame& row) {
+  log::LogFrame frame;
+  frame.told = row;
+  frame.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
+  if (log_) log_->stream() << log::csv_row(log::slip_state(frame));
+  if (!frame_log_) return;
+  frame.arrows = arrows_;
+  frame.cols = app_->state().tracker.field.grid.cols;
+  frame.jpeg = tap_->jpeg();
+  frame_log_->add(frame);
 }
 
 // The overlay shows the frame that raised slip first; without one, the frame of the largest entropy.
@@ -259,8 +278,10 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report.saturations = app_->state().saturations.count;
     report_file_->stream() << report_.html(report);
   }
+  if (frame_log_) frame_log_->finish();
   // What may still fail comes first: every byte is written, then the overlay, and only then files are renamed.
-  const std::array files{features_.get(), markers_.get(), truth_.get(), truth_markers_.get(), report_file_.get()};
+  const std::array files{features_.get(),    markers_.get(), truth_.get(), truth_markers_.get(),
+                         report_file_.get(), log_.get(),     mcap_.get()};
   for (AtomicFile* file : files) {
     if (file != nullptr && !file->stream().flush()) return file->commit();
   }

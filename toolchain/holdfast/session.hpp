@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the firmware over a camera in virtual time and keeps what came out: CSV files, report, overlay,
-// summary.
+// logs, summary.
 //
 // Outputs appear together, after the last frame, or not at all. Host code: it may allocate; the firmware
 // inside does not.
@@ -23,7 +23,9 @@
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/serial.hpp"
 #include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/holdfast/camera_tap.hpp"
 #include "toolchain/holdfast/report.hpp"
+#include "toolchain/log/frame_log.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::tool {
@@ -33,16 +35,20 @@ struct OutputPaths {
   std::filesystem::path markers;
   std::filesystem::path overlay;
   std::filesystem::path report;
+  std::filesystem::path log;
+  std::filesystem::path mcap;
   std::filesystem::path truth;          // simulated grasps only
   std::filesystem::path truth_markers;  // likewise
 
   // With the names of their options, without the dashes; a path may be empty.
-  [[nodiscard]] std::array<std::pair<std::string_view, const std::filesystem::path*>, 6> named() const {
+  [[nodiscard]] std::array<std::pair<std::string_view, const std::filesystem::path*>, 8> named() const {
     return {{{"features", &features},
              {"markers", &markers},
              {"truth", &truth},
              {"truth-markers", &truth_markers},
              {"overlay", &overlay},
+             {"log", &log},
+             {"mcap", &mcap},
              {"report", &report}}};
   }
 };
@@ -98,18 +104,22 @@ class Session {
   [[nodiscard]] std::string commit(std::vector<TruthMark> marks, std::optional<TruthSeries> series,
                                    std::vector<std::string> notes);
 
+  // No frame had a JPEG picture, so the MCAP file that was asked for has no channel of pictures.
+  [[nodiscard]] bool left_pictures_out() const { return frame_log_ && !frame_log_->has_pictures(); }
+
   // The lines' edges as text: GRIP_OK one by one, ALIVE counted between them.
   [[nodiscard]] std::string gpio_timeline() const;
 
  private:
   [[nodiscard]] std::unique_ptr<AtomicFile> open(const std::filesystem::path& path);
+  void write_logs(const ReportFrame& row);
   void keep_for_overlay(double scale, const hal::Frame& given);
   [[nodiscard]] std::string draw_overlay() const;
 
   SessionInfo info_;
   OutputPaths paths_;
   std::string error_;
-  std::unique_ptr<AtomicFile> features_, markers_, truth_, truth_markers_, report_file_;
+  std::unique_ptr<AtomicFile> features_, markers_, truth_, truth_markers_, report_file_, log_, mcap_;
   sim::Clock clock_;
   sim::Gpio gpio_;
   sim::Serial link_;
@@ -117,7 +127,9 @@ class Session {
   jpeg_fast::Worker worker_;
   hal::Alone crew_;
   EighthDecoder jpeg_{{}, other_scales_, {&worker_, 1}, crew_};
+  std::unique_ptr<CameraTap> tap_;  // for the MCAP file only
   std::unique_ptr<App> app_;
+  std::unique_ptr<log::FrameLog> frame_log_;
   Report report_;
   Summary summary_;
   long marker_sum_ = 0;

@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: Apache-2.0
+// MCAP files, written and read. The oracles: what was written, a second reader that knows the index only
+// (tests/fuzz/mcap_check.hpp), and the firmware's own CRC. The official reader has its say in tests/npm/check_logs.sh.
+#include "toolchain/log/mcap_reader.hpp"
+
+#include <map>
+#include <numeric>
+#include <random>
+
+#include "base/crc32.hpp"
+#include "tests/fuzz/mcap_check.hpp"
+#include "toolchain/log/crc32_stream.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast::log;
+using holdfast::test::mcap_by_index;
+using holdfast::test::mcap_places;
+using holdfast::test::McapBytes;
+using holdfast::test::McapPlace;
+using holdfast::test::McapSeen;
+using holdfast::test::small_mcap;
+using holdfast::test::without_sums;
+
+namespace {
+
+std::vector<McapSeen> messages_of(const McapBytes& bytes, McapFile* file = nullptr) {
+  std::vector<McapSeen> seen;
+  const McapFile read = read_mcap(bytes, [&](const McapFile&, const McapMessage& m) {
+    seen.emplace_back(m.channel, m.sequence, m.logged_ns, std::string(m.data.begin(), m.data.end()));
+  });
+  if (file != nullptr) *file = read;
+  return seen;
+}
+
+// The first thing that is wrong; empty: nothing is.
+std::string fault_of(const McapBytes& bytes) {
+  const McapFile file = read_mcap(bytes);
+  return file.faults.empty() ? "" : file.faults.front().what;
+}
+
+void check_fault(const char* expected, const McapBytes& bytes) {
+  STRCMP_EQUAL(expected, fault_of(bytes).c_str());
+}
+
+// Beginnings of the content of all records of one kind.
+std::vector<McapPlace> places_of(const McapBytes& bytes, Op op) {
+  std::vector<McapPlace> out;
+  for (const McapPlace& place : mcap_places(bytes)) {
+    if (place.op == static_cast<int>(op)) out.push_back(place);
+  }
+  CHECK_TEXT(!out.empty(), "no such record");
+  return out;
+}
+
+}  // namespace
+
+TEST_GROUP(Mcap){};
+
+TEST(Mcap, GivesBackWhatWasWritten) {
+  std::mt19937 random(1);
+  std::ostringstream out;
+  McapWriter writer(out);
+  std::vector<McapSeen> written;
+  std::vector<std::uint16_t> channels;
+  std::uint64_t time_ns = 5'000;
+  for (std::uint32_t i = 0; i < 400; ++i) {
+    if (i % 100 == 0) {  // also when others have messages already
+      const std::string name = "/channel_" + std::to_string(i);
+      channels.push_back(writer.add_channel(name, i < 200 ? "a/msg/A" : "a/msg/B", "uint8 a\n"));
+    }
+    // Some empty, some larger than a chunk.
+    const std::size_t size = i % 97 == 5 ? 1'000'000 : random() % 20'000 * (i % 3);
+    McapBytes data(size);
+    for (auto& byte : data) byte = static_cast<std::uint8_t>(random());
+    const std::uint16_t channel = channels[random() % channels.size()];
+    time_ns += random() % 1'000'000'000;
+    writer.write(channel, i, time_ns, data);
+    written.emplace_back(channel, i, time_ns, std::string(data.begin(), data.end()));
+  }
+  writer.finish();
+  const std::string text = out.str();
+  const McapBytes bytes(text.begin(), text.end());
+  McapFile file;
+  CHECK(written == messages_of(bytes, &file));  // in order
+  LONGS_EQUAL(0, file.faults.size());
+  CHECK_TRUE(file.whole);
+  CHECK(file.profile == "ros2" && file.library == "holdfast");
+  LONGS_EQUAL(2, file.schemas.size());
+  LONGS_EQUAL(4, file.channels.size());
+  CHECK(file.channels.at(3).topic == "/channel_300" && file.schemas.at(file.channels.at(3).schema).name == "a/msg/B");
+  CHECK(file.schemas.at(1).text == "uint8 a\n" && file.schemas.at(1).encoding == "ros2msg");
+  CHECK_EQUAL(std::get<2>(written.front()), file.all.first_ns);
+  CHECK_EQUAL(std::get<2>(written.back()), file.all.last_ns);
+  // Chunks hold whole messages, and no more than fills one.
+  const std::size_t total = std::accumulate(written.begin(), written.end(), std::size_t{0},
+                                            [](std::size_t sum, const auto& m) { return sum + std::get<3>(m).size(); });
+  CHECK(file.chunks >= 4 && file.chunks <= total / (768 * 1024) + 1);
+  std::sort(written.begin(), written.end());
+  CHECK(written == mcap_by_index(bytes));
+}
+
+TEST(Mcap, ReadsWhatOthersWrite) {
+  McapFile file;
+  const std::vector<McapSeen> seen = messages_of(holdfast::test::foreign_mcap(), &file);
+  STRCMP_EQUAL("", fault_of(holdfast::test::foreign_mcap()).c_str());
+  CHECK(file.whole);
+  const std::vector<McapSeen> expected{{5, 1, 1, std::string("\0\1\0\0\7", 5)}};
+  CHECK(expected == seen);
+  STRCMP_EQUAL("", fault_of(small_mcap(0)).c_str());
+  LONGS_EQUAL(0, messages_of(small_mcap(0)).size());
+}
+
+TEST(Mcap, NoticesEveryFlip) {
+  const McapBytes good = small_mcap(7);
+  STRCMP_EQUAL("", fault_of(good).c_str());
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    for (const int flip : {0x01, 0x10, 0x80, 0xFF}) {
+      McapBytes bad = good;
+      bad[i] = static_cast<std::uint8_t>(bad[i] ^ flip);
+      if (fault_of(bad).empty()) FAIL(("not noticed: byte " + std::to_string(i)).c_str());
+      STRCMP_EQUAL("", holdfast::test::check_mcap_bytes(bad).c_str());
+      // Nor does it bring anything down when no sum protects it.
+      STRCMP_EQUAL("", holdfast::test::check_mcap_bytes(without_sums(bad)).c_str());
+    }
+  }
+}
+
+TEST(Mcap, GivesWhatStandsBeforeTheBreak) {
+  const McapBytes good = small_mcap(7);
+  const std::vector<McapSeen> all = messages_of(good);
+  for (std::size_t size = 0; size < good.size(); ++size) {
+    McapFile file;
+    const std::vector<McapSeen> seen =
+        messages_of(McapBytes(good.begin(), good.begin() + static_cast<long>(size)), &file);
+    CHECK(!file.whole && !file.faults.empty());
+    CHECK(seen.size() <= all.size() && std::equal(seen.begin(), seen.end(), all.begin()));
+    const std::size_t chunk_end = places_of(good, Op::kMessageIndex).front().at;
+    LONGS_EQUAL(size < chunk_end ? 0 : all.size(), seen.size());
+  }
+}
+
+TEST(Mcap, LosesOnlyTheChunkThatIsDamaged) {
+  std::ostringstream out;
+  McapWriter writer(out);
+  const std::uint16_t channel = writer.add_channel("/a", "a/msg/A", "uint8 a\n");
+  const McapBytes data(800'000, 1);  // a chunk each
+  for (std::uint32_t i = 0; i < 3; ++i) writer.write(channel, i, i, data);
+  writer.finish();
+  const std::string text = out.str();
+  McapBytes bytes(text.begin(), text.end());
+  const auto chunks = places_of(bytes, Op::kChunk);
+  LONGS_EQUAL(3, chunks.size());
+  bytes[chunks[1].content + 1000] = 2;
+  McapFile file;
+  const std::vector<McapSeen> seen = messages_of(bytes, &file);
+  LONGS_EQUAL(2, seen.size());
+  LONGS_EQUAL(2, std::get<1>(seen[1]));
+  STRCMP_EQUAL("a chunk whose check sum is not that of its bytes", file.faults.front().what.c_str());
+  CHECK_EQUAL(chunks[1].at, file.faults.front().at);
+}
+
+TEST(Mcap, HoldsEverythingAgainstEverythingElse) {
+  const McapBytes good = without_sums(small_mcap(7));
+  STRCMP_EQUAL("", fault_of(good).c_str());
+  // Adds `by` to the byte `offset` bytes into the content of record `which` of a kind.
+  const auto changed = [&](Op op, std::size_t which, std::size_t offset, int by = 1) {
+    McapBytes bytes = good;
+    const std::size_t at = places_of(bytes, op).at(which).content + offset;
+    bytes[at] = static_cast<std::uint8_t>(bytes[at] + by);
+    return bytes;
+  };
+  check_fault("a chunk whose times are not those of its messages", changed(Op::kChunk, 0, 0));
+  check_fault("a chunk whose times are not those of its messages", changed(Op::kChunk, 0, 8));
+  check_fault("a chunk that is not as long as it says", changed(Op::kChunk, 0, 16));
+  check_fault("a message whose channel is not there", changed(Op::kMessage, 0, 0, 9));
+  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessage, 1, 6));  // another time
+  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessageIndex, 0, 6));   // time
+  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessageIndex, 0, 14));  // place
+  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessageIndex, 0, 0, 1));
+  for (const std::size_t field : {0U, 8U, 24U}) {
+    check_fault("an index that is not that of its chunk", changed(Op::kChunkIndex, 0, field));
+  }
+  check_fault("an index of a chunk that is not there", changed(Op::kChunkIndex, 0, 16));
+  check_fault("an index that is not that of the chunk's indexes", changed(Op::kChunkIndex, 0, 38));
+  for (const std::size_t count : {0U, 8U, 10U, 14U, 18U, 22U, 26U, 34U, 48U}) {
+    check_fault("the counts are not those of the file", changed(Op::kStatistics, 0, count));
+  }
+  check_fault("an offset of a group that is not there", changed(Op::kSummaryOffset, 0, 0));
+  check_fault("an offset of a group that is not there", changed(Op::kSummaryOffset, 1, 1));
+  check_fault("an offset of a group that is not there", changed(Op::kSummaryOffset, 2, 9));
+  check_fault("the footer has another place for the summary", changed(Op::kFooter, 0, 0));
+  check_fault("the footer has another place for the offsets", changed(Op::kFooter, 0, 8));
+  // The second of each is the summary's.
+  check_fault("a schema that differs from the one before of its number", changed(Op::kSchema, 1, 7));
+  check_fault("a schema that only the summary has", changed(Op::kSchema, 1, 0, 5));
+  check_fault("a channel that differs from the one before of its number", changed(Op::kChannel, 2, 9));
+  check_fault("a channel that only the summary has", changed(Op::kChannel, 2, 0, 5));
+  check_fault("a channel whose schema is not there", changed(Op::kChannel, 0, 2, 5));
+  check_fault("a record of a kind that cannot be here", changed(Op::kDataEnd, 0, static_cast<std::size_t>(-9), -15));
+  // Sums that are there and wrong.
+  check_fault("a chunk whose check sum is not that of its bytes", changed(Op::kChunk, 0, 24));
+  check_fault("the data's check sum is not that of their bytes", changed(Op::kDataEnd, 0, 0));
+  check_fault("the summary's check sum is not that of its bytes", changed(Op::kFooter, 0, 16));
+}
+
+TEST(Mcap, SaysNoMoreThanAFewThingsAtOnce) {
+  McapBytes bytes = without_sums(small_mcap(500));
+  for (const McapPlace& place : places_of(bytes, Op::kMessage)) bytes[place.content] = 99;
+  LONGS_EQUAL(McapFile::kMostFaults, read_mcap(bytes).faults.size());
+}
+
+TEST(Mcap, TheSeedsOfTheFuzzerHoldWhatItChecks) {
+  for (const McapBytes& seed : holdfast::test::mcap_seeds()) {
+    CHECK(seed.size() < 4096);
+    STRCMP_EQUAL("", holdfast::test::check_mcap_bytes(seed).c_str());
+    STRCMP_EQUAL("", holdfast::test::check_mcap_bytes(without_sums(seed)).c_str());
+  }
+}
+
+TEST(Mcap, SumsInPiecesAsTheFirmwareDoesAtOnce) {
+  std::mt19937 random(1);
+  McapBytes bytes(300);
+  for (auto& byte : bytes) byte = static_cast<std::uint8_t>(random());
+  for (std::size_t size = 0; size <= bytes.size(); ++size) {
+    const std::span<const std::uint8_t> whole = std::span(bytes).first(size);
+    const std::size_t cut = size == 0 ? 0 : random() % size;
+    Crc32Stream crc;
+    crc.add(whole.first(cut));
+    crc.add(whole.subspan(cut));
+    CHECK_EQUAL(holdfast::crc32(whole), crc.sum());
+  }
+}

@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+// Messages of a log: schema texts and bytes as written down by hand after the definitions of ROS 2 and CDR.
+#include "toolchain/log/messages.hpp"
+
+#include <charconv>
+#include <cmath>
+
+#include "base/status.hpp"
+#include "toolchain/log/csv_log.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast::log;
+
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+const std::string kHeaderTypes = std::string(80, '=') +
+                                 "\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n" +
+                                 std::string(80, '=') + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";
+
+SlipState some_state() {
+  SlipState state;
+  state.header.stamp = {3, 40'000'000};
+  state.frame = 76;
+  state.state = 3;
+  state.state_name = "SLIP";
+  state.reason = 98;
+  state.reason_name = "slip";
+  state.slip = state.alive = state.accepted = state.features_valid = state.rates_valid = true;
+  state.markers = 63;
+  state.vx_mm_s = -2.125;
+  state.entropy_nat = 1.0 / 65536;
+  state.histogram = {60, 1, 2};
+  return state;
+}
+
+MarkerField some_field(std::size_t count) {
+  MarkerField field;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto x = static_cast<double>(i);
+    field.row.push_back(static_cast<std::uint8_t>(i / 9));
+    field.col.push_back(static_cast<std::uint8_t>(i % 9));
+    field.valid.push_back(1);
+    field.x_px.push_back(x);
+    field.y_px.push_back(-x);
+    field.dx_px.push_back(x / 256);
+    field.dy_px.push_back(0);
+  }
+  return field;
+}
+
+// A strict reader of numbers: digits, one point, digits; nothing else.
+bool is_plain_number(std::string_view cell) {
+  if (cell.starts_with('-')) cell.remove_prefix(1);
+  const std::size_t digits = cell.find_first_not_of("0123456789");
+  if (digits == 0 || cell.empty()) return false;
+  if (digits == std::string_view::npos) return true;
+  if (cell[digits] != '.') return false;
+  cell.remove_prefix(digits + 1);
+  return !cell.empty() && cell.find_first_not_of("0123456789") == std::string_view::npos;
+}
+
+std::vector<std::string> cells_of(std::string_view line) {
+  std::vector<std::string> cells(1);
+  CHECK(line.ends_with('\n'));
+  for (const char c : line.substr(0, line.size() - 1)) {
+    CHECK(c != '\n' && c != '\r' && c != '"' && c != ' ');
+    if (c == ',') {
+      cells.emplace_back();
+    } else {
+      cells.back() += c;
+    }
+  }
+  return cells;
+}
+
+}  // namespace
+
+TEST_GROUP(LogMessage){};
+
+TEST(LogMessage, SchemasAreRosDefinitionsWithTheTypesInside) {
+  STRCMP_EQUAL("sensor_msgs/msg/CompressedImage", schema_name<CompressedImage>().c_str());
+  STRCMP_EQUAL(("std_msgs/Header header\nstring format\nuint8[] data\n" + kHeaderTypes).c_str(),
+               schema_text<CompressedImage>().c_str());
+  STRCMP_EQUAL("holdfast_msgs/msg/MarkerField", schema_name<MarkerField>().c_str());
+  STRCMP_EQUAL(("std_msgs/Header header\n"
+                "uint32 frame  # counted from 0\n"
+                "uint8[] row\nuint8[] col\n"
+                "uint8[] valid  # 0: lost, its figures mean nothing\n"
+                "float64[] x_px  # where it is, pixels of the picture\n"
+                "float64[] y_px\n"
+                "float64[] dx_px  # how far from rest, pixels of the picture\n"
+                "float64[] dy_px\n" +
+                kHeaderTypes)
+                   .c_str(),
+               schema_text<MarkerField>().c_str());
+  STRCMP_CONTAINS("uint32[15] histogram", schema_text<SlipState>().c_str());
+  STRCMP_CONTAINS("\nbool slip\n", schema_text<SlipState>().c_str());
+  // The states that its comment lists are those of the firmware.
+  std::string states;
+  for (const holdfast::StateInfo& state : holdfast::kStates) {
+    states +=
+        (states.empty() ? "" : ", ") + std::to_string(static_cast<int>(state.state)) + " " + std::string(state.name);
+  }
+  STRCMP_CONTAINS(("uint8 state  # " + states + "\n").c_str(), schema_text<SlipState>().c_str());
+}
+
+TEST(LogMessage, BytesAreCdr) {
+  const Bytes jpeg{0xFF, 0xD8, 0xFF};
+  CompressedImage picture;
+  picture.header.stamp = {1, 2};
+  picture.data = jpeg;
+  const Bytes expected{0, 1, 0, 0,                                         // CDR, little endian
+                       1, 0, 0, 0, 2,    0,    0,   0,                     // stamp
+                       4, 0, 0, 0, 'g',  'e',  'l', 0,                     // length with the zero
+                       5, 0, 0, 0, 'j',  'p',  'e', 'g', 0, /**/ 0, 0, 0,  // aligned to 4
+                       3, 0, 0, 0, 0xFF, 0xD8, 0xFF};
+  CHECK(expected == encode(picture));
+  const MarkerField field = some_field(1);
+  const Bytes one{0, 1, 0, 0, 0, 0,      0, 0, 0, 0, 0, 0,    4, 0, 0, 0, 'g', 'e', 'l', 0, 0, 0, 0, 0,
+                  1, 0, 0, 0, 0, /**/ 0, 0, 0,                 // row
+                  1, 0, 0, 0, 0, /**/ 0, 0, 0,                 // col
+                  1, 0, 0, 0, 1, /**/ 0, 0, 0,                 // valid
+                  1, 0, 0, 0, 0, 0,      0, 0, 0, 0, 0, 0,     // x: 8 bytes at 48, which 8 divides
+                  1, 0, 0, 0, 0, 0,      0, 0, 0, 0, 0, 0x80,  // y: -0; and so on without a gap
+                  1, 0, 0, 0, 0, 0,      0, 0, 0, 0, 0, 0,    1, 0, 0, 0, 0,   0,   0,   0, 0, 0, 0, 0};
+  // Counted by hand: the content of x begins at 4+8+8+4+3*8+4 = 52-4 = 48 behind the head, y's count at 56, its content
+  // at 60, which 8 does not divide: four bytes of padding.
+  Bytes padded = one;
+  std::size_t at = 4 + 60;
+  for (int array = 0; array < 3; ++array, at += 16) padded.insert(padded.begin() + static_cast<long>(at), 4, 0);
+  CHECK(padded == encode(field));
+}
+
+TEST(LogMessage, DecodesWhatItEncodesAndNothingElse) {
+  const Bytes state = encode(some_state());
+  const auto again = decode<SlipState>(state);
+  CHECK(again.has_value());
+  CHECK(encode(*again) == state);
+  CHECK(again->state_name == "SLIP" && again->reason == 98 && again->slip && !again->grip_ok && again->markers == 63);
+  CHECK(again->vx_mm_s == -2.125 && again->histogram[2] == 2 && again->header.stamp.nanosec == 40'000'000);
+  const Bytes markers = encode(some_field(63));
+  CHECK(decode<MarkerField>(markers)->dx_px[62] == 62.0 / 256);
+  for (const Bytes& good : {state, markers}) {
+    for (std::size_t size = 0; size < good.size(); ++size) {
+      const std::span<const std::uint8_t> cut = std::span(good).first(size);
+      CHECK(!decode<SlipState>(cut) && !decode<MarkerField>(cut));
+    }
+    Bytes longer = good;
+    longer.push_back(0);
+    CHECK(!decode<SlipState>(longer) && !decode<MarkerField>(longer));
+  }
+  // A count of four billion is not believed, a bool is 0 or 1, padding is 0, a text ends with its only zero.
+  const auto with = [&](const Bytes& good, std::size_t at, std::uint8_t byte) {
+    Bytes bytes = good;
+    bytes.at(at) = byte;
+    return bytes;
+  };
+  CHECK(!decode<MarkerField>(with(with(markers, 24, 0xFF), 27, 0xFF)));
+  CHECK(decode<SlipState>(with(state, 16, 'x')).has_value());
+  CHECK(!decode<SlipState>(with(state, 16, 0)));
+  CHECK(!decode<SlipState>(with(state, 19, 'x')));
+  CHECK(!decode<SlipState>(with(state, 25, 1)));  // between state and the length of its name
+  const std::size_t slip = std::string(state.begin(), state.end()).find(std::string("slip\0\1", 6)) + 5;
+  CHECK(!decode<SlipState>(with(state, slip, 2)));
+  CHECK(!decode<SlipState>(with(state, 1, 0)));  // big endian
+}
+
+TEST(LogMessage, TheTableHasNumbersOnly) {
+  const std::vector<std::string> names = cells_of(csv_header());
+  STRCMP_EQUAL("t_s", names.front().c_str());
+  LONGS_EQUAL(31, names.size());
+  STRCMP_EQUAL("histogram_14", names.back().c_str());
+  SlipState state = some_state();
+  for (const double figure : {0.0, -0.0, 1e-9, -4096.0, 123456789.0, 1.0 / 3}) {
+    state.vx_mm_s = state.vy_mm_s = state.entropy_nat = state.entropy_rate_nat_s = state.decided_us = figure;
+    state.header.stamp = {2'000'000'000, 999'999'000};
+    const std::vector<std::string> cells = cells_of(csv_row(state));
+    LONGS_EQUAL(names.size(), cells.size());
+    for (const std::string& cell : cells) CHECK_TEXT(is_plain_number(cell), cell.c_str());
+    STRCMP_EQUAL("2000000000.999999", cells[0].c_str());
+    STRCMP_EQUAL("76", cells[1].c_str());
+    STRCMP_EQUAL("3", cells[2].c_str());
+    STRCMP_EQUAL("98", cells[3].c_str());
+    double read = 0;
+    std::from_chars(cells[11].data(), cells[11].data() + cells[11].size(), read);
+    DOUBLES_EQUAL(figure, read, 5e-7);
+    STRCMP_EQUAL("60", cells[16].c_str());
+  }
+}

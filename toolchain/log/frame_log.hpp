@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// The frames of a run as MCAP: /holdfast/slip for each, /holdfast/markers where there are any, /holdfast/camera where
+// the camera sent JPEG. Times count from the first frame, sequence numbers are those of the frames.
+#pragma once
+
+#include <optional>
+#include <ostream>
+
+#include "toolchain/log/log_frame.hpp"
+#include "toolchain/log/mcap_writer.hpp"
+#include "toolchain/log/messages.hpp"
+
+namespace holdfast::log {
+
+[[nodiscard]] SlipState slip_state(const LogFrame& frame);
+
+class FrameLog {
+ public:
+  explicit FrameLog(std::ostream& out);
+  void add(const LogFrame& frame);
+  // Once, after the last frame.
+  void finish() { writer_.finish(); }
+  [[nodiscard]] bool has_pictures() const { return camera_.has_value(); }
+
+ private:
+  McapWriter writer_;
+  std::uint16_t slip_, markers_;
+  std::optional<std::uint16_t> camera_;
+};
+
+}  // namespace holdfast::log

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes an MCAP file of ROS 2 messages, for Foxglove, PlotJuggler, Rerun and `ros2 bag`.
+//
+// Profile "ros2": schemas are texts of .msg files (ros2msg), messages are CDR. Uncompressed, because nearly all of it
+// is JPEG, with every check sum and index that the format has. Nothing is ever read back or written again, so any
+// stream will do; memory is one chunk and 100 bytes for each chunk written. Whether the stream took it all is for its
+// owner to ask. Not for attachments or metadata records.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <ostream>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "toolchain/log/crc32_stream.hpp"
+#include "toolchain/log/mcap_format.hpp"
+
+namespace holdfast::log {
+
+class McapWriter {
+ public:
+  explicit McapWriter(std::ostream& out);
+
+  // `schema`: "package/msg/Type". Channels of one schema share it by name.
+  [[nodiscard]] std::uint16_t add_channel(std::string_view topic, std::string_view schema,
+                                          std::string_view schema_text);
+  void write(std::uint16_t channel, std::uint32_t sequence, std::uint64_t time_ns, std::span<const std::uint8_t> data);
+  // Once, after the last message.
+  void finish();
+
+ private:
+  struct TimeSpan {
+    std::uint64_t first = 0;
+    std::uint64_t last = 0;
+    void add(std::uint64_t time_ns, bool is_first);
+  };
+  // (channel, time, offset in the chunk)
+  using Index = std::map<std::uint16_t, std::vector<std::pair<std::uint64_t, std::uint64_t>>>;
+
+  void flush_chunk();
+  void put(std::span<const std::uint8_t> bytes);
+
+  std::ostream& out_;
+  std::uint64_t position_ = 0;
+  Crc32Stream crc_;                           // of the data section, then of the summary
+  std::map<std::string, std::uint16_t> ids_;  // of schemas, by name
+  std::vector<std::vector<std::uint8_t>> schemas_, channels_, chunk_indexes_;  // records, for the summary
+  std::map<std::uint16_t, std::uint64_t> counts_;                              // messages of each channel
+  std::uint64_t messages_ = 0;
+  TimeSpan span_;
+  std::vector<std::uint8_t> chunk_;
+  Index index_;
+  TimeSpan chunk_span_;
+};
+
+}  // namespace holdfast::log

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a log says of a frame, as ROS 2 messages: the camera's picture, what was decided, and where the markers are.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <tuple>
+#include <vector>
+
+#include "tactile/types.hpp"
+#include "toolchain/log/ros_message.hpp"
+
+namespace holdfast::log {
+
+// builtin_interfaces and std_msgs, as ROS 2 has them.
+struct Time {
+  std::int32_t sec = 0;
+  std::uint32_t nanosec = 0;
+};
+struct Header {
+  Time stamp;  // since the first frame of the run
+  std::string_view frame_id = "gel";
+};
+
+// sensor_msgs
+struct CompressedImage {
+  Header header;
+  std::string_view format = "jpeg";
+  std::span<const std::uint8_t> data;
+};
+
+struct SlipState {
+  Header header;
+  std::uint32_t frame = 0;
+  std::uint8_t state = 0;
+  std::string_view state_name;
+  std::uint8_t reason = 0;
+  std::string_view reason_name;
+  bool slip = false;
+  bool grip_ok = false;
+  bool alive = false;
+  bool accepted = false;
+  bool features_valid = false;
+  bool rates_valid = false;
+  std::uint32_t markers = 0;
+  double vx_mm_s = 0;
+  double vy_mm_s = 0;
+  double entropy_nat = 0;
+  double entropy_rate_nat_s = 0;
+  double decided_us = 0;
+  std::array<std::uint32_t, kHistogramBins> histogram{};
+};
+
+struct MarkerField {
+  Header header;
+  std::uint32_t frame = 0;
+  std::vector<std::uint8_t> row;
+  std::vector<std::uint8_t> col;
+  std::vector<std::uint8_t> valid;
+  std::vector<double> x_px;
+  std::vector<double> y_px;
+  std::vector<double> dx_px;
+  std::vector<double> dy_px;
+};
+
+template <>
+struct Message<Time> {
+  static constexpr std::string_view kPackage = "builtin_interfaces", kType = "Time";
+  static constexpr std::tuple kFields{field("sec", &Time::sec), field("nanosec", &Time::nanosec)};
+};
+template <>
+struct Message<Header> {
+  static constexpr std::string_view kPackage = "std_msgs", kType = "Header";
+  static constexpr std::tuple kFields{field("stamp", &Header::stamp), field("frame_id", &Header::frame_id)};
+};
+template <>
+struct Message<CompressedImage> {
+  static constexpr std::string_view kPackage = "sensor_msgs", kType = "CompressedImage";
+  static constexpr std::tuple kFields{field("header", &CompressedImage::header),
+                                      field("format", &CompressedImage::format), field("data", &CompressedImage::data)};
+};
+template <>
+struct Message<SlipState> {
+  static constexpr std::string_view kPackage = "holdfast_msgs", kType = "SlipState";
+  static constexpr std::tuple kFields{
+      field("header", &SlipState::header),
+      field("frame", &SlipState::frame, "counted from 0"),
+      field("state", &SlipState::state, "0 BOOT, 1 REFERENCE, 2 OK, 3 SLIP, 4 DEGRADED, 5 FAULT"),
+      field("state_name", &SlipState::state_name),
+      field("reason", &SlipState::reason, "why; numbers and names in firmware/app/STATES.md"),
+      field("reason_name", &SlipState::reason_name),
+      field("slip", &SlipState::slip),
+      field("grip_ok", &SlipState::grip_ok, "what the line GRIP_OK was told"),
+      field("alive", &SlipState::alive, "level of the line ALIVE"),
+      field("accepted", &SlipState::accepted, "the picture was used: ALIVE toggled"),
+      field("features_valid", &SlipState::features_valid, "markers, entropy and histogram mean something"),
+      field("rates_valid", &SlipState::rates_valid, "so do the speeds and the rate of entropy"),
+      field("markers", &SlipState::markers, "found"),
+      field("vx_mm_s", &SlipState::vx_mm_s, "mean speed of the markers, mm/s"),
+      field("vy_mm_s", &SlipState::vy_mm_s, "mm/s"),
+      field("entropy_nat", &SlipState::entropy_nat, "of the displacements, nat"),
+      field("entropy_rate_nat_s", &SlipState::entropy_rate_nat_s, "nat/s"),
+      field("decided_us", &SlipState::decided_us, "from the frame's arrival to the lines, us; 0: not known"),
+      field("histogram", &SlipState::histogram, "markers by the length of their displacement"),
+  };
+};
+template <>
+struct Message<MarkerField> {
+  static constexpr std::string_view kPackage = "holdfast_msgs", kType = "MarkerField";
+  static constexpr std::tuple kFields{
+      field("header", &MarkerField::header),
+      field("frame", &MarkerField::frame, "counted from 0"),
+      field("row", &MarkerField::row),
+      field("col", &MarkerField::col),
+      field("valid", &MarkerField::valid, "0: lost, its figures mean nothing"),
+      field("x_px", &MarkerField::x_px, "where it is, pixels of the picture"),
+      field("y_px", &MarkerField::y_px),
+      field("dx_px", &MarkerField::dx_px, "how far from rest, pixels of the picture"),
+      field("dy_px", &MarkerField::dy_px),
+  };
+};
+
+inline constexpr std::string_view kCameraTopic = "/holdfast/camera";
+inline constexpr std::string_view kSlipTopic = "/holdfast/slip";
+inline constexpr std::string_view kMarkersTopic = "/holdfast/markers";
+
+}  // namespace holdfast::log
