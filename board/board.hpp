@@ -8,6 +8,7 @@
 #include "app/daemon.hpp"
 #include "app/params.hpp"
 #include "app/watchdog.hpp"
+#include "console/console.hpp"
 #include "hal/serial.hpp"
 
 namespace holdfast::board {
@@ -18,8 +19,9 @@ namespace holdfast::board {
 
 [[nodiscard]] Devices& devices();
 [[nodiscard]] Periphery& periphery();
-// The text side of the port `host`: one line per change of state.
+// The port `host`, and what the console there has to know of the board.
 [[nodiscard]] hal::Serial& host();
+[[nodiscard]] console::Place place();
 [[nodiscard]] Params params();
 
 // Has `watchdog` called from a thread of its own until the program ends; a board in virtual time needs none. Before the

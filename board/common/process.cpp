@@ -5,9 +5,13 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <fstream>
 #include <vector>
+
+#include "app/settings.hpp"
 
 namespace holdfast::board {
 namespace {
@@ -37,21 +41,49 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
   return status;
 }
 
-void add_set(CLI::App& cli, Params& params) {
+void add_settings(CLI::App& cli, Settings& settings) {
   cli.add_option_function<std::vector<std::string>>(
          "--set",
-         [&params](const std::vector<std::string>& settings) {
-           for (const std::string& setting : settings) {
-             if (const std::string wrong = set(params, setting); !wrong.empty()) {
+         [&settings](const std::vector<std::string>& all) {
+           for (const std::string& setting : all) {
+             Params tried;
+             if (const std::string wrong = set(tried, setting); !wrong.empty()) {
                throw CLI::ValidationError("--set " + wrong);
              }
+             settings.given.push_back(setting);
            }
          },
-         "set a parameter: name=value; may be given again")
+         "set a parameter: name=value; may be given again. Goes before what is stored")
       ->allow_extra_args(false);
+  cli.add_option("--settings", settings.path, "keep the parameters that the console saves in this file");
 }
 
-std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv, const Params& params) {
+std::string read_settings(Settings& settings) {
+  settings.params = {};
+  if (!settings.path.empty()) {
+    settings.keep = std::make_unique<drivers::FileKeep>(settings.path, settings::kBytes);
+    if (!settings.keep->error().empty()) return "cannot use " + settings.keep->error();
+    settings::State state;
+    (void)settings::load(state, settings.keep->memory(), settings.params);
+  }
+  for (const std::string& setting : settings.given) (void)set(settings.params, setting);
+  if (ParamProblem problem; !validate(settings.params, &problem).ok()) {
+    return "--set: " + std::string(problem.row->name) + " is " + std::string(problem.rule);
+  }
+  return {};
+}
+
+std::string read_code(const std::filesystem::path& path, std::string& code) {
+  constexpr std::size_t kShortest = 6, kLongest = 64;
+  std::ifstream in(path);
+  if (!in || !std::getline(in, code)) return "cannot read the code from " + path.string();
+  while (!code.empty() && (code.back() == '\r' || code.back() == ' ')) code.pop_back();
+  const bool plain = std::all_of(code.begin(), code.end(), [](char c) { return c > ' ' && c < 0x7F; });
+  if (plain && code.size() >= kShortest && code.size() <= kLongest) return {};
+  return "the code in " + path.string() + " is not 6 to 64 characters without blanks";
+}
+
+std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv) {
   try {
     cli.parse(argc, argv);
   } catch (const CLI::Success& help) {
@@ -60,10 +92,6 @@ std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv, cons
     const auto rest = cli.remaining();
     return fail(2, rest.empty() ? error.what() : "'" + rest.front() + "' is not known to holdfastd", "a typing error",
                 "holdfastd --help shows the options");
-  }
-  if (ParamProblem problem; !validate(params, &problem).ok()) {
-    return fail(2, "--set: " + std::string(problem.row->name) + " is " + std::string(problem.rule),
-                "two settings that contradict each other", "change one of them");
   }
   return std::nullopt;
 }

@@ -3,10 +3,14 @@
 // nobody has to read.
 #pragma once
 
+#include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "app/params.hpp"
+#include "drivers/common/file_keep.hpp"
 #include "hal/serial.hpp"
 
 namespace CLI {
@@ -18,10 +22,24 @@ namespace holdfast::board {
 // Says on standard error what went wrong and returns `status`.
 int fail(int status, const std::string& what, const char* likely, const char* next);
 
-// The option --set name=value, checked against the table of parameters.
-void add_set(CLI::App& cli, Params& params);
-// A status to leave with: 0 help was asked for, 2 the command line is wrong or its settings contradict each other.
-[[nodiscard]] std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv, const Params& params);
+// The parameters of a process: those that are stored, and over them those of the command line.
+struct Settings {
+  std::filesystem::path path;      // --settings; empty: nothing is stored
+  std::vector<std::string> given;  // --set, each name=value
+  Params params;                   // after read_settings()
+  std::unique_ptr<drivers::FileKeep> keep;
+};
+
+// The options --set and --settings.
+void add_settings(CLI::App& cli, Settings& settings);
+// After the command line was parsed. Empty, or what is wrong.
+[[nodiscard]] std::string read_settings(Settings& settings);
+
+// The code that unlocks the console, from a file: its first line. Empty, or what is wrong.
+[[nodiscard]] std::string read_code(const std::filesystem::path& path, std::string& code);
+
+// A status to leave with: 0 help was asked for, 2 the command line is wrong.
+[[nodiscard]] std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv);
 
 // From now on SIGTERM and SIGINT ask the process to end, and a reader that has gone is no reason to let go.
 void heed_signals();

@@ -40,9 +40,10 @@ struct Options {
   std::string backend = "v4l2";
   std::string gpio = "header";
   std::string host, link, gripper;
-  std::filesystem::path keep;
+  std::filesystem::path keep, code_file;
+  std::string code;
   std::int32_t time_scale = hardware().time_scale;
-  Params params;
+  Settings settings;
 };
 
 void say(const std::string& line) {
@@ -58,7 +59,7 @@ class NoPort final : public hal::Serial {
 
 class Appliance {
  public:
-  explicit Appliance(Options given) : options(std::move(given)) {
+  explicit Appliance(Options&& given) : options(std::move(given)) {
     if (options.gpio == "header") {
       problem = header_.open({.wiring = hardware().wiring, .consumer = "holdfastd", .devices = "/dev"});
     } else {
@@ -136,8 +137,8 @@ class Appliance {
   hal::NoKeep no_keep_;
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
-  drivers::Threads crew_{{.workers = static_cast<std::size_t>(options.params.jpeg_threads)}};
-  EighthDecoder jpeg_{jpeg_config(options.params), other_scales_, workers_, crew_};
+  drivers::Threads crew_{{.workers = static_cast<std::size_t>(options.settings.params.jpeg_threads)}};
+  EighthDecoder jpeg_{jpeg_config(options.settings.params), other_scales_, workers_, crew_};
   std::unique_ptr<drivers::WatchdogThread> watchdog_;
 
  public:
@@ -168,12 +169,25 @@ std::optional<int> make(int argc, char** argv) {
         ->check(CLI::Range(1, 100))
         ->capture_default_str();
   }
-  add_set(cli, options.params);
+  cli.add_option("--code-file", options.code_file,
+                 "the code that unlocks the console, one line; without it the console changes nothing");
+  add_settings(cli, options.settings);
   cli.footer(
       "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
       "  holdfastd --sensor 2BNN4ZE7 --link /dev/ttyAMA0 --keep /run/holdfast/reference --set gripper=1 "
       "--gripper /dev/serial/by-id/usb-FTDI_USB-RS485_Cable_FT1234-if00-port0");
-  if (const std::optional<int> status = parse_command_line(cli, argc, argv, options.params)) return status;
+  if (const std::optional<int> status = parse_command_line(cli, argc, argv)) return status;
+  if (const std::string wrong = read_settings(options.settings); !wrong.empty()) {
+    return fail(2, wrong, "two settings that contradict each other, or a file that is not this user's",
+                "change one of them");
+  }
+  // Without a code it works all the same; nobody can change it by the console then.
+  if (!options.code_file.empty()) {
+    if (const std::string wrong = read_code(options.code_file, options.code); !wrong.empty()) {
+      say(wrong + ": the console stays locked");
+      options.code.clear();
+    }
+  }
   appliance = std::make_unique<Appliance>(std::move(options));
   if (!appliance->problem.empty()) {
     say(appliance->problem);
@@ -195,8 +209,15 @@ Periphery& periphery() {
 hal::Serial& host() {
   return appliance->host();
 }
+console::Place place() {
+  return {.board = hardware().name,
+          .code = appliance->options.code,
+          .settings = appliance->options.settings.keep.get(),
+          .faults = nullptr,
+          .prompts = !appliance->options.host.empty()};
+}
 Params params() {
-  return appliance->options.params;
+  return appliance->options.settings.params;
 }
 bool watch(OutputWatchdog& watchdog) {
   return appliance->watch(watchdog);

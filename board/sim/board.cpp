@@ -29,6 +29,7 @@
 #include "drivers/common/watchdog_thread.hpp"
 #include "drivers/sim/camera_paced.hpp"
 #include "drivers/sim/camera_scene.hpp"
+#include "drivers/sim/camera_switched.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/film.hpp"
 #include "drivers/sim/gpio.hpp"
@@ -42,14 +43,60 @@
 namespace holdfast::board {
 namespace {
 
+// A desk has no secrets.
+constexpr const char* kDeskCode = "desk";
+
 struct Options {
   bool real_time = false;
   bool held = false;
   bool empty = false;
   double fps = 25.0;
   double seconds = 0.0;  // 0: until asked to end
-  std::filesystem::path tape, keep, link, gripper;
-  Params params;
+  std::filesystem::path tape, keep, link, gripper, host, code_file;
+  std::string code;
+  Settings settings;
+};
+
+// What the console's `fault` can do here.
+class DeskFaults final : public hal::Faults {
+ public:
+  DeskFaults(sim::SwitchedCamera& camera, sim::HandE& hand, sim::Serial& link)
+      : camera_(camera), hand_(hand), link_(link) {}
+
+ private:
+  static constexpr std::array<hal::Faults::Row, 11> kRows{{
+      {"camera", "off", "no frames come"},
+      {"camera", "stuck", "the same picture again and again"},
+      {"camera", "bad", "every transfer is damaged"},
+      {"camera", "garbage", "random bytes for a picture"},
+      {"camera", "dark", "no light"},
+      {"camera", "gone", "unplugged"},
+      {"gripper", "off", "it does not hear"},
+      {"gripper", "mute", "it obeys and does not answer"},
+      {"gripper", "garbage", "noise for an answer"},
+      {"gripper", "wrong", "answers with a wrong check sum"},
+      {"link", "full", "nobody reads the status frames"},
+  }};
+  [[nodiscard]] std::span<const Row> do_rows() const override { return kRows; }
+  void do_begin(std::size_t index) override {
+    using Camera = sim::CameraSwitch;
+    using Hand = sim::LineTrouble;
+    constexpr std::array<Camera, 6> kCamera{Camera::kOff,     Camera::kStuck, Camera::kBad,
+                                            Camera::kGarbage, Camera::kDark,  Camera::kGone};
+    constexpr std::array<Hand, 4> kHand{Hand::kDeaf, Hand::kMute, Hand::kGarbage, Hand::kWrongCrc};
+    if (index < kCamera.size()) return camera_.set(kCamera[index]);
+    if (index < kCamera.size() + kHand.size()) return hand_.trouble(kHand[index - kCamera.size()]);
+    link_.set_full(true);
+  }
+  void do_end_all() override {
+    camera_.set(sim::CameraSwitch::kNone);
+    hand_.trouble(sim::LineTrouble::kNone);
+    link_.set_full(false);
+  }
+
+  sim::SwitchedCamera& camera_;
+  sim::HandE& hand_;
+  sim::Serial& link_;
 };
 
 // Simulated lines are made for one thread.
@@ -162,11 +209,11 @@ std::unique_ptr<World> world_of(const Options& options) {
 
 class Desk {
  public:
-  explicit Desk(Options given) : options(std::move(given)) {
+  explicit Desk(Options&& given) : options(std::move(given)) {
     hand_.put_object({.width_mm = 20.0});
     if (keep_ && !keep_->error().empty()) note("cannot use " + keep_->error());
     if (tape_) lines_.record(*tape_);
-    for (const NamedPty* const port : {link_.get(), gripper_.get()}) {
+    for (const NamedPty* const port : {link_.get(), gripper_.get(), host_.get()}) {
       if (port != nullptr) note(port->problem());
     }
   }
@@ -224,14 +271,24 @@ class Desk {
   hal::NoKeep no_keep_;
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
-  drivers::Threads crew_{threads(options.params)};
-  EighthDecoder jpeg_{jpeg_config(options.params), other_scales_, workers_, crew_};
+  drivers::Threads crew_{threads(options.settings.params)};
+  EighthDecoder jpeg_{jpeg_config(options.settings.params), other_scales_, workers_, crew_};
   std::unique_ptr<drivers::WatchdogThread> watchdog_;
+  StandardOutput standard_output_;
+  std::unique_ptr<NamedPty> host_ = pty_of(options.host);
+  static constexpr std::size_t kLongestFrame = 4'000'000;  // a raw picture of mode precise; JPEG is far below
+  sim::SwitchedCamera camera_{world_->camera(), kLongestFrame};
+  DeskFaults faults_{camera_, hand_, recorded_};
 
  public:
-  StandardOutput host;
-  Devices devices{world_->camera(), gpio_, port_or(link_, recorded_), world_->clock(), jpeg_};
+  hal::Serial& host = port_or(host_, standard_output_);
+  Devices devices{camera_, gpio_, port_or(link_, recorded_), world_->clock(), jpeg_};
   Periphery periphery{port_or(gripper_, hand_), keep()};
+  console::Place place{.board = "sim",
+                       .code = options.code,
+                       .settings = options.settings.keep.get(),
+                       .faults = &faults_,
+                       .prompts = host_ != nullptr};
 };
 
 std::unique_ptr<Desk> desk;
@@ -259,11 +316,24 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--link", options.link, "make this path a serial port with status and command frames");
   cli.add_option("--gripper", options.gripper,
                  "make this path the gripper's serial port; without it a simulated Hand-E answers");
-  add_set(cli, options.params);
+  cli.add_option("--host", options.host,
+                 "make this path the console's serial port; without it text on standard output");
+  cli.add_option("--code-file", options.code_file, "the code that unlocks the console; without it `desk`");
+  add_settings(cli, options.settings);
   cli.footer(
       "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
-      "  holdfastd --real-time --keep /tmp/grasp.keep --link /tmp/holdfast.link --set gripper=1");
-  if (const std::optional<int> status = parse_command_line(cli, argc, argv, options.params)) return status;
+      "  holdfastd --real-time --keep /tmp/grasp.keep --link /tmp/holdfast.link --set gripper=1\n"
+      "  holdfastd --real-time --host /tmp/holdfast.console, and beside it: holdfast console /tmp/holdfast.console");
+  if (const std::optional<int> status = parse_command_line(cli, argc, argv)) return status;
+  if (const std::string wrong = read_settings(options.settings); !wrong.empty()) {
+    return fail(2, wrong, "two settings that contradict each other, or a file that is not yours", "change one of them");
+  }
+  options.code = kDeskCode;
+  if (!options.code_file.empty()) {
+    if (const std::string wrong = read_code(options.code_file, options.code); !wrong.empty()) {
+      return fail(2, wrong, "another file was meant", "write the code into it, one line of 6 to 64 characters");
+    }
+  }
   desk = std::make_unique<Desk>(std::move(options));
   if (!desk->problem.empty()) {
     return fail(1, desk->problem, "a folder that is not there or not yours, or a file in its place",
@@ -282,8 +352,11 @@ Periphery& periphery() {
 hal::Serial& host() {
   return desk->host;
 }
+console::Place place() {
+  return desk->place;
+}
 Params params() {
-  return desk->options.params;
+  return desk->options.settings.params;
 }
 bool watch(OutputWatchdog& watchdog) {
   return desk->watch(watchdog);

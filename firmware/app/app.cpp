@@ -50,13 +50,9 @@ EighthDecoder::Config jpeg_config(const Params& params) {
 
 Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
-  config_ = pipeline_config(params, auto_size, tree_);
-  config_.follow_drift = devices_.camera.live();
-  supervisor_config_ = supervisor_config(params);
-  if (!devices_.camera.live()) {  // a recording may have five frames a second, and nobody in it can say OPENING
-    supervisor_config_.recover_frames = 1;
-    supervisor_config_.lost_for = Micros{0};
-  }
+  auto_size_ = auto_size;
+  configure(params);
+  state_.laps.use(devices_.clock);
   if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
       !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
     return {Reason::kGpioFailed};
@@ -77,6 +73,26 @@ Status App::start(const Params& params, bool auto_size) {
   return kOkStatus;
 }
 
+void App::configure(const Params& params) {
+  config_ = pipeline_config(params, auto_size_, tree_);
+  config_.follow_drift = devices_.camera.live();
+  supervisor_config_ = supervisor_config(params);
+  if (!devices_.camera.live()) {  // a recording may have five frames a second, and nobody in it can say OPENING
+    supervisor_config_.recover_frames = 1;
+    supervisor_config_.lost_for = Micros{0};
+  }
+}
+
+void App::reconfigure(const Params& params) {
+  const pipeline::Config before = config_;
+  configure(params);
+  const bool same = before.luma.scale == config_.luma.scale && before.tracker.grid.size == config_.tracker.grid.size &&
+                    before.displacement.pitch_um == config_.displacement.pitch_um;
+  if (same) return;
+  tracker::reset(state_.tracker);
+  pipeline::tare(state_);
+}
+
 Status App::learn(const Params& params, const hal::Frame& frame, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   return pipeline::learn(state_, pipeline_config(params, auto_size, tree_), devices_.jpeg, frame);
@@ -94,9 +110,11 @@ App::Polled App::poll(Micros wait) {
   hal::Frame frame;
   switch (devices_.camera.next(frame, wait)) {
     case hal::Capture::kFrame:
+      arrived_ = devices_.clock.now();
       take(frame);
       devices_.camera.release(frame);
       conclude();
+      time_frame();
       return Polled::kSignalled;
     case hal::Capture::kBad:
       nothing_came(Reason::kJpegDamaged);
@@ -115,6 +133,12 @@ App::Polled App::poll(Micros wait) {
   return Polled::kSignalled;
 }
 
+void App::time_frame() {
+  const Micros now = devices_.clock.now();
+  state_.laps.add(Task::kFrame, now - arrived_);
+  if (outputs_.accepted) state_.laps.add(Task::kAge, now - result_.timestamp);
+}
+
 // Frames that were refused say more than the silence after them.
 void App::nothing_came(Reason why) {
   if (why == Reason::kNoFrame && last_rejection_ != Reason::kNone) why = last_rejection_;
@@ -124,8 +148,10 @@ void App::nothing_came(Reason why) {
   report();
 }
 
-void App::absent(Reason why) {
-  if (devices_.clock.now() - waiting_since_ >= kFrameWait) nothing_came(why);
+bool App::absent(Reason why) {
+  if (devices_.clock.now() - waiting_since_ < kFrameWait) return false;
+  nothing_came(why);
+  return true;
 }
 
 Status App::restart_camera() {
@@ -141,7 +167,7 @@ Status App::restart_camera() {
       status = {Reason::kCameraWrong};
     }
   }
-  if (!status.ok()) absent(status.reason);
+  if (!status.ok()) (void)absent(status.reason);
   return status;
 }
 
@@ -223,8 +249,10 @@ void App::conclude() {
     report();
   }
   last_rejection_ = result_.quality.reason;
+  state_.laps.begin();
   signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now(), health_now()));
   report();
+  state_.laps.lap(Task::kSignal);
 }
 
 void App::stop() {
@@ -295,6 +323,7 @@ void App::report() {
     frame.entropy_nat_q16 = result_.features.entropy.raw();
     frame.entropy_rate_nat_s_q8 = result_.features.entropy_rate.raw();
   }
+  told_ = frame;
   std::array<std::uint8_t, status_frame::kWireBytes> wire{};
   const std::size_t size = status_frame::encode(frame, wire);
   if (!devices_.link.write(std::span(wire).first(size))) count_up(link_refused_);

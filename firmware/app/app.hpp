@@ -62,8 +62,12 @@ class App {
   // The camera ends and starts anew; lattice, rest position and the device's state stay. kCameraGone, kCameraWrong: it
   // is not streaming then.
   [[nodiscard]] Status restart_camera();
-  // Time passes without a camera: signalled every kFrameWait.
-  void absent(Reason why);
+  // Time passes without a camera: signalled every kFrameWait. True: it was.
+  bool absent(Reason why);
+
+  // Other parameters while it runs. What the lattice or its scale depends on has the rest position learned anew.
+  // Range: validate(params) is ok.
+  void reconfigure(const Params& params);
 
   void clock_stepped_back() { waiting_since_ = devices_.clock.now(); }
   void tare() { pipeline::tare(state_); }
@@ -88,6 +92,9 @@ class App {
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor() const { return supervisor_; }
   [[nodiscard]] const health::State& health() const { return health_; }
+  // The status frame that was sent last.
+  [[nodiscard]] const status_frame::StatusFrame& told() const { return told_; }
+  [[nodiscard]] laps::Laps& laps() { return state_.laps; }
   // For a thread of its own (app/watchdog.hpp).
   [[nodiscard]] OutputWatchdog& watchdog() { return watchdog_; }
 
@@ -112,6 +119,8 @@ class App {
   bool give_up(const supervisor::Outputs& outputs, Reason why);
   [[nodiscard]] bool distrusts(const supervisor::Outputs& outputs);
   void report();
+  void configure(const Params& params);
+  void time_frame();
 
   Devices devices_;
   const model::Tree* tree_;
@@ -125,6 +134,7 @@ class App {
   std::uint32_t trips_seen_ = 0;
   keepsake::Identity sensor_{};  // that this run began with
   Micros waiting_since_{};
+  Micros arrived_{};                       // the frame that is worked on
   Reason last_rejection_ = Reason::kNone;  // of the frame seen last
   Reason strain_ = Reason::kNone;
   Reason beside_ = Reason::kNone;
@@ -134,7 +144,9 @@ class App {
   supervisor::Outputs outputs_{};
   int distrusted_ = 0;       // accepted frames to go until the lines are trusted again
   bool alive_high_ = false;  // level that the line ALIVE took last
+  bool auto_size_ = false;
   std::uint16_t report_sequence_ = 0;
+  status_frame::StatusFrame told_{};
   std::uint32_t link_refused_ = 0;  // status frames that the serial line did not take
 };
 

@@ -52,14 +52,20 @@ struct ResultInfo {
   Result result;
   std::string_view name;
   std::string_view meaning;
+  std::string_view cause;
+  std::string_view next;
 };
 
 inline constexpr std::array<ResultInfo, 5> kResults{{
-    {Result::kDone, "done", "taken; what comes of it is in the status frames"},
-    {Result::kTouching, "touching", "refused: something touches the gel"},
-    {Result::kState, "state", "refused: not in this state, or no gripper is set up"},
-    {Result::kUnknown, "unknown", "refused: this firmware does not know the command"},
-    {Result::kArgument, "argument", "refused: the argument is out of the command's range"},
+    {Result::kDone, "done", "taken; what comes of it is in the status frames", "-", "-"},
+    {Result::kTouching, "touching", "refused: something touches the gel", "the object is still between the fingers",
+     "open the gripper, or send TARE with argument 1"},
+    {Result::kState, "state", "refused: not in this state, or no gripper is set up", "the parameter `gripper` is 0",
+     "set it to the gripper that is wired, and restart"},
+    {Result::kUnknown, "unknown", "refused: this firmware does not know the command", "a newer sender",
+     "update the firmware"},
+    {Result::kArgument, "argument", "refused: the argument is out of the command's range", "a mistake of the sender's",
+     "look at the table of commands"},
 }};
 
 struct CommandFrame {

@@ -74,9 +74,21 @@ Status Daemon::start(const Params& params, bool auto_size) {
 void Daemon::poll() {
   mind_the_clock();
   watch_camera();
+  const Micros begun = devices_.clock.now();
   serve_link();
   read_inputs();
   move_gripper();
+  app_.laps().add(Task::kServe, devices_.clock.now() - begun);
+}
+
+void Daemon::reconfigure(const Params& params) {
+  Params next = params;
+  for (const ParamInfo& row : kParams) {
+    if (row.applies == Applies::kAtRestart) next.*row.member = params_.*row.member;
+  }
+  params_ = next;
+  regulator_config_ = regulator_config(next);
+  app_.reconfigure(next);
 }
 
 // hal::Clock never steps back. One that does all the same (a board whose clock is set late) must not leave waits behind
@@ -102,7 +114,7 @@ void Daemon::stop() {
 void Daemon::watch_camera() {
   if (!streaming_) {
     devices_.clock.wait(kSlice);
-    app_.absent(gone_why_);
+    if (app_.absent(gone_why_)) record();
     regulate();
     if (devices_.clock.now() < try_at_) return;
     const Status status = app_.restart_camera();
@@ -112,8 +124,10 @@ void Daemon::watch_camera() {
   }
   switch (app_.poll(kSlice)) {
     case App::Polled::kGone:
+      record();
       return lose_camera(kFirstRetry);
     case App::Polled::kSignalled:
+      record();
       regulate();
       if (app_.outputs().accepted) keep_reference();
       break;
@@ -133,9 +147,14 @@ void Daemon::watch_camera() {
   }
 }
 
+void Daemon::record() {
+  recorder_.take(app_.result(), app_.state().displacement, app_.outputs(), devices_.clock.now());
+}
+
 // The first time the sensor has said which one it is: what was kept may be its own.
 void Daemon::camera_started() {
   count_up(camera_starts_);
+  recorder_.note(EventKind::kCameraStarted, devices_.clock.now(), static_cast<std::int32_t>(camera_starts_));
   streaming_ = true;
   stalled_since_ = devices_.clock.now();
   if (looked_for_kept_) return;
@@ -145,6 +164,9 @@ void Daemon::camera_started() {
 
 void Daemon::lose_camera(Micros retry_after) {
   if (gone_why_ == Reason::kNone) gone_why_ = Reason::kCameraGone;
+  if (streaming_) {
+    recorder_.note(EventKind::kCameraGone, devices_.clock.now(), static_cast<std::int32_t>(gone_why_));
+  }
   streaming_ = false;
   retry_after_ = retry_after;
   try_at_ = devices_.clock.now() + retry_after;
@@ -211,11 +233,19 @@ void Daemon::serve_link() {
     const auto frame = command_frame::read_command(receiver_.payload());
     if (!frame) continue;
     const command_frame::AnswerFrame answer =
-        once_.answer(*frame, devices_.clock.now(), [this](const CommandFrame& f) { return execute(f); });
+        once_.answer(*frame, devices_.clock.now(), [this](const CommandFrame& f) { return obey(f); });
     std::array<std::uint8_t, command_frame::kAnswerBytes> wire;
     (void)command_frame::encode(answer, wire);
     (void)devices_.link.write(wire);  // an answer that is lost is asked for again
   }
+}
+
+Result Daemon::obey(const CommandFrame& frame) {
+  const Result wrong = command_frame::check(frame);
+  const Result result = wrong == Result::kDone ? execute(frame) : wrong;
+  recorder_.note(EventKind::kCommand, devices_.clock.now(), static_cast<std::int32_t>(frame.command),
+                 static_cast<std::int32_t>(result));
+  return result;
 }
 
 Result Daemon::execute(const CommandFrame& frame) {

@@ -19,6 +19,7 @@
 #include "app/command_frame.hpp"
 #include "app/keepsake.hpp"
 #include "app/link.hpp"
+#include "app/recorder.hpp"
 #include "grip/hande.hpp"
 #include "grip/regulator.hpp"
 #include "grip/step_lines.hpp"
@@ -44,6 +45,11 @@ class Daemon {
 
   // As App::start(), but a camera that is not there yet is waited for: kConfig, kGpioFailed.
   [[nodiscard]] Status start(const Params& params, bool auto_size = false);
+  // Other parameters while it runs; those that are made with the board (applies_at_restart()) stay as they are.
+  // Range: validate(params) is ok.
+  void reconfigure(const Params& params);
+  // A command that came some other way than on the link.
+  [[nodiscard]] command_frame::Result obey(const command_frame::CommandFrame& frame);
   // Once around. Range: called again at once; every call returns within kSlice and what one frame costs.
   void poll();
   void stop();
@@ -56,6 +62,10 @@ class Daemon {
   [[nodiscard]] const link::Receiver& commands() const { return receiver_; }
   [[nodiscard]] bool streaming() const { return streaming_; }
   [[nodiscard]] bool resumed() const { return resumed_; }
+  [[nodiscard]] Recorder& recorder() { return recorder_; }
+  [[nodiscard]] const Devices& devices() const { return devices_; }
+  [[nodiscard]] const Params& params() const { return params_; }
+  [[nodiscard]] bool is_opening() const { return opening_; }
 
   static constexpr Micros kSlice{5'000};
   // Of the link, per poll(): 115200 baud bring 58 in kSlice.
@@ -65,6 +75,7 @@ class Daemon {
   void mind_the_clock();
   void watch_camera();
   void camera_started();
+  void record();
   void lose_camera(Micros retry_after);
   void regulate();
   void serve_link();
@@ -122,9 +133,11 @@ class Daemon {
   keepsake::GripState kept_grip_;
   bool kept_ = false;
   Micros kept_at_{};
+  Recorder recorder_;
 };
 
-// What the daemon adds to the App: gripper and ports, and the slot of the keepsake, which is most of it.
-static_assert(sizeof(Daemon) - sizeof(App) <= 40'000, "fixed memory around the pipeline");
+// What the daemon adds to the App: gripper and ports, the slot of the keepsake, and the flight recorder.
+static_assert(sizeof(Daemon) - sizeof(App) - sizeof(Recorder) <= 40'000, "fixed memory around the pipeline");
+static_assert(sizeof(Recorder) <= 310'000, "ten seconds, twice");
 
 }  // namespace holdfast

@@ -12,6 +12,11 @@ std::uint16_t crc_of(const Payload& payload) {
   return crc16(std::span(payload.bytes).first(payload.size - kCrcBytes));
 }
 
+// Terminals send CR for Enter, programs CR LF or LF.
+bool ends_line(std::uint8_t byte) {
+  return byte == '\n' || byte == '\r';
+}
+
 }  // namespace
 
 namespace detail {
@@ -50,7 +55,7 @@ Event Receiver::push(std::uint8_t byte) {
   text_ = 0;
   if (byte == 0) return end();
   if (place_ == Place::kLost) {
-    if (byte == '\n') place_ = Place::kText;
+    if (ends_line(byte)) place_ = Place::kText;
     return Event::kNone;
   }
   if (place_ == Place::kText) count_ = 0;
@@ -73,7 +78,7 @@ Event Receiver::end() {
   count_ = 0;
   if (count <= 1) {
     text_ = count;
-    if (count == 1) in_line_ = buffer_[0] != '\n';
+    if (count == 1) in_line_ = !ends_line(buffer_[0]);
     if (in_line_) buffer_[text_++] = 0;
     in_line_ = false;
     return text_ > 0 ? Event::kText : Event::kNone;
@@ -89,7 +94,7 @@ Event Receiver::end() {
 
 Event Receiver::text(std::size_t count) {
   text_ = count;
-  in_line_ = buffer_[count - 1] != '\n';
+  in_line_ = !ends_line(buffer_[count - 1]);
   return Event::kText;
 }
 

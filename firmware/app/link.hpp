@@ -22,7 +22,7 @@ namespace holdfast::link {
 
 inline constexpr std::uint8_t kVersion = 1;
 inline constexpr std::uint8_t kLastVersion = 8;  // TAB is 9
-enum class Kind : std::uint8_t { kStatus = 1, kCommand = 2, kAnswer = 3 };
+enum class Kind : std::uint8_t { kStatus = 1, kCommand = 2, kAnswer = 3, kDisplacement = 4, kRest = 5 };
 
 inline constexpr std::size_t kMaxPayloadBytes = 32;
 inline constexpr std::size_t kMinPayloadBytes = 4;  // version, kind, CRC
@@ -33,10 +33,10 @@ inline constexpr std::size_t kMinPayloadBytes = 4;  // version, kind, CRC
 inline constexpr std::size_t kMaxWireBytes = wire_bytes(kMaxPayloadBytes);
 static_assert(cobs::max_encoded_bytes(kMaxPayloadBytes) + 1 == kMaxWireBytes);
 
-enum class WireType : std::uint8_t { kU8, kU16, kU32, kI32 };
+enum class WireType : std::uint8_t { kU8, kU16, kU32, kI16, kI32 };
 
 [[nodiscard]] constexpr std::size_t bytes_of(WireType type) {
-  return type == WireType::kU8 ? 1 : type == WireType::kU16 ? 2 : 4;
+  return type == WireType::kU8 ? 1 : type == WireType::kU16 || type == WireType::kI16 ? 2 : 4;
 }
 
 template <typename Message>

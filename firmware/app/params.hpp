@@ -53,6 +53,14 @@ struct Params {
   friend constexpr bool operator==(const Params&, const Params&) = default;
 };
 
+// When a new value counts.
+enum class Applies : std::uint8_t {
+  kAtOnce,     // with the next frame
+  kRelearned,  // with the next frame, and the rest position is learned anew
+  kAtRestart,  // what the board is made with
+};
+inline constexpr std::array<std::string_view, 3> kAppliesNames{"at once", "relearned", "at restart"};
+
 struct ParamInfo {
   std::int32_t Params::*member;
   std::string_view name;
@@ -61,6 +69,7 @@ struct ParamInfo {
   std::int32_t max;
   std::string_view help;
   std::string_view price;  // what a larger or smaller value costs
+  Applies applies = Applies::kAtOnce;
   std::int32_t default_value = Params{}.*member;
 };
 
@@ -69,7 +78,7 @@ inline constexpr std::array<ParamInfo, 26> kParams{{
      "displacement at which the last of the 15 histogram bins begins to overflow",
      "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
     {&Params::pitch_um, "pitch_um", "um", 1000, 5000, "distance of neighbouring markers on the gel",
-     "all lengths and speeds scale with it; give the printed pitch"},
+     "all lengths and speeds scale with it; give the printed pitch", Applies::kRelearned},
     {&Params::raise_frames, "raise_frames", "frames", 1, 10, "slips in a row until the request is raised",
      "one frame of delay each (40 ms at 25 fps); 1 passes every flicker on"},
     {&Params::hold_ms, "hold_ms", "ms", 0, 5000, "how long the request stays raised after the last slip",
@@ -85,19 +94,22 @@ inline constexpr std::array<ParamInfo, 26> kParams{{
     {&Params::reference_frames, "reference_frames", "frames", 1, 100,
      "frames of the empty gel that are averaged to the rest position",
      "one frame of start-up each; noise of the rest position falls with the root"},
-    {&Params::grid_rows, "grid_rows", "", 3, 16, "rows of the printed grid", "none: give the printed number"},
-    {&Params::grid_cols, "grid_cols", "", 3, 16, "columns of the printed grid", "none: give the printed number"},
+    {&Params::grid_rows, "grid_rows", "", 3, 16, "rows of the printed grid", "none: give the printed number",
+     Applies::kRelearned},
+    {&Params::grid_cols, "grid_cols", "", 3, 16, "columns of the printed grid", "none: give the printed number",
+     Applies::kRelearned},
     {&Params::mode, "mode", "", 0, static_cast<std::int32_t>(kModes.size()) - 1,
-     "speed setting: 0 fast, 1 balanced, 2 precise", "see the modes table"},
+     "speed setting: 0 fast, 1 balanced, 2 precise", "see the modes table", Applies::kRelearned},
     {&Params::jpeg_threads, "jpeg_threads", "", 1, static_cast<std::int32_t>(hal::kMaxWorkers),
-     "cores that decode one picture together (mode fast)",
-     "half a megabyte each, and a core taken from USB and others"},
+     "cores that decode one picture together (mode fast)", "half a megabyte each, and a core taken from USB and others",
+     Applies::kAtRestart},
     {&Params::jpeg_lanes, "jpeg_lanes", "", 0, static_cast<std::int32_t>(jpeg_fast::kMaxLanes),
      "places of the picture that a core decodes by turns (mode fast); 0: the plain walk",
-     "3 suits x86-64, 2 Cortex-A72; 0 takes about twice as long and no memory of its own"},
+     "3 suits x86-64, 2 Cortex-A72; 0 takes about twice as long and no memory of its own", Applies::kAtRestart},
     {&Params::jpeg_rows_pct, "jpeg_rows_pct", "%", 50, 100,
      "rows of the picture that are decoded, from the top (mode fast)",
-     "below 100: saves its share of the time, and two in three pictures that lost data above are no longer refused"},
+     "below 100: saves its share of the time, and two in three pictures that lost data above are no longer refused",
+     Applies::kAtRestart},
     {&Params::all_features, "all_features", "", 0, 1,
      "1: compute every feature, also those that the model does not read", "instructions only; for recording data"},
     {&Params::sensitivity, "sensitivity", "", 0, static_cast<std::int32_t>(kSensitivityNames.size()) - 1,
@@ -108,7 +120,7 @@ inline constexpr std::array<ParamInfo, 26> kParams{{
     {&Params::opening_max_ms, "opening_max_ms", "ms", 100, 60'000, "OPENING and RELEASE mask slip for so long at most",
      "longer: a forgotten OPENING hides slip for longer; shorter: a slow release ends in a false slip"},
     {&Params::gripper, "gripper", "", 0, 2, "what holds: 0 the robot itself, 1 Robotiq Hand-E, 2 a pair of step lines",
-     "1 and 2: a gripper that does not answer is a FAULT"},
+     "1 and 2: a gripper that does not answer is a FAULT", Applies::kAtRestart},
     {&Params::start_force, "start_force", "counts", 0, 255, "force of GRIP before anything slips",
      "higher: fewer slips, and soft objects suffer; lower: more is left to the regulator"},
     {&Params::force_step, "force_step", "counts", 1, 64, "force added per step while the object slips",

@@ -49,13 +49,16 @@ Result rejected(const State& state, Result out, Status why) {
 Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame) {
   Result out = stamped(frame.timestamp, frame.sequence);
   LumaView luma;
+  state.laps.begin();
   if (const Status s = in_order(state, frame.timestamp); !s.ok()) return rejected(state, out, s);
   if (const Status s = luma_input::update(state.luma, config.luma, jpeg, frame, luma); !s.ok()) {
     return rejected(state, out, s);
   }
+  state.laps.lap(Task::kDecode);
   if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) {
     return rejected(state, out, lit(luma, s));
   }
+  state.laps.lap(Task::kTrack);
   return feel(state, config, &luma, out);
 }
 
@@ -150,6 +153,7 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     out.empty = state.contact.empty;
     follow_drift(state, config);
   }
+  state.laps.lap(Task::kFeel);
   return judge(state, config, out);
 }
 
@@ -161,6 +165,7 @@ Result judge(State& state, const Config& config, Result out) {
   classifier::complete(config.classifier, out.features, state.saturations);
   out.verdict = held ? classifier::classify(config.classifier, out.features) : Verdict::kHold;
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);
+  state.laps.lap(Task::kJudge);
   return out;
 }
 

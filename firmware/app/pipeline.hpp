@@ -4,6 +4,7 @@
 #pragma once
 
 #include "app/keepsake.hpp"
+#include "app/laps.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
 #include "hal/camera.hpp"
@@ -60,6 +61,7 @@ struct State {
   bool resuming = false;  // reference.rest is an earlier process's and waits for a picture that fits it
   Micros last_timestamp{};
   bool any_frame = false;
+  laps::Laps laps;  // without a clock (App gives it one) it counts nothing
 };
 
 // What one frame said. `quality` not ok: the frame was rejected and everything below it but `request` is void.

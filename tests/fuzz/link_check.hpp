@@ -98,14 +98,15 @@ inline LinkHeard oracle_hears(std::span<const std::uint8_t> stream) {
       if (size >= 2 || ended) text = piece;
     } else if (size >= 34) {
       ++heard.damaged;
-      const auto line_end = std::find(piece.begin() + 34, piece.end(), '\n');
+      const auto line_end =
+          std::find_if(piece.begin() + 34, piece.end(), [](std::uint8_t byte) { return byte == '\n' || byte == '\r'; });
       if (line_end != piece.end()) text.assign(line_end + 1, piece.end());
     } else if (ended) {
       const auto payload = payload_of(piece);
       if (payload) heard.frames.push_back(*payload);
       if (!payload) ++heard.damaged;
     }
-    if (ended && !text.empty() && text.back() != '\n') text.push_back(0);
+    if (ended && !text.empty() && text.back() != '\n' && text.back() != '\r') text.push_back(0);
     heard.text.insert(heard.text.end(), text.begin(), text.end());
   }
   return heard;

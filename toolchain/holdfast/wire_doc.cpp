@@ -2,24 +2,32 @@
 #include "toolchain/holdfast/wire_doc.hpp"
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <initializer_list>
+#include <map>
 #include <span>
+#include <sstream>
 #include <string_view>
+#include <vector>
 
 #include "app/command_frame.hpp"
 #include "app/link.hpp"
+#include "app/marker_frame.hpp"
+#include "app/modes.hpp"
 #include "app/status_frame.hpp"
 #include "app/supervisor.hpp"
 #include "base/status.hpp"
+#include "console/errors.hpp"
 
 namespace holdfast::wire_doc {
 namespace {
 
 namespace sf = status_frame;
 namespace cf = command_frame;
+namespace mf = marker_frame;
 
 template <typename Number>
 std::string text(Number number) {
@@ -50,6 +58,8 @@ std::string_view name_of(link::WireType type) {
       return "u16";
     case link::WireType::kU32:
       return "u32";
+    case link::WireType::kI16:
+      return "i16";
     case link::WireType::kI32:
       return "i32";
   }
@@ -119,6 +129,9 @@ std::string framing() {
          row({text(link::Kind::kStatus), "status", "holdfastd, once per camera frame", text(sf::kWireBytes)}) +
          row({text(link::Kind::kCommand), "command", "robot", text(cf::kCommandBytes)}) +
          row({text(link::Kind::kAnswer), "answer", "holdfastd, one for each command", text(cf::kAnswerBytes)}) +
+         row({text(link::Kind::kDisplacement), "displacement", "holdfastd, where `watch on` was said",
+              text(mf::kWireBytes)}) +
+         row({text(link::Kind::kRest), "rest position", "likewise", text(mf::kWireBytes)}) +
          "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" gives "
          "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It passes "
          "over kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
@@ -132,7 +145,8 @@ std::string framing() {
          "3. The next 0x00 ends the frame; its CRC decides. What is no frame is dropped, not read as text.\n"
          "4. " +
          text(link::kMaxWireBytes) +
-         " bytes without a 0x00 are no frame: they are dropped, with all that follows to the end of the line.\n"
+         " bytes without a 0x00 are no frame: they are dropped, with all that follows to the end of the line (CR or "
+         "LF).\n"
          "5. A 0x00 in the middle of a line belongs to the line, which is no command then: the halves of a broken line "
          "never become one.\n\n";
 }
@@ -163,7 +177,7 @@ std::string commands() {
 std::string link_markdown() {
   std::string out =
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by wire_doc from firmware/app/{link,status_frame,command_frame}.hpp and "
+      "<!-- Written by wire_doc from firmware/app/{link,status_frame,command_frame,marker_frame}.hpp and "
       "firmware/base/status.hpp; do not edit. -->\n"
       "# Frames on serial\n\n"
       "For programs in C or C++ there is a header: [toolchain/robot](../../toolchain/robot/README.md).\n\n"
@@ -184,6 +198,13 @@ std::string link_markdown() {
     out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
   }
   out += "\n## Command frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kCommandFields) + commands();
+  out += "\n## Marker frames, version " + text(link::kVersion) + "\n\n" +
+         "On the port `host`, after the console's command `watch on`: the displacements of every fifth picture, " +
+         text(mf::kPerFrame) +
+         " markers a frame, and the rest positions when they are learned and now and then. A marker that is seen and "
+         "has a "
+         "rest position stands at the sum of both.\n\n" +
+         layout(mf::kDisplacementFields);
   return out + "\n## Examples\n\n" + examples();
 }
 
@@ -224,6 +245,92 @@ std::string states_markdown() {
   for (const ReasonInfo& reason : kReasons) {
     out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
   }
+  return out;
+}
+
+namespace {
+
+std::vector<std::string> cells_of(const std::string& line) {
+  std::vector<std::string> cells;
+  std::istringstream in(line);
+  for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
+  return cells;
+}
+
+}  // namespace
+
+std::string mode_prices(const std::string& trade_csv) {
+  std::istringstream in(trade_csv);
+  std::string line;
+  std::getline(in, line);
+  const std::vector<std::string> names = cells_of(line);
+  std::map<std::string, std::map<std::string, std::string>> modes;
+  while (std::getline(in, line)) {
+    const std::vector<std::string> cells = cells_of(line);
+    std::map<std::string, std::string> row_of;
+    for (std::size_t k = 0; k < names.size() && k < cells.size(); ++k) row_of[names[k]] = cells[k];
+    if (row_of["knob"] == "mode") modes[row_of["value"]] = row_of;
+  }
+  std::string out =
+      "// SPDX-License-Identifier: Apache-2.0\n"
+      "// Written by wire_doc from toolchain/trade/trade.csv, which `holdfast trade` measured; do not edit.\n"
+      "#pragma once\n\n#include <array>\n#include <cstdint>\n\n#include \"app/modes.hpp\"\n\nnamespace holdfast {\n\n"
+      "// What a mode costs and gains: CPU time of a frame on the machine that measured (compare, do not rely on it),\n"
+      "// aarch64 instructions, memory it works on, and how well it sees filmed grasps.\n"
+      "struct ModePrice {\n"
+      "  std::int32_t us = 0;\n"
+      "  std::int32_t kilo_instructions = 0;\n"
+      "  std::int32_t memory_bytes = 0;\n"
+      "  std::int32_t marker_error_upx = 0;    // RMS, in millionths of a pixel of a picture 320 wide\n"
+      "  std::int32_t entropy_error_unat = 0;  // in millionths of a nat\n"
+      "  std::int32_t balanced_milli_pct = 0;  // balanced accuracy, in thousandths of a percent\n"
+      "  std::int32_t delay_ms = 0;            // median, from the onset of slip\n"
+      "};\n\n"
+      "// In the order of kModes.\ninline constexpr std::array<ModePrice, kModes.size()> kModePrices{{\n";
+  for (const Mode& mode : kModes) {
+    const auto found = modes.find(std::string(mode.name));
+    if (found == modes.end()) return "";
+    const auto number = [&](const char* name, double factor) {
+      const std::string& cell = found->second[name];
+      return std::to_string(std::llround(std::strtod(cell.c_str(), nullptr) * factor));
+    };
+    out += "    {" + number("us_p50", 1) + ", " + number("instructions_aarch64", 1e-3) + ", " +
+           number("memory_bytes", 1) + ", " + number("marker_rms_px", 1e6) + ", " +
+           number("film_entropy_error_nat", 1e6) + ", " + number("film_balanced_pct", 1e3) + ", " +
+           number("film_delay_ms_p50", 1) + "},\n";
+  }
+  return out + "}};\n\n}  // namespace holdfast\n";
+}
+
+std::string errors_markdown() {
+  std::string out =
+      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+      "<!-- Written by wire_doc from firmware/base/status.hpp, firmware/console/errors.hpp and "
+      "firmware/app/command_frame.hpp; do not edit. -->\n"
+      "# Errors\n\n"
+      "## Reasons of a state\n\n"
+      "In the status frame, behind the state on the console, and in the log. [STATES.md](app/STATES.md) says which of "
+      "them lead to which state.\n\n";
+  out += head({"number", "name", "what", "likely cause", "next step"});
+  for (const ReasonInfo& reason : kReasons) {
+    out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
+  }
+  out +=
+      "\n## Refusals of the console\n\n"
+      "A command that was not carried out ends with `ERR <number> <name>: ...`.\n\n";
+  out += head({"number", "name", "what", "likely cause", "next step"});
+  for (const console::ErrorInfo& error : console::kErrors) {
+    out += row({text(error.error), code(error.name), error.what, error.cause, error.next});
+  }
+  out += "\n## Refusals of a command frame\n\n" + head({"number", "name", "what", "likely cause", "next step"});
+  for (const cf::ResultInfo& result : cf::kResults) {
+    if (result.result == cf::Result::kDone) continue;
+    out += row({text(result.result), code(result.name), result.meaning, result.cause, result.next});
+  }
+  out +=
+      "\n## Messages of the tools\n\n"
+      "`holdfast`, `holdfastd` and the scripts end with one line on standard error that says what happened, the likely "
+      "cause and the next step, and with a status: 1 it could not be done, 2 the command line is wrong.\n";
   return out;
 }
 

@@ -15,4 +15,12 @@ namespace holdfast::wire_doc {
 // The whole of firmware/app/STATES.md: states, the rules that lead to them, and every reason with cause and next step.
 [[nodiscard]] std::string states_markdown();
 
+// The whole of firmware/app/mode_prices.gen.hpp, from the table that `holdfast trade` measured; empty: it has not all
+// modes.
+[[nodiscard]] std::string mode_prices(const std::string& trade_csv);
+
+// The whole of firmware/ERRORS.md: every reason, every refusal of the console and of the link, with cause and next
+// step.
+[[nodiscard]] std::string errors_markdown();
+
 }  // namespace holdfast::wire_doc

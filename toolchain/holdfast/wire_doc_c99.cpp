@@ -77,6 +77,8 @@ std::string_view type_of(link::WireType type) {
       return "uint16_t";
     case link::WireType::kU32:
       return "uint32_t";
+    case link::WireType::kI16:
+      return "int16_t";
     case link::WireType::kI32:
       return "int32_t";
   }
@@ -227,7 +229,7 @@ static inline int holdfast_link_push(holdfast_receiver *receiver, uint8_t byte) 
   uint8_t *const bytes = receiver->bytes;
   size_t size;
   if (byte != 0) {
-    if (receiver->place == 2 && byte == '\n') receiver->place = 1;
+    if (receiver->place == 2 && (byte == '\n' || byte == '\r')) receiver->place = 1;
     if (receiver->place != 0) return 0;
     bytes[receiver->count++] = byte;
     if (receiver->count == 2 && byte > @LAST_VERSION@) receiver->place = 1;

@@ -1,20 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
-// wire_doc: prints firmware/app/LINK.md (`doc`), firmware/app/STATES.md (`states`) or toolchain/robot/holdfast_link.h
-// (`c99`) to stdout. The build target `wire_docs` writes all three.
+// wire_doc: prints firmware/app/LINK.md (`doc`), firmware/app/STATES.md (`states`), firmware/ERRORS.md (`errors`),
+// toolchain/robot/holdfast_link.h (`c99`) or, from the table named behind it, firmware/app/mode_prices.gen.hpp
+// (`modes`) to stdout. The build target `wire_docs` writes all of them.
 #include <cstdio>
+#include <fstream>
+#include <sstream>
 #include <string>
 #include <string_view>
 
 #include "toolchain/holdfast/wire_doc.hpp"
 
 int main(int argc, char** argv) {
-  const std::string_view what = argc == 2 ? argv[1] : "";
-  if (what != "doc" && what != "states" && what != "c99") {
-    std::fprintf(stderr, "usage: wire_doc doc|states|c99\n");
+  const std::string_view what = argc >= 2 ? argv[1] : "";
+  std::string text;
+  if (argc == 3 && what == "modes") {
+    std::ostringstream table;
+    table << std::ifstream(argv[2]).rdbuf();
+    text = holdfast::wire_doc::mode_prices(table.str());
+  } else if (argc == 2) {
+    text = what == "doc"      ? holdfast::wire_doc::link_markdown()
+           : what == "states" ? holdfast::wire_doc::states_markdown()
+           : what == "errors" ? holdfast::wire_doc::errors_markdown()
+           : what == "c99"    ? holdfast::wire_doc::link_header()
+                              : "";
+  }
+  if (text.empty()) {
+    std::fprintf(stderr, "usage: wire_doc doc|states|errors|c99, or wire_doc modes TRADE.csv\n");
     return 2;
   }
-  const std::string text = what == "doc"      ? holdfast::wire_doc::link_markdown()
-                           : what == "states" ? holdfast::wire_doc::states_markdown()
-                                              : holdfast::wire_doc::link_header();
   return std::fwrite(text.data(), 1, text.size(), stdout) == text.size() && std::fflush(stdout) == 0 ? 0 : 1;
 }

@@ -286,7 +286,7 @@ static inline int holdfast_link_push(holdfast_receiver *receiver, uint8_t byte) 
   uint8_t *const bytes = receiver->bytes;
   size_t size;
   if (byte != 0) {
-    if (receiver->place == 2 && byte == '\n') receiver->place = 1;
+    if (receiver->place == 2 && (byte == '\n' || byte == '\r')) receiver->place = 1;
     if (receiver->place != 0) return 0;
     bytes[receiver->count++] = byte;
     if (receiver->count == 2 && byte > 8) receiver->place = 1;

@@ -1,0 +1,745 @@
+// SPDX-License-Identifier: Apache-2.0
+// The commands: one table at the end, one function each.
+//
+// A function is called with step 0, 1, 2, ... until it says that it is done; each step makes one line, or a few.
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <optional>
+
+#include "app/command_frame.hpp"
+#include "app/mode_prices.gen.hpp"
+#include "app/modes.hpp"
+#include "base/math.hpp"
+#include "console/console.hpp"
+#include "slip/classifier.hpp"
+
+#ifndef HOLDFAST_VERSION
+#error "the build defines HOLDFAST_VERSION"
+#endif
+
+namespace holdfast::console {
+namespace {
+
+constexpr Answer kDone{};
+constexpr Answer kMore{Answer::Kind::kMore, Error::kNone};
+
+constexpr Answer error(Error what) {
+  return {Answer::Kind::kError, what};
+}
+
+// Row `step` of a list with `count` rows, with what belongs before and behind it; `row(k)` writes the cells.
+template <typename Row>
+Answer list_step(Page& page, std::string_view key, std::span<const Column> columns, std::int32_t step,
+                 std::int32_t count, Row row) {
+  if (step == 0) page.list(key, columns);
+  if (step < count) {
+    page.row();
+    row(step);
+    page.end_row();
+  }
+  if (step + 1 < count) return kMore;
+  page.end_list();
+  page.close();
+  return kDone;
+}
+
+// ---- About the console itself
+
+// On a screen of 80x24 there is no room for the arguments of all.
+constexpr std::array<Column, 3> kHelpColumns{{{"name", 11}, {"", 8}, {"help", 0}}};
+constexpr std::array<Column, 4> kHelpJsonColumns{{{"name", 0}, {"arguments", 0}, {"locked", 0}, {"help", 0}}};
+
+Answer help_one(Console& console, std::string_view name) {
+  Page& page = console.page();
+  for (const CommandInfo& command : commands()) {
+    if (command.name != name) continue;
+    page.text("name", command.name);
+    page.text("arguments", command.arguments);
+    page.text("help", command.help);
+    page.yes_no("locked", command.changes);
+    page.close();
+    return kDone;
+  }
+  if (const ParamInfo* const row = find_param(name); row != nullptr) {
+    page.text("name", row->name);
+    page.integer("value", console.params().*row->member, row->unit);
+    page.integer("min", row->min, row->unit);
+    page.integer("max", row->max, row->unit);
+    page.integer("default", row->default_value, row->unit);
+    page.text("help", row->help);
+    page.text("price", row->price);
+    page.text("applies", kAppliesNames[static_cast<std::size_t>(row->applies)]);
+    page.close();
+    return kDone;
+  }
+  console.detail() << name.substr(0, 24) << " is no command and no parameter";
+  return error(Error::kArguments);
+}
+
+Answer help(Console& console, const Words& words, std::int32_t step) {
+  if (words.count > 2) return error(Error::kArguments);
+  if (words.count == 2) {
+    const std::string_view name = words[1];
+    const bool known = find_param(name) != nullptr || std::any_of(commands().begin(), commands().end(),
+                                                                  [&](const auto& row) { return row.name == name; });
+    if (known) console.page().open(words.json);
+    return help_one(console, name);
+  }
+  if (step == 0) console.page().open(words.json);
+  const auto count = static_cast<std::int32_t>(commands().size());
+  const std::span<const Column> columns =
+      words.json ? std::span<const Column>(kHelpJsonColumns) : std::span<const Column>(kHelpColumns);
+  return list_step(console.page(), "commands", columns, step, count, [&](std::int32_t k) {
+    const CommandInfo& command = commands()[idx(k)];
+    console.page().cell(command.name);
+    if (words.json) console.page().cell(command.arguments);
+    console.page().cell(command.changes ? "locked" : "");
+    console.page().cell(command.help);
+  });
+}
+
+Answer version(Console& console, const Words& words, std::int32_t /*step*/) {
+  Page& page = console.page();
+  page.open(words.json);
+  page.text("firmware", "holdfastd " HOLDFAST_VERSION);
+  page.text("board", console.place().board);
+  page.integer("link_version", link::kVersion);
+  page.text("model", slip_tree::kName);
+  page.integer("model_crc32", slip_tree::kModelCrc32);
+  page.close();
+  return kDone;
+}
+
+Answer echo(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 2 || (words[1] != "on" && words[1] != "off")) return error(Error::kArguments);
+  console.set_echo(words[1] == "on");
+  return kDone;
+}
+
+Answer unlock(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 2) return error(Error::kArguments);
+  const Error result = console.unlock(words[1]);
+  return result == Error::kNone ? kDone : error(result);
+}
+
+Answer lock(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 1) return error(Error::kArguments);
+  console.lock();
+  return kDone;
+}
+
+Answer reboot(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 1) return error(Error::kArguments);
+  console.ask_to_restart();
+  return kDone;
+}
+
+// ---- How the device is
+
+// Milliframes per second over the last stamps, by the sensor's numbers. 0: too few.
+std::int64_t measured_fps_milli(const health::State& health) {
+  if (health.stamp_count < 2) return 0;
+  const auto newest = idx(health.newest);
+  const auto oldest = idx((health.newest + health::kRateFrames - health.stamp_count + 1) % health::kRateFrames);
+  const std::int64_t time_us = (health.stamps[newest].at - health.stamps[oldest].at).count();
+  const std::int64_t frames = health.stamps[newest].sequence - health.stamps[oldest].sequence;
+  return time_us <= 0 ? 0 : div_round(frames * 1'000'000'000, time_us);
+}
+
+// When something slipped last, of those frames that are remembered.
+std::optional<Micros> last_slip(const Recorder::Frames& frames) {
+  for (std::size_t k = frames.size(); k > 0; --k) {
+    if (frames[k - 1].slip) return frames[k - 1].at;
+  }
+  return std::nullopt;
+}
+
+Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 1) return error(Error::kArguments);
+  const App& app = console.daemon().app();
+  const pipeline::Result& result = app.result();
+  const supervisor::Outputs& outputs = app.outputs();
+  const ReasonInfo& why = info(outputs.reason);
+  Page& page = console.page();
+  page.open(words.json);
+  page.text("state", info(outputs.state).name);
+  page.text("reason", why.name);
+  page.text("what", why.what);
+  page.text("cause", why.cause);
+  page.text("next", why.next);
+  page.yes_no("grip_ok", outputs.grip_ok);
+  page.yes_no("slip", outputs.slip);
+  page.decimal("age_ms", std::clamp<std::int64_t>((console.now() - result.timestamp).count(), 0, 1'000'000'000), 1000,
+               1);
+  page.decimal("fps", measured_fps_milli(app.health()), 1000, 2);
+  page.integer("markers", result.markers);
+  page.integer("markers_expected", result.grid.count());
+  page.yes_no("referenced", result.referenced);
+  page.decimal("entropy_nat", result.features.entropy.raw(), 65536, 3);
+  page.decimal("entropy_rate_nat_s", result.features.entropy_rate.raw(), 256, 2);
+  page.decimal("vx_mm_s", result.features.vx.raw(), 1000, 2);
+  page.decimal("vy_mm_s", result.features.vy.raw(), 1000, 2);
+  if (const auto slipped = last_slip(console.daemon().recorder().frames()); slipped) {
+    page.decimal("last_slip_s_ago", (console.now() - *slipped).count(), 1'000'000, 1);
+  } else {
+    page.nothing("last_slip_s_ago");
+  }
+  page.integer("grip_force_counts", console.daemon().grip().force);
+  page.integer("faults_since_start", app.supervisor().faults);
+  page.decimal("uptime_s", (console.now() - console.started()).count(), 1'000'000, 0);
+  page.yes_no("unlocked", console.unlocked());
+  page.close();
+  return kDone;
+}
+
+constexpr std::array<Column, 8> kTaskColumns{{{"task", 9},
+                                              {"count", 10},
+                                              {"p50_us", 9},
+                                              {"p99_9_us", 10},
+                                              {"max_us", 9},
+                                              {"late", 7},
+                                              {"budget_us", 11},
+                                              {"what", 0}}};
+
+Answer tasks(Console& console, const Words& words, std::int32_t step) {
+  laps::Laps& laps = console.daemon().app().laps();
+  if (words.count == 2 && words[1] == "clear") {
+    laps.clear();
+    return kDone;
+  }
+  if (words.count != 1) return error(Error::kArguments);
+  Page& page = console.page();
+  if (step == 0) page.open(words.json);
+  return list_step(page, "tasks", kTaskColumns, step, static_cast<std::int32_t>(kTasks.size()), [&](std::int32_t k) {
+    const TaskInfo& task = kTasks[idx(k)];
+    const laps::Histogram& histogram = laps.of(task.task);
+    page.cell(task.name);
+    page.cell(histogram.count());
+    page.cell(histogram.quantile(500).count());
+    page.cell(histogram.quantile(999).count());
+    page.cell(histogram.most().count());
+    page.cell(laps.late(task.task));
+    page.cell(task.budget.count());
+    page.cell(task.what);
+  });
+}
+
+constexpr std::array<Column, 4> kDeviceColumns{{{"device", 10}, {"is", 22}, {"well", 7}, {"more", 0}}};
+
+struct DeviceRow {
+  std::string_view name;
+  void (*write)(Console&, Page&);
+};
+
+constexpr std::array<DeviceRow, 5> kDevices{{
+    {"camera",
+     [](Console& console, Page& page) {
+       const hal::Camera& camera = console.daemon().devices().camera;
+       const std::string_view identity = camera.identity();
+       const bool well = console.daemon().streaming() && camera.problem().empty();
+       page.cell(identity.empty() ? "unnamed" : identity);
+       page.cell(well ? "yes" : "no");
+       Text<40> more;
+       more << "started " << console.daemon().camera_starts() << " times";
+       page.cell(camera.problem().empty() ? more.view() : camera.problem());
+     }},
+    {"lines",
+     [](Console& console, Page& page) {
+       const bool failed = console.daemon().app().outputs().reason == Reason::kGpioFailed;
+       page.cell("GRIP_OK, ALIVE");
+       page.cell(failed ? "no" : "yes");
+       Text<80> more;
+       more << "GRIP_OK " << (console.daemon().app().outputs().grip_ok ? "HIGH" : "LOW") << ", ALIVE "
+            << (console.daemon().app().told().alive ? "HIGH" : "LOW");
+       for (const auto& [input, name] :
+            std::array<std::pair<hal::Input, std::string_view>, 4>{{{hal::Input::kTare, "TARE"},
+                                                                    {hal::Input::kOpening, "OPENING"},
+                                                                    {hal::Input::kRelease, "RELEASE"},
+                                                                    {hal::Input::kArm, "ARM"}}}) {
+         if (console.daemon().devices().gpio.read(input) == hal::Level::kHigh) more << ", " << name << " HIGH";
+       }
+       page.cell(more.view());
+     }},
+    {"link",
+     [](Console& console, Page& page) {
+       const link::Receiver& frames = console.daemon().commands();
+       page.cell("status and commands");
+       page.cell(console.daemon().app().link_refused() == 0 ? "yes" : "no");
+       Text<100> more;
+       more << frames.frames() << " frames came, " << frames.damaged() << " damaged, "
+            << console.daemon().app().link_refused() << " status frames not taken";
+       page.cell(more.view());
+     }},
+    {"gripper",
+     [](Console& console, Page& page) {
+       constexpr std::array<std::string_view, 3> kNames{"none", "Robotiq Hand-E", "step lines"};
+       const std::int32_t kind = console.daemon().params().gripper;
+       const hande::Seen& seen = console.daemon().gripper();
+       page.cell(kNames[idx(kind)]);
+       page.cell(kind != 1 || (seen.fresh && seen.fault_reason == Reason::kNone) ? "yes" : "no");
+       Text<100> more;
+       if (kind == 1) {
+         more << (seen.activated ? "activated" : "not activated") << ", position " << seen.position << ", "
+              << info(seen.fault_reason).what;
+       }
+       page.cell(more.view());
+     }},
+    {"console",
+     [](Console& console, Page& page) {
+       page.cell("this port");
+       page.cell(console.out().lost() == 0 ? "yes" : "no");
+       Text<100> more;
+       more << console.frames_lost() << " frames and " << console.out().lost() << " texts were not taken in time";
+       page.cell(more.view());
+     }},
+}};
+
+Answer devices(Console& console, const Words& words, std::int32_t step) {
+  if (words.count != 1) return error(Error::kArguments);
+  Page& page = console.page();
+  if (step == 0) page.open(words.json);
+  return list_step(page, "devices", kDeviceColumns, step, static_cast<std::int32_t>(kDevices.size()),
+                   [&](std::int32_t k) {
+                     page.cell(kDevices[idx(k)].name);
+                     kDevices[idx(k)].write(console, page);
+                   });
+}
+
+constexpr std::array<Column, 9> kModeColumns{{{"mode", 10},
+                                              {"now", 5},
+                                              {"us", 8},
+                                              {"million_instructions", 22},
+                                              {"memory_kb", 11},
+                                              {"marker_error_px", 17},
+                                              {"entropy_error_nat", 19},
+                                              {"balanced_pct", 14},
+                                              {"delay_ms", 0}}};
+
+Answer modes(Console& console, const Words& words, std::int32_t step) {
+  if (words.count != 1) return error(Error::kArguments);
+  Page& page = console.page();
+  if (step == 0) page.open(words.json);
+  return list_step(page, "modes", kModeColumns, step, static_cast<std::int32_t>(kModes.size()), [&](std::int32_t k) {
+    const ModePrice& price = kModePrices[idx(k)];
+    page.cell(kModes[idx(k)].name);
+    page.cell(console.params().mode == k ? "yes" : "");
+    page.cell(price.us);
+    page.cell(price.kilo_instructions, 1000, 1);
+    page.cell(price.memory_bytes / 1000);
+    page.cell(price.marker_error_upx, 1'000'000, 4);
+    page.cell(price.entropy_error_unat, 1'000'000, 4);
+    page.cell(price.balanced_milli_pct, 1000, 1);
+    page.cell(price.delay_ms);
+  });
+}
+
+// ---- Settings
+
+constexpr std::array<Column, 7> kParamColumns{
+    {{"name", 24}, {"value", 8}, {"unit", 8}, {"min", 7}, {"max", 8}, {"default", 9}, {"applies", 0}}};
+constexpr std::array<Column, 9> kParamJsonColumns{{{"name", 0},
+                                                   {"value", 0},
+                                                   {"unit", 0},
+                                                   {"min", 0},
+                                                   {"max", 0},
+                                                   {"default", 0},
+                                                   {"applies", 0},
+                                                   {"help", 0},
+                                                   {"price", 0}}};
+
+const ParamInfo* nth_match(std::string_view part, std::int32_t n) {
+  for (const ParamInfo& row : kParams) {
+    if (row.name.find(part) != std::string_view::npos && n-- == 0) return &row;
+  }
+  return nullptr;
+}
+
+Error unknown(Console& console, std::string_view name) {
+  console.detail() << name.substr(0, 32);
+  return Error::kUnknownParameter;
+}
+
+Answer get(Console& console, const Words& words, std::int32_t step) {
+  if (words.count > 2) return error(Error::kArguments);
+  const std::string_view part = words[1];
+  if (nth_match(part, 0) == nullptr) return error(unknown(console, part));
+  std::int32_t count = 0;
+  while (nth_match(part, count) != nullptr) ++count;
+  Page& page = console.page();
+  if (step == 0) page.open(words.json);
+  const std::span<const Column> columns =
+      words.json ? std::span<const Column>(kParamJsonColumns) : std::span<const Column>(kParamColumns);
+  return list_step(page, "parameters", columns, step, count, [&](std::int32_t k) {
+    const ParamInfo& row = *nth_match(part, k);
+    page.cell(row.name);
+    page.cell(console.params().*row.member);
+    page.cell(row.unit);
+    page.cell(row.min);
+    page.cell(row.max);
+    page.cell(row.default_value);
+    page.cell(kAppliesNames[static_cast<std::size_t>(row.applies)]);
+    if (!words.json) return;
+    page.cell(row.help);
+    page.cell(row.price);
+  });
+}
+
+void say_range(Console& console, const ParamInfo& row, std::string_view given) {
+  console.detail() << row.name << " = " << given.substr(0, 24) << " (range " << row.min << " to " << row.max;
+  if (!row.unit.empty()) console.detail() << " " << row.unit;
+  console.detail() << ")";
+}
+
+Answer set(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 3) return error(Error::kArguments);
+  const ParamInfo* const row = find_param(words[1]);
+  if (row == nullptr) return error(unknown(console, words[1]));
+  Params params = console.params();
+  ParamProblem problem;
+  if (!parse(words[1], words[2], params, &problem).ok()) {
+    say_range(console, *row, words[2]);
+    return error(problem.rule == "not an integer" ? Error::kNotANumber : Error::kRange);
+  }
+  const Error result = console.change(params);
+  return result == Error::kNone ? kDone : error(result);
+}
+
+Answer save(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 1) return error(Error::kArguments);
+  const Error result = console.save();
+  return result == Error::kNone ? kDone : error(result);
+}
+
+Answer defaults(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count > 2) return error(Error::kArguments);
+  Params params = console.params();
+  if (words.count == 1) {
+    params = Params{};
+  } else {
+    const ParamInfo* const row = find_param(words[1]);
+    if (row == nullptr) return error(unknown(console, words[1]));
+    params.*row->member = row->default_value;
+  }
+  const Error result = console.change(params);
+  return result == Error::kNone ? kDone : error(result);
+}
+
+// As lines that can be pasted back: after a restart of another device, for instance.
+Answer settings_lines(Console& console, const Words& words, std::int32_t step, bool all) {
+  if (words.count != 1) return error(Error::kArguments);
+  const ParamInfo& row = kParams[idx(step)];
+  const std::int32_t value = console.params().*row.member;
+  const bool last = idx(step) + 1 == kParams.size();
+  const bool shown = all || value != row.default_value;
+  Output& out = console.out();
+  if (words.json) {
+    if (step == 0) console.page().open(true);
+    if (shown) console.page().integer(row.name, value);
+    if (last) console.page().close();
+  } else if (shown) {
+    out.put("set ");
+    out.put(row.name);
+    out.put(" ");
+    out.integer(value);
+    out.put("\r\n");
+  }
+  return last ? kDone : kMore;
+}
+Answer dump(Console& console, const Words& words, std::int32_t step) {
+  return settings_lines(console, words, step, true);
+}
+Answer diff(Console& console, const Words& words, std::int32_t step) {
+  return settings_lines(console, words, step, false);
+}
+
+// ---- What it judges by, and what it sees
+
+Answer model(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 1) return error(Error::kArguments);
+  Page& page = console.page();
+  page.open(words.json);
+  page.text("name", slip_tree::kName);
+  page.text("feature_set", slip_tree::kFeatureSet);
+  page.integer("features", classifier::kCompiledSet.size());
+  page.integer("nodes", slip_tree::kNodes);
+  page.integer("depth", slip_tree::kDepth);
+  page.integer("crc32", slip_tree::kModelCrc32);
+  page.text("sensitivity", kSensitivityNames[idx(console.params().sensitivity)]);
+  page.close();
+  return kDone;
+}
+
+Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count == 2 && words[1] == "learn") {
+    if (!console.unlocked()) return error(Error::kLocked);
+    const auto result = console.daemon().obey({.command = command_frame::Command::kTare});
+    return result == command_frame::Result::kDone ? kDone : error(Error::kRefused);
+  }
+  if (words.count != 1) return error(Error::kArguments);
+  const reference::State& state = console.daemon().app().state().reference;
+  std::int32_t known = 0;
+  for (std::int32_t i = 0; state.known && i < state.rest.grid.count(); ++i) {
+    if (state.rest.markers[idx(i)].valid) ++known;
+  }
+  Page& page = console.page();
+  page.open(words.json);
+  page.yes_no("known", state.known);
+  page.integer("rows", state.rest.grid.rows);
+  page.integer("cols", state.rest.grid.cols);
+  page.integer("markers", known);
+  page.decimal("pitch_px", state.pitch.raw(), 256, 2);
+  page.integer("pitch_printed_um", console.params().pitch_um);
+  page.yes_no("resumed", console.daemon().resumed());
+  page.close();
+  return kDone;
+}
+
+constexpr std::array<Column, 7> kMarkerColumns{
+    {{"row", 5}, {"col", 5}, {"valid", 7}, {"x_px", 10}, {"y_px", 10}, {"dx_um", 8}, {"dy_um", 0}}};
+
+Answer frame(Console& console, const Words& words, std::int32_t step) {
+  if (words.count != 1) return error(Error::kArguments);
+  const pipeline::State& state = console.daemon().app().state();
+  const pipeline::Result& result = console.daemon().app().result();
+  const GridSize grid = state.tracker.field.grid;
+  if (!console.daemon().app().supervisor().any_accepted) return error(Error::kNothingYet);
+  Page& page = console.page();
+  if (step == 0) {
+    page.open(words.json);
+    page.integer("sequence", result.sequence);
+    page.text("quality", info(result.quality.reason).name);
+  }
+  return list_step(page, "markers", kMarkerColumns, step, grid.count(), [&](std::int32_t k) {
+    const Marker& marker = state.tracker.field.markers[idx(k)];
+    const MarkerDisplacement& d = state.displacement.markers[idx(k)];
+    page.cell(k / grid.cols);
+    page.cell(k % grid.cols);
+    page.cell(marker.valid ? 1 : 0);
+    page.cell(marker.x.raw(), 256, 3);
+    page.cell(marker.y.raw(), 256, 3);
+    if (d.valid && result.referenced) {
+      page.cell(d.dx.raw());
+      page.cell(d.dy.raw());
+    } else {
+      page.no_cell();
+      page.no_cell();
+    }
+  });
+}
+
+Answer watch(Console& console, const Words& words, std::int32_t /*step*/) {
+  using Stream = Console::Stream;
+  if (words.count > 2) return error(Error::kArguments);
+  const std::string_view how = words.count == 1 ? "screen" : words[1];
+  if (how == "on") {
+    console.stream(Stream::kFrames);
+  } else if (how == "screen") {
+    console.stream(Stream::kScreen);
+  } else if (how == "off") {
+    console.stream(Stream::kNone);
+  } else {
+    return error(Error::kArguments);
+  }
+  return kDone;
+}
+
+Answer trace(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 2 || (words[1] != "on" && words[1] != "off")) return error(Error::kArguments);
+  console.stream(words[1] == "on" ? Console::Stream::kTrace : Console::Stream::kNone);
+  return kDone;
+}
+
+// ---- What happened
+
+constexpr std::array<Column, 4> kEventColumns{{{"ago_s", 10}, {"event", 16}, {"what", 24}, {"value", 0}}};
+
+void event_cells(Page& page, const FlightEvent& event) {
+  Text<40> value;
+  std::string_view what;
+  switch (event.kind) {
+    case EventKind::kState:
+      what = info(static_cast<DeviceState>(event.a)).name;
+      value << info(static_cast<Reason>(event.b)).name;
+      break;
+    case EventKind::kCameraStarted:
+    case EventKind::kWrongCode:
+    case EventKind::kFault:
+      value << event.a;
+      break;
+    case EventKind::kCameraGone:
+      value << info(static_cast<Reason>(event.a)).name;
+      break;
+    case EventKind::kCommand: {
+      const auto* const command = command_frame::info(static_cast<command_frame::Command>(event.a));
+      what = command == nullptr ? "unknown" : command->name;
+      value << command_frame::kResults[idx(event.b)].name;
+      break;
+    }
+    case EventKind::kSetting:
+      what = kParams[idx(event.a)].name;
+      value << event.b;
+      break;
+    case EventKind::kUnlocked:
+      break;
+  }
+  page.cell(what);
+  page.cell(value.view());
+}
+
+constexpr std::array<Column, 16> kFrameColumns{{{"ago_s", 8},
+                                                {"sequence", 10},
+                                                {"age_ms", 8},
+                                                {"quality", 15},
+                                                {"state", 11},
+                                                {"reason", 15},
+                                                {"accepted", 10},
+                                                {"slip", 6},
+                                                {"grip_ok", 9},
+                                                {"markers", 9},
+                                                {"vx_um_s", 9},
+                                                {"vy_um_s", 9},
+                                                {"entropy_nat", 13},
+                                                {"entropy_rate_nat_s", 20},
+                                                {"cols", 6},
+                                                {"displacement_um", 0}}};
+
+void frame_cells(Console& console, const FlightFrame& frame, bool markers) {
+  Page& page = console.page();
+  page.cell((console.now() - frame.at).count(), 1'000'000, 3);
+  page.cell(frame.sequence);
+  page.cell(frame.age_us, 1000, 1);
+  page.cell(info(frame.quality).name);
+  page.cell(info(frame.state).name);
+  page.cell(info(frame.reason).name);
+  page.cell(frame.accepted ? 1 : 0);
+  page.cell(frame.slip ? 1 : 0);
+  page.cell(frame.grip_ok ? 1 : 0);
+  page.cell(frame.markers);
+  page.cell(frame.vx_um_s);
+  page.cell(frame.vy_um_s);
+  page.cell(frame.entropy_nat_q16, 65536, 4);
+  page.cell(frame.entropy_rate_nat_s_q8, 256, 2);
+  page.cell(frame.grid.cols);
+  if (!markers) return page.no_cell();
+  Text<kMaxMarkers * 8> list;  // x:y in um, one by one; no comma, so that the line can be a row of CSV
+  for (std::int32_t i = 0; i < frame.grid.count(); ++i) {
+    const marker_frame::Point& d = frame.displacement[idx(i)];
+    list << (i > 0 ? " " : "") << d.x_um << ":" << d.y_um;
+  }
+  page.cell(list.view());
+}
+
+Answer log(Console& console, const Words& words, std::int32_t step) {
+  const Recorder& recorder = console.daemon().recorder();
+  const std::string_view what = words.count == 1 ? "events" : words[1];
+  const bool markers = words[2] == "markers";
+  if (words.count > 3 || (words.count == 3 && (!markers || what == "events"))) return error(Error::kArguments);
+  Page& page = console.page();
+  if (what == "events") {
+    const auto count = static_cast<std::int32_t>(recorder.events().size());
+    if (count == 0) return error(Error::kNothingYet);
+    if (step == 0) page.open(words.json);
+    return list_step(page, "events", kEventColumns, step, count, [&](std::int32_t k) {
+      // An event that came meanwhile has pushed the others on by one: none is shown twice then, one is left out.
+      const FlightEvent& event = recorder.events()[idx(k)];
+      page.cell((console.now() - event.at).count(), 1'000'000, 3);
+      page.cell(kEvents[static_cast<std::size_t>(event.kind)].name);
+      event_cells(page, event);
+    });
+  }
+  if (what != "frames" && what != "fault") return error(Error::kArguments);
+  const Recorder::Frames& frames = what == "fault" ? recorder.before_fault() : recorder.frames();
+  const auto count = static_cast<std::int32_t>(frames.size());
+  if (count == 0) return error(Error::kNothingYet);
+  if (step == 0) page.open(words.json);
+  return list_step(page, "frames", kFrameColumns, step, count,
+                   [&](std::int32_t k) { frame_cells(console, frames[idx(k)], markers); });
+}
+
+// ---- What a robot may say as well
+
+Answer tell(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count < 2 || words.count > 3) return error(Error::kArguments);
+  for (const command_frame::CommandInfo& row : command_frame::kCommands) {
+    const bool same = std::equal(row.name.begin(), row.name.end(), words[1].begin(), words[1].end(),
+                                 [](char a, char b) { return a == b || a - 'A' == b - 'a'; });
+    if (!same) continue;
+    std::uint8_t argument = 0;
+    if (words.count == 3) {
+      const std::string_view text = words[2];
+      const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), argument);
+      if (wrong != std::errc{} || end != text.data() + text.size()) return error(Error::kArguments);
+    }
+    const auto result = console.daemon().obey({.command = row.command, .argument = argument});
+    if (result == command_frame::Result::kDone) return kDone;
+    console.detail() << command_frame::kResults[static_cast<std::size_t>(result)].meaning;
+    return error(result == command_frame::Result::kArgument ? Error::kArguments : Error::kRefused);
+  }
+  return error(Error::kArguments);
+}
+
+constexpr std::array<Column, 3> kFaultColumns{{{"component", 12}, {"type", 14}, {"what", 0}}};
+
+Answer fault(Console& console, const Words& words, std::int32_t step) {
+  hal::Faults* const faults = console.place().faults;
+  if (faults == nullptr) return error(Error::kNotHere);
+  const auto rows = faults->rows();
+  if (words.count == 1) {
+    if (step == 0) console.page().open(words.json);
+    return list_step(console.page(), "faults", kFaultColumns, step, static_cast<std::int32_t>(rows.size()),
+                     [&](std::int32_t k) {
+                       console.page().cell(rows[idx(k)].component);
+                       console.page().cell(rows[idx(k)].type);
+                       console.page().cell(rows[idx(k)].what);
+                     });
+  }
+  if (!console.unlocked()) return error(Error::kLocked);
+  if (words.count == 2 && words[1] == "off") {
+    faults->end_all();
+    return kDone;
+  }
+  for (std::size_t k = 0; words.count == 3 && k < rows.size(); ++k) {
+    if (rows[k].component != words[1] || rows[k].type != words[2]) continue;
+    console.daemon().recorder().note(EventKind::kFault, console.now(), static_cast<std::int32_t>(k));
+    faults->begin(k);
+    return kDone;
+  }
+  return error(Error::kArguments);
+}
+
+constexpr std::array<CommandInfo, 24> kCommands{{
+    {"help", "[COMMAND|PARAMETER] [json]", "what can be said, or one thing in detail", false, help},
+    {"version", "[json]", "firmware, board, model", false, version},
+    {"status", "[json]", "state, reason, age, rate, markers, last slip", false, status},
+    {"tasks", "[clear] [json]", "how long each stage takes: p50, p99.9, longest, late", false, tasks},
+    {"devices", "[json]", "camera, lines, link, gripper: what is there and how it is", false, devices},
+    {"get", "[PARAMETER] [json]", "parameters, all or those whose name holds the word", false, get},
+    {"set", "PARAMETER VALUE", "change a parameter, until the next start or save", true, set},
+    {"diff", "[json]", "what differs from the defaults, as lines to paste back", false, diff},
+    {"dump", "[json]", "all parameters, as lines to paste back", false, dump},
+    {"save", "", "store the parameters for the next start", true, save},
+    {"defaults", "[PARAMETER]", "back to the default, all or one", true, defaults},
+    {"model", "[json]", "what decides slip", false, model},
+    {"reference", "[learn] [json]", "rest position of the markers; learn it anew", false, reference},
+    {"watch", "[screen|on|off]", "a line five times a second; on: frames for programs", false, watch},
+    {"log", "[events|frames|fault] [markers] [json]", "what happened: events, last 10 s, 10 s before a fault", false,
+     log},
+    {"trace", "on|off", "a line for every frame", false, trace},
+    {"frame", "[json]", "the markers of the last frame", false, frame},
+    {"modes", "[json]", "speed settings with their measured prices", false, modes},
+    {"tell", "tare|opening|release|arm|grip [NUMBER]", "what the robot may say on the link", true, tell},
+    {"fault", "[off|camera|gripper|link] [TYPE] [json]", "make something fail (simulated boards)", false, fault},
+    {"echo", "on|off", "off: no prompt and no echo, for programs", false, echo},
+    {"unlock", "CODE", "allow changes, with the code of this device", false, unlock},
+    {"lock", "", "allow no changes", false, lock},
+    {"reboot", "", "end in order and start anew", true, reboot},
+}};
+
+}  // namespace
+
+std::span<const CommandInfo> commands() {
+  return kCommands;
+}
+
+}  // namespace holdfast::console

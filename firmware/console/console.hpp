@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// The console: text commands on the port `host` (115200 8N1, or a pty), for people and for programs.
+//
+// A line is a command; its answer ends with `OK` or `ERR <number> <name>: ...`, so that no program has to guess how
+// long to wait. Read commands take the word `json`: one line, stable keys. What changes the device needs `unlock` with
+// the device's code first. Lines that begin with `*` are the device's own and may stand between answers. `watch on`
+// puts status and marker frames (LINK.md) between the lines, and prompts no more.
+//
+// Beside the pipeline and below it: each poll() reads and writes a bounded number of bytes, makes a bounded number of
+// lines, and waits for nobody. A reader that is slow slows its own answers down; one that has gone costs nothing.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "app/daemon.hpp"
+#include "app/params.hpp"
+#include "app/settings.hpp"
+#include "console/errors.hpp"
+#include "console/line_editor.hpp"
+#include "console/output.hpp"
+#include "console/page.hpp"
+#include "console/text.hpp"
+#include "hal/clock.hpp"
+#include "hal/faults.hpp"
+#include "hal/keep.hpp"
+#include "hal/serial.hpp"
+
+namespace holdfast::console {
+
+// What a board tells about itself.
+struct Place {
+  std::string_view board;         // sim, rpi4, virt
+  std::string_view code;          // that unlocks; empty: nothing does
+  hal::Keep* settings = nullptr;  // null, or empty memory: nothing can be saved
+  hal::Faults* faults = nullptr;  // simulated boards only
+  bool prompts = true;            // somebody can type here
+};
+
+class Console;
+
+// A command makes its answer in steps, each of at most kStepBytes, so that a long one waits for a slow reader without
+// holding anything up.
+struct Answer {
+  enum class Kind : std::uint8_t { kMore, kDone, kError } kind = Kind::kDone;
+  Error error = Error::kNone;
+};
+
+struct Words {
+  static constexpr std::size_t kMost = 8;
+  std::array<std::string_view, kMost> word{};
+  std::size_t count = 0;
+  bool json = false;  // the last word was that; it is not counted
+  [[nodiscard]] std::string_view operator[](std::size_t k) const { return k < count ? word[k] : std::string_view{}; }
+};
+
+struct CommandInfo {
+  std::string_view name;
+  std::string_view arguments;  // for people; words in it that stand alone are completed
+  std::string_view help;
+  bool changes = false;  // locked until unlock
+  Answer (*run)(Console&, const Words&, std::int32_t step) = nullptr;
+};
+[[nodiscard]] std::span<const CommandInfo> commands();
+
+class Console {
+ public:
+  Console(hal::Serial& port, Daemon& daemon, const hal::Clock& clock, const Place& place)
+      : port_(port), daemon_(daemon), clock_(clock), place_(place) {}
+
+  // After Daemon::start().
+  void start(const Params& params);
+  // Instead of start().
+  void cannot_start(Reason why);
+  // What was said goes out, as far as the port takes it.
+  void end();
+  // Once around. Range: any input.
+  void poll();
+  [[nodiscard]] bool asked_to_restart() const { return restart_; }
+
+  // Per poll(): 115200 baud bring 58 bytes in Daemon::kSlice.
+  static constexpr std::size_t kMostIn = 64;
+  static constexpr std::size_t kMostOut = 1024;
+  static constexpr int kMostSteps = 4;
+  static constexpr std::size_t kStepBytes = 1280;
+  static constexpr Micros kStaysUnlocked{10 * 60 * 1'000'000LL};  // after the last line
+
+  // ---- For the commands
+  [[nodiscard]] Daemon& daemon() { return daemon_; }
+  [[nodiscard]] Page& page() { return page_; }
+  [[nodiscard]] Output& out() { return out_; }
+  [[nodiscard]] const Place& place() const { return place_; }
+  [[nodiscard]] Micros now() const { return clock_.now(); }
+  [[nodiscard]] Micros started() const { return started_; }
+  // More about the error that the command returns.
+  [[nodiscard]] Text<200>& detail() { return detail_; }
+  [[nodiscard]] const Params& params() const { return params_; }
+  [[nodiscard]] Error change(const Params& params);
+  [[nodiscard]] Error save();
+  [[nodiscard]] Error unlock(std::string_view code);
+  void lock() { unlocked_ = false; }
+  [[nodiscard]] bool unlocked() const { return unlocked_; }
+  void set_echo(bool echo) { editor_.set_echo(echo); }
+  enum class Stream : std::uint8_t { kNone, kFrames, kScreen, kTrace };
+  void stream(Stream stream);
+  void ask_to_restart() { restart_ = true; }
+  [[nodiscard]] std::uint32_t frames_lost() const { return frames_lost_; }
+
+ private:
+  void read();
+  void run();
+  void take(std::uint8_t byte);
+  void end_line(LineEditor::Event event);
+  void begin(std::string_view line);
+  void finish(Answer answer);
+  void fail(Error error);
+  void complete();
+  void prompt();
+  void say_state();
+  void telemetry();
+  void send_frame(std::span<const std::uint8_t> wire);
+  void send_markers();
+  void trace_line();
+  [[nodiscard]] bool idle() const { return running_ == nullptr; }
+
+  hal::Serial& port_;
+  Daemon& daemon_;
+  const hal::Clock& clock_;
+  Place place_;
+
+  Output out_;
+  Page page_{out_};
+  LineEditor editor_;
+  link::Receiver frames_;
+  command_frame::Once once_;
+  std::array<std::uint8_t, 512> in_{};  // read and not yet looked at
+  std::size_t in_begin_ = 0, in_size_ = 0;
+
+  const CommandInfo* running_ = nullptr;
+  Words words_;
+  std::int32_t step_ = 0;
+  Text<200> detail_;
+
+  Params params_{};
+  settings::State settings_;
+  bool unlocked_ = false;
+  int wrong_codes_ = 0;
+  Micros try_at_{};
+  Micros last_line_{};
+  Micros started_{};
+  bool restart_ = false;
+  bool at_prompt_ = false;
+
+  Stream stream_ = Stream::kNone;
+  std::uint16_t seen_ = 0;  // sequence of the last report that was streamed
+  std::uint16_t pictures_ = 0;
+  bool rest_known_ = false;
+  Micros screen_at_{};
+  std::uint32_t frames_lost_ = 0;
+  DeviceState shown_ = DeviceState::kBoot;
+  bool state_shown_ = false;
+};
+
+}  // namespace holdfast::console

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// One answer in two forms from one description: lines for people, or one line of JSON with the same keys.
+//
+// Fields first, then lists; a list has columns, a row a cell for each of them, in order.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "base/units.hpp"
+#include "console/output.hpp"
+
+namespace holdfast::console {
+
+struct Column {
+  std::string_view key;
+  std::uint8_t width = 0;  // of the lines for people
+};
+
+class Page {
+ public:
+  explicit Page(Output& out) : out_(out) {}
+
+  void open(bool json);
+  void close();
+  [[nodiscard]] bool json() const { return json_; }
+
+  void text(std::string_view key, std::string_view value);
+  void integer(std::string_view key, std::int64_t value, std::string_view unit = {});
+  // value / denominator.
+  void decimal(std::string_view key, std::int64_t value, std::int64_t denominator, int decimals);
+  // Nothing to say: null.
+  void nothing(std::string_view key);
+  void yes_no(std::string_view key, bool value);
+
+  void list(std::string_view key, std::span<const Column> columns);
+  void end_list();
+  void row();
+  void end_row();
+  void cell(std::string_view value);
+  void cell(std::int64_t value);
+  void cell(std::int64_t value, std::int64_t denominator, int decimals);
+  // Nothing to say: null.
+  void no_cell();
+
+ private:
+  void key(std::string_view key);
+  void end_field(std::string_view unit);
+  void begin_cell();
+  void pad(std::size_t size);
+
+  Output& out_;
+  bool json_ = false;
+  bool first_ = true;  // of the object or array that is open
+  std::span<const Column> columns_;
+  std::size_t cell_ = 0;
+};
+
+}  // namespace holdfast::console

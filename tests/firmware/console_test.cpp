@@ -1,0 +1,705 @@
+// SPDX-License-Identifier: Apache-2.0
+// The console as whoever is at the other end of the port has it.
+#include "console/console.hpp"
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "app/marker_frame.hpp"
+#include "app/mode_prices.gen.hpp"
+#include "tests/support/console_desk.hpp"
+#include "tests/support/spread_tree.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using namespace std::chrono_literals;
+using console::Console;
+using console::Error;
+
+namespace {
+
+// What the console sends, taken apart as LINK.md says.
+struct Heard {
+  std::vector<status_frame::StatusFrame> statuses;
+  std::vector<marker_frame::MarkerFrame> displacements, rests;
+  std::vector<command_frame::AnswerFrame> answers;
+  std::string text;
+  int damaged = 0;
+};
+
+Heard take_apart(const std::string& bytes) {
+  Heard heard;
+  link::Receiver receiver;
+  for (const char c : bytes) {
+    switch (receiver.push(static_cast<std::uint8_t>(c))) {
+      case link::Event::kText:
+        heard.text.append(receiver.text().begin(), receiver.text().end());
+        break;
+      case link::Event::kDamaged:
+        ++heard.damaged;
+        break;
+      case link::Event::kFrame:
+        if (const auto status = status_frame::read(receiver.payload()); status.ok()) {
+          heard.statuses.push_back(status.frame);
+        }
+        if (const auto d = marker_frame::read(link::Kind::kDisplacement, receiver.payload()); d) {
+          heard.displacements.push_back(*d);
+        }
+        if (const auto r = marker_frame::read(link::Kind::kRest, receiver.payload()); r) heard.rests.push_back(*r);
+        if (const auto a = command_frame::read_answer(receiver.payload()); a) heard.answers.push_back(*a);
+        break;
+      case link::Event::kNone:
+        break;
+    }
+  }
+  return heard;
+}
+
+}  // namespace
+
+TEST_GROUP(Console) {
+  test::ConsoleDesk desk;
+
+  void start() {
+    desk.start();
+    CHECK(desk.started);
+    desk.run(1s);
+  }
+  void teardown() override {
+    desk.end();
+  }
+  void check_says(const char* line, const char* part) {
+    STRCMP_CONTAINS(part, desk.say(line).c_str());
+  }
+  void check_error(const char* line, Error error) {
+    std::string expected = "ERR ";
+    expected += std::to_string(static_cast<int>(error));
+    expected += " ";
+    expected += console::info(error).name;
+    const std::string answer = desk.say(line);
+    STRCMP_CONTAINS((expected += ": ").c_str(), answer.c_str());
+    STRCMP_CONTAINS(". Likely cause: ", answer.c_str());
+    STRCMP_CONTAINS(". Next: ", answer.c_str());
+  }
+  void check_ok(const char* line) {
+    STRCMP_CONTAINS("OK\r\n", desk.say(line).c_str());
+  }
+};
+
+TEST(Console, TellsOfEveryChangeOfState) {
+  start();
+  const std::string text = desk.heard();
+  STRCMP_CONTAINS("* BOOT none\r\n", text.c_str());
+  STRCMP_CONTAINS("* REFERENCE learning\r\n", text.c_str());
+  STRCMP_CONTAINS("* OK none\r\n", text.c_str());
+  CHECK(text.ends_with("holdfast> \x1B[K"));
+}
+
+TEST(Console, SaysWhyItCannotStart) {
+  desk.start();
+  (void)desk.heard();
+  desk.console->cannot_start(Reason::kGpioFailed);
+  STRCMP_CONTAINS("* FAULT gpio_failed\r\n", desk.heard().c_str());
+}
+
+// Every command, locked and not: it ends, by OK or by an error that is in the table.
+TEST(Console, AnswersEveryCommand) {
+  start();
+  for (const bool unlocked : {false, true}) {
+    if (unlocked) STRCMP_CONTAINS("OK\r\n", desk.unlock().c_str());
+    for (const console::CommandInfo& command : console::commands()) {
+      if (command.name == "unlock" || command.name == "reboot" || command.name == "lock") continue;
+      std::string line(command.name);
+      const std::string answer = desk.say(line);
+      const bool locked = answer.find("ERR 10 locked") != std::string::npos;
+      CHECK_TEXT(!answer.empty(), line.c_str());
+      CHECK_EQUAL_TEXT(command.changes && !unlocked, locked, line.c_str());
+      line += " one two three four five six seven eight";
+      STRCMP_CONTAINS_TEXT("ERR 4 arguments", desk.say(line).c_str(), line.c_str());
+    }
+  }
+  check_says("watch off", "OK");
+}
+
+// Nothing is done by a command that is refused for want of the code.
+TEST(Console, ChangesNothingWhileLocked) {
+  start();
+  for (const char* const line : {"set raise_frames 5", "save", "defaults", "tell tare", "reboot", "reference learn",
+                                 "fault camera off", "fault off"}) {
+    check_error(line, Error::kLocked);
+  }
+  LONGS_EQUAL(2, desk.daemon->params().raise_frames);
+  CHECK_FALSE(desk.console->asked_to_restart());
+  CHECK(desk.daemon->app().state().reference.known);
+  CHECK(desk.faults.begun.empty());
+  LONGS_EQUAL(0, desk.faults.ended);
+}
+
+TEST(Console, MakesWrongCodesWaitLongerAndLonger) {
+  start();
+  Micros waited{};
+  for (const Micros wait : {1s, 2s, 4s, 8s, 16s, 32s, 60s, 60s}) {
+    check_error("unlock 7QX-41-reD", Error::kWrongCode);
+    const Micros since = desk.clock.now();
+    check_error("unlock 7QX-41-red", Error::kTooSoon);  // the right one does not help before
+    desk.run(wait - (desk.clock.now() - since) - 100ms);
+    check_error("unlock 7QX-41-red", Error::kTooSoon);
+    desk.run(200ms);
+    waited += wait;
+  }
+  STRCMP_CONTAINS("OK\r\n", desk.unlock().c_str());
+  CHECK(desk.console->unlocked());
+  check_ok("lock");
+  CHECK_FALSE(desk.console->unlocked());
+  check_error("unlock nonsense", Error::kWrongCode);  // the count began anew
+  desk.run(1100ms);
+  for (const char* const code : {"7QX-41-re", "7QX-41-redx", "x"}) {
+    check_error((std::string("unlock ") + code).c_str(), Error::kWrongCode);
+    desk.run(61s);
+  }
+  std::string longest("unlock ");
+  check_error((longest += std::string(200, 'x')).c_str(), Error::kWrongCode);
+  check_error("unlock", Error::kArguments);
+}
+
+TEST(Console, HasNothingToUnlockWithoutACode) {
+  desk.place.code = {};
+  start();
+  check_error("unlock anything", Error::kNoCode);
+}
+
+TEST(Console, LocksItselfWhenNobodyTypes) {
+  start();
+  (void)desk.unlock();
+  for (int k = 0; k < 3; ++k) {
+    desk.run(Console::kStaysUnlocked - 1s);
+    check_ok("version");
+    CHECK(desk.console->unlocked());
+  }
+  desk.run(Console::kStaysUnlocked + 1s);
+  CHECK_FALSE(desk.console->unlocked());
+}
+
+TEST(Console, KeepsTheCodeOutOfTheHistory) {
+  start();
+  check_ok("version");
+  (void)desk.unlock();
+  (void)desk.heard();
+  desk.type("\x1B[A");
+  desk.run(50ms);
+  const std::string shown = desk.heard();
+  STRCMP_CONTAINS("version", shown.c_str());
+  CHECK(shown.find(test::ConsoleDesk::kCode) == std::string::npos);
+}
+
+TEST(Console, SetsAndRefusesByTheTable) {
+  start();
+  (void)desk.unlock();
+  check_ok("set raise_frames 3");
+  check_ok("set hold_ms = 300");
+  check_ok("set max_gap_ms=300");
+  check_ok("set sensitivity quiet");
+  LONGS_EQUAL(3, desk.console->params().raise_frames);
+  LONGS_EQUAL(300, desk.console->params().hold_ms);
+  LONGS_EQUAL(300, desk.console->params().max_gap_ms);
+  LONGS_EQUAL(0, desk.console->params().sensitivity);
+  for (const ParamInfo& row : kParams) {
+    for (const std::int64_t wrong : {std::int64_t{row.min} - 1, std::int64_t{row.max} + 1}) {
+      std::string line = "set " + std::string(row.name) + " " + std::to_string(wrong);
+      const std::string answer = desk.say(line);
+      STRCMP_CONTAINS("ERR 22 out_of_range: ", answer.c_str());
+      STRCMP_CONTAINS(std::string(row.name).c_str(), answer.c_str());
+      STRCMP_CONTAINS(std::to_string(wrong).c_str(), answer.c_str());
+      std::string range = std::to_string(row.min) + " to ";
+      STRCMP_CONTAINS((range += std::to_string(row.max)).c_str(), answer.c_str());
+    }
+  }
+  check_error("set raise_frames three", Error::kNotANumber);
+  check_error("set raise_frams 3", Error::kUnknownParameter);
+  check_error("set raise_frames", Error::kArguments);
+  check_error("set fault_markers_pct 99", Error::kContradiction);
+  check_error("defaults nothing", Error::kUnknownParameter);
+  check_ok("defaults raise_frames");
+  LONGS_EQUAL(2, desk.console->params().raise_frames);
+  LONGS_EQUAL(300, desk.console->params().hold_ms);
+  check_ok("defaults");
+  CHECK(desk.console->params() == Params{});
+}
+
+// What a new value acts on: the next frame, the rest position, or the next start.
+TEST(Console, AppliesWhatCanBeAppliedNow) {
+  start();
+  (void)desk.unlock();
+  check_ok("set pitch_um 2000");
+  CHECK_FALSE(desk.daemon->app().state().reference.known);
+  desk.run(1s);
+  CHECK(desk.daemon->app().state().reference.known);
+  check_ok("set raise_frames 4");
+  CHECK(desk.daemon->app().state().reference.known);
+  LONGS_EQUAL(4, desk.daemon->params().raise_frames);
+  check_ok("set gripper 1");
+  LONGS_EQUAL(0, desk.daemon->params().gripper);
+  LONGS_EQUAL(1, desk.console->params().gripper);
+}
+
+TEST(Console, StoresForTheNextStart) {
+  start();
+  (void)desk.unlock();
+  check_ok("set raise_frames 3");
+  check_ok("save");
+  check_ok("set hold_ms 500");
+  check_ok("save");
+  settings::State state;
+  Params read;
+  CHECK(settings::load(state, desk.stored.bytes(), read) == settings::Loaded::kAll);
+  LONGS_EQUAL(3, read.raise_frames);
+  LONGS_EQUAL(500, read.hold_ms);
+  desk.stored.set_off(true);
+  check_error("save", Error::kNotStored);
+}
+
+TEST(Console, HasNoPlaceToStoreWithoutOne) {
+  desk.place.settings = nullptr;
+  start();
+  (void)desk.unlock();
+  check_error("save", Error::kNotStored);
+}
+
+// The lines of diff, pasted into another device, make it the same.
+TEST(Console, TakesItsOwnDiffBack) {
+  start();
+  (void)desk.unlock();
+  for (const char* const line : {"set raise_frames 3", "set hold_ms 300", "set max_force 200", "set latch 1"}) {
+    check_ok(line);
+  }
+  const Params wanted = desk.console->params();
+  const std::string text = desk.say("diff");
+  const std::string lines = text.substr(text.find("set "));
+  check_ok("defaults");
+  (void)desk.heard();
+  desk.type("# a comment\r\n");
+  desk.type(lines.substr(0, lines.find("OK\r\n")));
+  desk.run(500ms);
+  CHECK(desk.console->params() == wanted);
+  CHECK(desk.heard().find("ERR") == std::string::npos);
+  check_says("diff json", "{\"raise_frames\":3,\"hold_ms\":300,\"latch\":1,\"max_force\":200}\r\nOK");
+  const std::string dump = desk.say("dump");
+  for (const ParamInfo& row : kParams) STRCMP_CONTAINS(("set " + std::string(row.name) + " ").c_str(), dump.c_str());
+}
+
+TEST(Console, ShowsParameters) {
+  start();
+  check_says("get", "grip_speed");
+  const std::string some = desk.say("get jpeg");
+  STRCMP_CONTAINS("jpeg_threads", some.c_str());
+  CHECK(some.find("grip_speed") == std::string::npos);
+  check_error("get nothing", Error::kUnknownParameter);
+  check_says("get raise_frames json",
+             "{\"parameters\":[{\"name\":\"raise_frames\",\"value\":2,\"unit\":\"frames\",\"min\":1,\"max\":10,"
+             "\"default\":2,\"applies\":\"at once\",\"help\":\"slips in a row until the request is raised\"");
+}
+
+TEST(Console, ExplainsCommandsAndParameters) {
+  start();
+  const std::string all = desk.say("help");
+  for (const console::CommandInfo& command : console::commands()) {
+    STRCMP_CONTAINS(std::string(command.help).c_str(), all.c_str());
+  }
+  check_says("help set", "PARAMETER VALUE");
+  check_says("help hold_ms", "how long the request stays raised");
+  check_says("help mode", "relearned");
+  check_error("help nothing", Error::kArguments);
+  check_says("help help json", "{\"name\":\"help\",\"arguments\":\"[COMMAND|PARAMETER] [json]\"");
+  // On a screen 80 wide no line is broken.
+  std::size_t widest = 0;
+  for (std::size_t begin = 0, end = all.find('\n'); end != std::string::npos;
+       begin = end + 1, end = all.find('\n', begin)) {
+    widest = std::max(widest, end - begin);
+  }
+  CHECK(widest <= 80);
+}
+
+TEST(Console, SuggestsTheNearestCommand) {
+  start();
+  check_says("statsu", "statsu (status?)");
+  check_says("devces", "devces (devices?)");
+  check_says("st", "ERR 1 unknown_command: st (set?)");
+  const std::string none = desk.say("xylophone");
+  STRCMP_CONTAINS("ERR 1 unknown_command: xylophone: ", none.c_str());
+  check_error(std::string(100, 'q').c_str(), Error::kUnknownCommand);
+}
+
+TEST(Console, CompletesCommandsParametersAndWords) {
+  start();
+  const auto completed = [&](const char* keys) {
+    (void)desk.heard();
+    desk.type(keys);
+    desk.run(30ms);
+    desk.type("\x03");
+    const std::string text = desk.heard();
+    desk.run(30ms);
+    return text;
+  };
+  STRCMP_CONTAINS("version ", completed("ve\t").c_str());
+  STRCMP_CONTAINS("raise_frames ", completed("get ra\t").c_str());
+  STRCMP_CONTAINS("jpeg_", completed("get jp\t").c_str());
+  STRCMP_CONTAINS("jpeg_threads  jpeg_lanes  jpeg_rows_pct", completed("get jpeg_\t").c_str());
+  STRCMP_CONTAINS("markers ", completed("log frames m\t").c_str());
+  STRCMP_CONTAINS("defaults", completed("help defa\t").c_str());
+  STRCMP_CONTAINS("raise_frames ", completed("set raise\t").c_str());
+  CHECK(completed("nothing a\t").find("  ") == std::string::npos);
+  CHECK(completed("version json more\t").find("more ") == std::string::npos);
+  desk.type("echo off\r");
+  desk.run(30ms);
+  STRCMP_EQUAL("", completed("de\t").c_str());  // ambiguous, and nobody looks
+}
+
+TEST(Console, RefusesLongAndDamagedLines) {
+  start();
+  check_error(std::string(300, 'x').c_str(), Error::kTooLong);
+  check_error("ver\x02sion", Error::kDamaged);
+  const std::string with_nul("ver\0sion", 8);
+  check_error(with_nul.c_str(), Error::kUnknownCommand);  // "ver" alone is none
+  check_error("a b c d e f g h i", Error::kArguments);
+  check_error("save json", Error::kArguments);
+  check_ok("  version  ");
+  check_ok("version\t");
+  desk.type("   \r\n# only a comment\r");
+  desk.run(50ms);
+  CHECK(desk.heard().find("ERR") == std::string::npos);
+}
+
+TEST(Console, ShowsWhatTheDeviceDoes) {
+  desk.params.gripper = 1;
+  start();
+  desk.run(4s);  // the gripper is activated
+  const std::string status = desk.say("status");
+  for (const char* const part :
+       {"state                 OK\r\n", "fps                   25.00\r\n", "markers               63\r\n",
+        "grip_ok               yes\r\n", "last_slip_s_ago       -\r\n"}) {
+    STRCMP_CONTAINS(part, status.c_str());
+  }
+  CHECK(std::count(status.begin(), status.end(), '\n') <= 23);  // one screen
+  check_says("tasks", "decode");
+  check_says("tasks json", "{\"tasks\":[{\"task\":\"decode\",\"count\":");
+  check_ok("tasks clear");
+  const std::string devices = desk.say("devices json");
+  STRCMP_CONTAINS("{\"device\":\"camera\",\"is\":\"28D1-D7C6\",\"well\":\"yes\",\"more\":\"started 1 times\"}",
+                  devices.c_str());
+  STRCMP_CONTAINS("\"is\":\"Robotiq Hand-E\"", devices.c_str());
+  desk.gpio.drive(hal::Input::kTare, hal::Level::kHigh);
+  check_says("devices", "TARE HIGH");
+  check_says("modes json", "{\"mode\":\"fast\",\"now\":\"yes\",\"us\":");
+  check_says("model", "slip_v3");
+  check_says("version", "desk");
+  check_says("frame json", "{\"sequence\":");
+  check_says("frame", "dx_um");
+  desk.run(1500ms);
+  check_says("log", "REFERENCE");
+}
+
+// The object slips, and a second later it shows.
+TEST(Console, RemembersASlip) {
+  desk.tree = &test::kSpreadTree;
+  desk.film(40, 12);
+  start();
+  desk.run(1s);
+  const std::string status = desk.say("status json");
+  const std::size_t at = status.find("\"last_slip_s_ago\":");
+  CHECK(at != std::string::npos);
+  CHECK(status.substr(at + 18, 4) != "null");
+}
+
+TEST(Console, ShowsTheReferenceAndLearnsIt) {
+  start();
+  check_says("reference json", "{\"known\":true,\"rows\":7,\"cols\":9,\"markers\":63,\"pitch_px\":");
+  (void)desk.unlock();
+  check_ok("reference learn");
+  desk.run(30ms);
+  check_says("reference", "known                 no");
+  check_error("reference nonsense", Error::kArguments);
+}
+
+TEST(Console, HasNothingToShowBeforeTheFirstFrame) {
+  desk.start();
+  check_error("frame", Error::kNothingYet);
+  check_error("log fault", Error::kNothingYet);
+  check_error("log frames", Error::kNothingYet);
+}
+
+TEST(Console, SpeaksForTheRobot) {
+  start();
+  (void)desk.unlock();
+  check_ok("tell opening 1");
+  CHECK(desk.daemon->is_opening());
+  check_ok("tell OPENING 0");
+  CHECK_FALSE(desk.daemon->is_opening());
+  check_ok("tell arm");
+  check_error("tell grip 1", Error::kRefused);  // no gripper
+  check_error("tell arm 7", Error::kArguments);
+  check_error("tell arm x", Error::kArguments);
+  check_error("tell nonsense", Error::kArguments);
+  check_says("log", "OPENING                 done");
+}
+
+TEST(Console, MakesThingsFailWhereThatIsPossible) {
+  start();
+  check_says("fault", "gripper");
+  (void)desk.unlock();
+  check_ok("fault gripper mute");
+  LONGS_EQUAL(1, desk.faults.begun.size());
+  LONGS_EQUAL(1, desk.faults.begun[0]);
+  check_ok("fault off");
+  LONGS_EQUAL(1, desk.faults.ended);
+  check_error("fault camera purple", Error::kArguments);
+  check_error("fault camera", Error::kArguments);
+  desk.end();
+  desk.place.faults = nullptr;
+  start();
+  check_error("fault", Error::kNotHere);
+}
+
+// What happened before a fault can be read after it.
+TEST(Console, KeepsTheFramesBeforeAFault) {
+  desk.film(8);
+  start();
+  desk.run(2s);
+  desk.camera->set(sim::CameraSwitch::kStuck);
+  desk.run(500ms);
+  CHECK(desk.daemon->app().outputs().state == DeviceState::kFault);
+  desk.camera->set(sim::CameraSwitch::kNone);
+  desk.run(1s);
+  const std::string frames = desk.say("log fault markers json");
+  STRCMP_CONTAINS("\"reason\":\"frame_frozen\"", frames.c_str());
+  STRCMP_CONTAINS("\"state\":\"OK\"", frames.c_str());
+  STRCMP_CONTAINS("\"displacement_um\":\"", frames.c_str());
+  const std::string plain = desk.say("log frames");
+  STRCMP_CONTAINS("entropy_rate_nat_s", plain.c_str());
+  check_says("log events", "frame_frozen");
+  check_error("log events markers", Error::kArguments);
+  check_error("log nonsense", Error::kArguments);
+}
+
+TEST(Console, LogsSettingsAndCodes) {
+  start();
+  check_error("unlock wrong", Error::kWrongCode);
+  desk.run(1100ms);
+  (void)desk.unlock();
+  check_ok("set raise_frames 3");
+  check_ok("fault camera off");
+  desk.camera->set(sim::CameraSwitch::kGone);
+  desk.run(1s);
+  const std::string log = desk.say("log");
+  for (const char* const part :
+       {"wrong_code", "unlocked", "setting         raise_frames            3", "fault_injected", "camera_gone"}) {
+    STRCMP_CONTAINS(part, log.c_str());
+  }
+  STRCMP_CONTAINS("\"well\":\"no\"", desk.say("devices json").c_str());
+}
+
+TEST(Console, AsksForARestart) {
+  start();
+  (void)desk.unlock();
+  check_ok("reboot");
+  CHECK(desk.console->asked_to_restart());
+}
+
+// Frames between the lines: those of LINK.md, and every line still whole.
+TEST(Console, StreamsFramesBetweenTheLines) {
+  start();
+  check_ok("watch on");
+  (void)desk.heard();
+  desk.run(1s);
+  desk.type("version json\r");
+  desk.run(200ms);
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(0, heard.damaged);
+  CHECK(heard.statuses.size() >= 29);
+  for (std::size_t k = 1; k < heard.statuses.size(); ++k) {
+    LONGS_EQUAL(heard.statuses[k - 1].sequence + 1, heard.statuses[k].sequence);
+  }
+  LONGS_EQUAL(13, heard.rests.size());
+  CHECK(heard.displacements.size() >= 5 * 13);
+  LONGS_EQUAL(0, heard.displacements.size() % 13);
+  LONGS_EQUAL(7, heard.rests[0].rows);
+  LONGS_EQUAL(9, heard.rests[0].cols);
+  STRCMP_CONTAINS("{\"firmware\":", heard.text.c_str());
+  check_ok("watch off");
+  (void)desk.heard();
+  desk.run(200ms);
+  STRCMP_EQUAL("", desk.heard().c_str());
+  LONGS_EQUAL(0, desk.console->frames_lost());
+}
+
+TEST(Console, TracesEveryFrameAndWatchesFiveTimesASecond) {
+  start();
+  check_ok("trace on");
+  (void)desk.heard();
+  desk.run(1s);
+  std::string lines = desk.heard();
+  LONGS_EQUAL(25, std::count(lines.begin(), lines.end(), '\n'));
+  STRCMP_CONTAINS(" s  OK none  markers 63  v ", lines.c_str());
+  STRCMP_CONTAINS("  GRIP_OK\r\n", lines.c_str());
+  check_ok("trace off");
+  check_ok("watch");
+  (void)desk.heard();
+  desk.run(1s);
+  lines = desk.heard();
+  LONGS_EQUAL(5, std::count(lines.begin(), lines.end(), '\n'));
+  desk.type("\x03");
+  desk.run(50ms);
+  STRCMP_CONTAINS("holdfast> ", desk.heard().c_str());
+  check_ok("watch screen");
+  desk.camera->set(sim::CameraSwitch::kOff);
+  desk.run(1s);
+  STRCMP_CONTAINS("FAULT", desk.heard().c_str());  // nothing to say of markers then
+  check_error("watch nonsense", Error::kArguments);
+  check_error("trace", Error::kArguments);
+}
+
+TEST(Console, ObeysCommandFramesAmongTheText) {
+  start();
+  (void)desk.heard();
+  std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
+  command_frame::encode(command_frame::CommandFrame{77, command_frame::Command::kOpening, 1}, wire);
+  std::string bytes("sta\0", 4);
+  bytes.append(wire.begin(), wire.end());
+  bytes += "tus\r";
+  desk.type(bytes);
+  desk.run(100ms);
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(1, heard.answers.size());
+  LONGS_EQUAL(77, heard.answers[0].sequence);
+  CHECK(heard.answers[0].result == command_frame::Result::kDone);
+  CHECK(desk.daemon->is_opening());
+  // A sound frame of another kind is nobody's.
+  std::array<std::uint8_t, command_frame::kAnswerBytes> answer{};
+  command_frame::encode(command_frame::AnswerFrame{}, answer);
+  std::string other(1, '\0');
+  other.append(answer.begin(), answer.end());
+  desk.type(other);
+  desk.run(50ms);
+  check_ok("version");
+}
+
+// Nobody reads: the answer waits, the device goes on, and when somebody reads again all of it comes.
+TEST(Console, WaitsForASlowReader) {
+  start();
+  desk.run(2s);
+  (void)desk.heard();
+  desk.type("log frames json\rversion\r");
+  desk.host.set_full(true);
+  desk.run(2s);
+  CHECK(desk.daemon->app().outputs().state == DeviceState::kOk);
+  LONGS_EQUAL(0, desk.host.output_bytes().size());
+  desk.host.set_full(false);
+  desk.run(2s);
+  const std::string text = desk.heard();
+  STRCMP_CONTAINS("]}\r\nOK\r\n", text.c_str());
+  STRCMP_CONTAINS("link_version", text.c_str());
+  LONGS_EQUAL(0, desk.console->out().lost());
+}
+
+// A watch that nobody reads loses whole frames, and says how many.
+TEST(Console, DropsFramesThatNobodyReads) {
+  start();
+  check_ok("watch on");
+  desk.host.set_full(true);
+  desk.run(20s);
+  CHECK(desk.console->frames_lost() > 100);
+  desk.host.set_full(false);
+  (void)desk.heard();
+  desk.run(1s);
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(0, heard.damaged);
+  CHECK(heard.statuses.size() > 20);
+  check_ok("trace on");
+  desk.host.set_full(true);
+  const std::uint32_t before = desk.console->frames_lost();
+  desk.run(20s);
+  CHECK(desk.console->frames_lost() > before);
+  desk.host.set_full(false);
+}
+
+TEST(Console, IsInterruptedInTheMiddleOfAnAnswer) {
+  start();
+  desk.run(2s);
+  (void)desk.heard();
+  desk.host.set_full(true);
+  desk.type("log frames json\r");
+  desk.run(100ms);
+  desk.type("version\r\x03");
+  desk.run(100ms);
+  desk.host.set_full(false);
+  desk.run(200ms);
+  const std::string text = desk.heard();
+  STRCMP_CONTAINS("ERR 33 interrupted", text.c_str());
+  CHECK(text.find("link_version") == std::string::npos);
+  check_ok("version");
+}
+
+// Work of one turn is bounded, whatever comes and however much of it.
+TEST(Console, DoesABoundedAmountOfWorkPerTurn) {
+  start();
+  std::uint32_t random = 5;
+  const Micros since = desk.clock.now();
+  std::uint64_t accepted = desk.gpio.edges(hal::Line::kAlive);
+  for (int turn = 0; turn < 4000; ++turn) {
+    std::string noise;
+    for (int k = 0; k < 5000; ++k) {  // 1 MB/s at 5 ms a turn
+      random = random * 1664525 + 1013904223;
+      noise += static_cast<char>(random >> 24);
+    }
+    desk.type(noise);
+    const std::size_t before = desk.host.output_bytes().size();
+    desk.turn();
+    CHECK(desk.host.output_bytes().size() - before <= Console::kMostOut);
+    desk.host.clear_output();
+  }
+  const double seconds = static_cast<double>((desk.clock.now() - since).count()) * 1e-6;
+  accepted = desk.gpio.edges(hal::Line::kAlive) - accepted;
+  CHECK(static_cast<double>(accepted) > 24.5 * seconds);
+  // Back within a second.
+  for (const Micros until = desk.clock.now() + 900ms; desk.clock.now() < until;) desk.turn();
+  desk.type("\r");
+  check_ok("version");
+}
+
+TEST(Console, KeepsNobodyWaitingAfterAHangUp) {
+  start();
+  desk.type("log frames js");
+  desk.run(20ms);
+  desk.host.hang_up();
+  desk.run(5s);
+  desk.host.reconnect();
+  desk.type("\x03");
+  check_ok("version");
+}
+
+TEST(Console, PromptsNobodyWhereNobodyCanType) {
+  desk.place.prompts = false;
+  start();
+  STRCMP_EQUAL("* BOOT none\r\n* REFERENCE learning\r\n* OK none\r\n", desk.heard().c_str());
+  check_says("echo on", "OK");
+  desk.type("\r");
+  desk.run(50ms);
+  STRCMP_CONTAINS("holdfast> ", desk.heard().c_str());
+  check_error("echo", Error::kArguments);
+}
+
+TEST(Console, HasACauseAndANextStepForEveryError) {
+  std::set<std::string_view> names;
+  for (const console::ErrorInfo& row : console::kErrors) {
+    CHECK(!row.what.empty() && !row.cause.empty() && !row.next.empty());
+    CHECK(names.insert(row.name).second);
+    CHECK(console::info(row.error).name == row.name);
+  }
+  for (const ReasonInfo& row : kReasons) CHECK(!row.what.empty() && !row.cause.empty() && !row.next.empty());
+  for (const command_frame::ResultInfo& row : command_frame::kResults) CHECK(!row.cause.empty() && !row.next.empty());
+}

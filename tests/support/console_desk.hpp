@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+// A device with somebody at its console: camera, lines, gripper and port simulated, time virtual.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "app/daemon.hpp"
+#include "app/settings.hpp"
+#include "console/console.hpp"
+#include "drivers/sim/camera_memory.hpp"
+#include "drivers/sim/camera_switched.hpp"
+#include "drivers/sim/clock.hpp"
+#include "drivers/sim/gpio.hpp"
+#include "drivers/sim/hande.hpp"
+#include "drivers/sim/keep.hpp"
+#include "drivers/sim/serial.hpp"
+#include "tests/support/frames.hpp"
+#include "tests/support/reference.hpp"
+
+namespace holdfast::test {
+
+// Records what is asked of it.
+class NotedFaults final : public hal::Faults {
+ public:
+  std::vector<std::size_t> begun;
+  int ended = 0;
+
+ private:
+  static constexpr std::array<Row, 2> kRows{{{"camera", "off", "no frames"}, {"gripper", "mute", "no answers"}}};
+  [[nodiscard]] std::span<const Row> do_rows() const override { return kRows; }
+  void do_begin(std::size_t index) override { begun.push_back(index); }
+  void do_end_all() override { ++ended; }
+};
+
+class ConsoleDesk {
+ public:
+  static constexpr std::string_view kCode = "7QX-41-red";
+
+  sim::Clock clock;
+  sim::Gpio gpio{clock};
+  sim::Serial link, host{1 << 20};
+  sim::Keep keep{keepsake::kBytes}, stored{settings::kBytes};
+  sim::HandE hand{clock};
+  NotedFaults faults;
+  Params params;
+  const model::Tree* tree = nullptr;  // in place of the compiled one
+  console::Place place{.board = "desk", .code = kCode, .settings = &stored, .faults = &faults};
+
+  // Pictures of an empty gel, or of one that is dragged further and further after `still` of them.
+  void film(int still = 8, int dragged = 0) {
+    const scene::PictureConfig view = scene::cropped_320x240();
+    pictures_.clear();
+    for (int k = 0; k < still + dragged; ++k) {
+      const double drag = k < still ? 0.0 : std::min(0.3 * (k - still + 1), 1.8);
+      pictures_.push_back(reference_model::picture_of(
+          view, reference_model::lattice_px({}, view, reference_model::gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
+          300 + static_cast<std::uint64_t>(k)));
+    }
+  }
+
+  void start() {
+    if (pictures_.empty()) film();
+    std::vector<LumaView> views;
+    for (const reference_model::Picture& picture : pictures_) views.push_back(picture.view());
+    memory_ = std::make_unique<sim::CameraMemory>(
+        clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = "28D1-D7C6"});
+    camera = std::make_unique<sim::SwitchedCamera>(*memory_, std::size_t{320 * 240});
+    daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep}, tree);
+    console = std::make_unique<console::Console>(host, *daemon, clock, place);
+    started = daemon->start(params).ok();
+    console->start(params);
+  }
+  void end() {
+    console.reset();
+    daemon.reset();
+    camera.reset();
+    memory_.reset();
+    pictures_ = {};
+  }
+
+  void run(Micros time) {
+    for (const Micros until = clock.now() + time; clock.now() < until;) turn();
+  }
+  void turn() {
+    daemon->poll();
+    console->poll();
+  }
+
+  void type(std::string_view text) {
+    typed = host.feed({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  }
+  // Everything that came since the last call.
+  [[nodiscard]] std::string heard() {
+    const std::vector<std::uint8_t> bytes = host.output_bytes();
+    host.clear_output();
+    return {bytes.begin(), bytes.end()};
+  }
+  // The answer to a line, up to its OK or ERR, which is included; without echo. Empty: none within a second.
+  [[nodiscard]] std::string say(std::string_view line) {
+    host.clear_output();
+    std::string typed_line(line);
+    type(typed_line += '\r');
+    std::string all;
+    for (const Micros until = clock.now() + Micros{1'000'000}; clock.now() < until;) {
+      turn();
+      all += heard();
+      std::size_t begin = 0;
+      for (std::size_t end = all.find('\n'); end != std::string::npos; end = all.find('\n', begin)) {
+        const std::string_view one = std::string_view(all).substr(begin, end - begin);
+        begin = end + 1;
+        if (one.starts_with("OK\r") || one.starts_with("ERR ")) return all.substr(0, begin);
+      }
+    }
+    return {};
+  }
+  [[nodiscard]] std::string unlock() { return say("unlock " + std::string(kCode)); }
+
+  std::unique_ptr<sim::SwitchedCamera> camera;
+  std::unique_ptr<Daemon> daemon;
+  std::unique_ptr<console::Console> console;
+  bool started = false;
+  bool typed = false;
+
+ private:
+  NoJpeg jpeg_;
+  std::vector<reference_model::Picture> pictures_;
+  std::unique_ptr<sim::CameraMemory> memory_;
+};
+
+}  // namespace holdfast::test
