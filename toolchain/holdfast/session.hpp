@@ -103,6 +103,7 @@ class Session {
 
  private:
   [[nodiscard]] std::unique_ptr<AtomicFile> open(const std::filesystem::path& path);
+  [[nodiscard]] Seen seen(double scale, const hal::Frame& given) const;
   void keep_for_overlay(double scale, const hal::Frame& given);
   [[nodiscard]] std::string draw_overlay() const;
 

@@ -15,4 +15,7 @@ namespace holdfast::wire_doc {
 // The whole of firmware/app/STATES.md: states, the rules that lead to them, and every reason with cause and next step.
 [[nodiscard]] std::string states_markdown();
 
+// The whole of toolchain/page/tables.js: the constants of the page's decoder, and the words for its numbers.
+[[nodiscard]] std::string page_tables();
+
 }  // namespace holdfast::wire_doc
