@@ -8,7 +8,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
 
-parts=(packages format sim heap tidy coverage asan tsan rpi4 system fuzz)
+parts=(packages format sim heap tidy coverage asan tsan rpi4 system fuzz web)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
   [format]="clang-format on every source"
@@ -20,6 +20,7 @@ declare -A what=(
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
   [system]="holdfastd with a stock kernel on an emulated machine: start, slip, replug, another camera, a kill"
+  [web]="the page of a session: its decoder, and the page itself in Chromium"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
@@ -199,6 +200,34 @@ part_fuzz() {
   ((status == 0)) || return 1
   step "fuzz digest build" ninja -C build/fuzz digest && step "fuzz digest" build/fuzz/bin/digest tests/checks/digest.txt
   count_one "digest by clang (build/fuzz/bin/digest tests/checks/digest.txt)" $?
+}
+# node_check NAME SCRIPT: a check that runs in node and says "N passed" at its end, or why it skips (status 77).
+node_check() {
+  local name=$1 start=$SECONDS status=0 log=$logs/${1// /-}.log
+  node "$2" --bin build/sim/bin >"$log" 2>&1 </dev/null || status=$?
+  case $status in
+    0) passed=$((passed + $(sed -n '$s/ passed$//p' "$log"))) ;;
+    77) skipped=$((skipped + 1)) skips+=("$name: $(sed -n 's/^SKIPPED: //p' "$log")") ;;
+    *)
+      tail -n 30 "$log" | sed 's/^/   | /'
+      count_one "$name (node $2)" "$status"
+      ;;
+  esac
+  say "   $name: $(tail -n 1 "$log") in $((SECONDS - start)) s"
+}
+# web_page: needs node, what npm ci puts into tests/npm, and Chromium.
+web_page() {
+  if ! command -v node >/dev/null; then
+    skipped=$((skipped + 1)) skips+=("web page: no node here. Next: apt-get install nodejs npm")
+    return 0
+  fi
+  build sim || return 1
+  node_check "web wire" tests/npm/check_wire.mjs
+  node_check "web page" tests/npm/check_page.mjs
+}
+part_web() {
+  ensure_packages web || note "no Chromium: the page is left out"
+  web_page
 }
 part_long() {
   build sim || return 1
