@@ -11,6 +11,7 @@
 #include <string_view>
 #include <utility>
 
+#include "app/status_frame.hpp"
 #include "toolchain/holdfast/report.hpp"
 
 namespace holdfast::tool {
@@ -23,6 +24,7 @@ constexpr int kJpegQuality = 60;
 constexpr double kMarkerUnits = 20'480;
 constexpr int kLost = -32'768;  // in place of a displacement
 constexpr std::size_t kLatencyBins = 30;
+constexpr double kFresh_s = static_cast<double>(status_frame::kFreshFor.count()) * 1e-6;
 
 // toolchain/page/recording.js reads what this writes.
 class Bytes {
@@ -113,15 +115,19 @@ void Track::add(const ReportFrame& frame, std::span<const Arrow> arrows, const S
     for (const Arrow& a : arrows) height_px_ = std::max({height_px_, 1.1 * a.x_px, 1.1 * a.y_px});
   }
   keep_row(frame, seen, event);
-  if (!arrows.empty() && markers_.wants(frames_, event)) keep_markers(arrows, event);
+  // A simulation that enters at the features has no markers; a frame that lost all of them was rejected.
+  const bool seen_any = std::any_of(arrows.begin(), arrows.end(), [](const Arrow& a) { return a.valid; });
+  if (seen_any && markers_.wants(frames_, event)) keep_markers(arrows, event);
   if (seen.picture.data != nullptr && pictures_.wants(frames_, event)) keep_picture(seen.picture, event);
   ++frames_;
 }
 
 void Track::keep_row(const ReportFrame& f, const Seen& seen, bool event) {
   if (seen.decided_us > 0) decided_us_.push_back(static_cast<float>(seen.decided_us));
+  if (f.accepted) last_edge_s_ = f.t_s;
+  const bool fresh = f.t_s - last_edge_s_ <= kFresh_s;
   if (!rows_.wants(frames_, event)) return;
-  const bool bits[]{f.slip, f.grip_ok, f.accepted, f.features_valid, f.rates_valid, seen.alive};
+  const bool bits[]{f.slip, f.grip_ok, f.accepted, f.features_valid, f.rates_valid, seen.alive, fresh};
   unsigned flags = 0;
   for (std::size_t i = 0; i < std::size(bits); ++i) flags |= (bits[i] ? 1U : 0U) << i;
   Bytes row;
@@ -170,13 +176,16 @@ void Track::keep_picture(const LumaView& picture, bool event) {
 
 std::string Track::json(const ReportInfo& info) const {
   const bool sized = width_px_ > 0;
+  const bool nothing = height_px_ <= 0;  // neither pictures nor markers
   nlohmann::json marks = nlohmann::json::array();
   for (const TruthMark& mark : info.marks) {
     if (std::isfinite(mark.t_s)) marks.push_back({{"t_s", mark.t_s}, {"name", mark.name}, {"onset", mark.onset}});
   }
   const nlohmann::json data = {{"frames", frames_},
-                               {"width_px", sized ? width_px_ : height_px_},
-                               {"height_px", height_px_},
+                               {"width_px", nothing ? 320.0
+                                            : sized ? width_px_
+                                                    : height_px_},
+                               {"height_px", nothing ? 240.0 : height_px_},
                                {"marker_unit_px", (sized ? width_px_ : 320.0) / kMarkerUnits},
                                {"histogram_range_mm", info.histogram_range_mm},
                                {"marks", marks},

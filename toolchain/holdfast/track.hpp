@@ -71,6 +71,7 @@ class Track {
   std::uint32_t frames_ = 0;
   int last_state_ = -1;
   bool last_slip_ = false;
+  double last_edge_s_ = -1e9;  // of ALIVE
   double width_px_ = 0, height_px_ = 0;
 };
 

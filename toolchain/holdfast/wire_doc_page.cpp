@@ -11,6 +11,7 @@
 #include "base/status.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/holdfast/wire_doc.hpp"
+#include "vision/markers.hpp"
 
 namespace holdfast::wire_doc {
 namespace {
@@ -40,9 +41,9 @@ Json status_fields() {
 
 // Kinds 4 and 5: five markers of a field each.
 Json marker_fields() {
-  return {{"version", {0, "u8"}}, {"kind", {1, "u8"}}, {"sequence", {2, "u16"}},
-          {"rows", {4, "u8"}},    {"cols", {5, "u8"}}, {"first", {6, "u8"}},
-          {"valid", {7, "u8"}},   {"xy", {8, "i16"}},  {"crc16", {28, "u16"}}};
+  return {{"version", {0, "u8"}}, {"kind", {1, "u8"}},   {"sequence", {2, "u16"}},
+          {"rows", {4, "u8"}},    {"cols", {5, "u8"}},   {"first", {6, "u8"}},
+          {"valid", {7, "u8"}},   {"x0_um", {8, "i16"}}, {"crc16", {28, "u16"}}};
 }
 
 // A table row a line: differences of the committed file can be read.
@@ -89,6 +90,7 @@ std::string page_tables() {
   entry("markerBytes", "30");
   entry("markersPerFrame", "5");
   entry("marker", marker_fields().dump());
+  entry("maxMarkers", std::to_string(kMaxMarkers));
   entry("freshMs", std::to_string(sf::kFreshFor.count() / 1000));
   entry("bins", std::to_string(kHistogramBins));
   entry("histogramRangeUm", std::to_string(Params{}.histogram_range_um));

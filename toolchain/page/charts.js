@@ -31,7 +31,8 @@ function bars(svg, counts, most, css) {
   counts.forEach((count, i) => {
     if (count <= 0) return;
     const height = Math.max(((kBottom - kTop) * count) / most, 0.8);
-    shape(svg, "rect", { class: css, x: kLeft + i * width + 0.75, y: kBottom - height, width: Math.max(width - 1.5, 1), height });
+    const x = kLeft + i * width + 0.75;
+    shape(svg, "rect", { class: css, x, y: kBottom - height, width: Math.max(width - 1.5, 1), height });
   });
 }
 
@@ -39,8 +40,9 @@ function text(svg, x, y, anchor, words) {
   shape(svg, "text", { x, y, "text-anchor": anchor }).textContent = words;
 }
 
-// The scale of the counts stays from frame to frame: `most` of all frames.
-export function drawHistogram(svg, counts, most, range_mm) {
+// `counts`: null draws the empty scale. Few scales, so that it seldom jumps from frame to frame.
+export function drawHistogram(svg, counts, range_mm) {
+  const most = [10, 20, 40, 70, 130].find((scale) => Math.max(0, ...(counts ?? [])) <= scale) ?? 260;
   svg.replaceChildren();
   for (const [v, words] of ticksOf(0, most, 3)) {
     const y = kBottom - ((kBottom - kTop) * v) / most;
@@ -50,9 +52,11 @@ export function drawHistogram(svg, counts, most, range_mm) {
   if (counts !== null) bars(svg, Array.from(counts), most, "bar");
   for (const bin of [0, 5, 10, 15]) {
     const words = range_mm > 0 ? String(Number(((range_mm * bin) / WIRE.bins).toPrecision(2))) : String(bin);
-    text(svg, kLeft + ((kRight - kLeft) * bin) / WIRE.bins, kBottom + 14, "middle", words + (bin === WIRE.bins ? "+" : ""));
+    const x = kLeft + ((kRight - kLeft) * bin) / WIRE.bins;
+    text(svg, x, kBottom + 14, "middle", words + (bin === WIRE.bins ? "+" : ""));
   }
-  text(svg, (kLeft + kRight) / 2, kBottom + 29, "middle", range_mm > 0 ? "displacement (mm), markers" : "displacement (bin), markers");
+  const unit = range_mm > 0 ? "mm" : "bin";
+  text(svg, (kLeft + kRight) / 2, kBottom + 29, "middle", `displacement (${unit}), markers`);
 }
 
 export function drawLatency(svg, latency, of_ms) {
@@ -69,7 +73,8 @@ export function drawLatency(svg, latency, of_ms) {
   text(svg, (kLeft + kRight) / 2, kBottom + 29, "middle", of_ms);
 }
 
-// Entropy, slip and state of all frames behind the scrubber, and marks of the truth: x goes by frame, as its thumb does.
+// Entropy, slip and state of all frames behind the scrubber, and marks of the truth: x goes by frame, as its thumb
+// does.
 export function drawOverview(svg, rows, marks) {
   svg.replaceChildren();
   if (rows.length === 0) return;
@@ -84,8 +89,11 @@ export function drawOverview(svg, rows, marks) {
       i = end;
     }
   };
-  runs((row) => row.slip, (slip, from, to) => slip && shape(svg, "rect", { class: "shade", x: from, y: 0, width: Math.max(to - from, 2), height: 40 }));
-  runs((row) => row.state, (state, from, to) => shape(svg, "rect", { class: `state ${kStateClass[state]}`, x: from, y: 41, width: Math.max(to - from, 1), height: 7 }));
+  const box = (css, from, to, y, height) => {
+    shape(svg, "rect", { class: css, x: from, y, width: Math.max(to - from, 1.5), height });
+  };
+  runs((row) => row.slip, (slip, from, to) => slip && box("shade", from, to, 0, 40));
+  runs((row) => row.state, (state, from, to) => box(`state ${kStateClass[state]}`, from, to, 41, 7));
   for (const mark of marks) {
     const at = rows.findIndex((row) => row.t_s >= mark.t_s);
     if (at >= 0) shape(svg, "path", { class: "truth", d: `M${x(at)} 0V41`, "vector-effect": "non-scaling-stroke" });
@@ -144,7 +152,9 @@ export class LivePlots {
     const shade = shape(this.svg, "g", {});
     let y = 6;
     y = this.panel(y, "Entropy E", "nat", heights.e, 0, [["a", "", (r) => (r.featuresValid ? r.entropy : null)]]);
-    y = this.panel(y, "Entropy rate dE/dt", "nat/s", heights.rate, null, [["a", "", (r) => (r.ratesValid ? r.rate : null)]]);
+    y = this.panel(y, "Entropy rate dE/dt", "nat/s", heights.rate, null, [
+      ["a", "", (r) => (r.ratesValid ? r.rate : null)],
+    ]);
     y = this.panel(y, "Mean marker speed", "mm/s", heights.v, null, [
       ["a", "Vx", (r) => (r.ratesValid ? r.vx : null)],
       ["b", "Vy", (r) => (r.ratesValid ? r.vy : null)],
@@ -160,7 +170,10 @@ export class LivePlots {
     y = this.levels(y, "GRIP_OK", 24, (r) => r.gripOk, true);
     y = this.alive(y);
     this.bottom = y - 6;
-    this.runs((r) => r.slip, (r, x0, x1) => r.slip && shape(this.svg, "rect", { class: "shade", x: x0, y: 6, width: x1 - x0, height: this.bottom - 6 }, shade));
+    this.runs((r) => r.slip, (r, x0, x1) => {
+      const box = { class: "shade", x: x0, y: 6, width: x1 - x0, height: this.bottom - 6 };
+      if (r.slip) shape(this.svg, "rect", box, shade);
+    });
     shape(this.svg, "path", { class: "axis", d: `M${kPlotLeft} ${this.bottom}H${kPlotRight}` });
     for (const [v, words] of ticksOf(this.from, this.from + this.span, 10)) {
       shape(this.svg, "path", { class: "axis", d: `M${this.x(v)} ${this.bottom}v5` });
@@ -241,8 +254,8 @@ export class LivePlots {
   // Its edges, or, once they run together, where the last one is young enough (as in the report).
   alive(y) {
     if (this.rows.length <= 400) return this.levels(y, "ALIVE", 20, (r) => r.alive, false);
-    return this.band(y, "ALIVE", 20, (r) => r.aliveAge_ms <= WIRE.freshMs, (r, x0, x1, at) => {
-      if (r.aliveAge_ms <= WIRE.freshMs) shape(this.svg, "rect", { class: "fresh", x: x0, y: at + 1, width: x1 - x0, height: 19 });
+    return this.band(y, "ALIVE", 20, (r) => r.fresh, (r, x0, x1, at) => {
+      if (r.fresh) shape(this.svg, "rect", { class: "fresh", x: x0, y: at + 1, width: x1 - x0, height: 19 });
     });
   }
 
@@ -251,7 +264,8 @@ export class LivePlots {
     let d = "";
     this.runs(pick, (row, x0, x1) => {
       const at = pick(row) ? y + 1 : y + height;
-      if (pick(row) && filled) shape(this.svg, "rect", { class: "high", x: x0, y: at, width: x1 - x0, height: height - 1 });
+      const box = { class: "high", x: x0, y: at, width: x1 - x0, height: height - 1 };
+      if (pick(row) && filled) shape(this.svg, "rect", box);
       d += d === "" ? `M${x0.toFixed(1)} ${at}` : `V${at}`;
       d += `H${x1.toFixed(1)}`;
     });

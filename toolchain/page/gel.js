@@ -73,8 +73,10 @@ export class GelView {
       const head = Math.min(9, 0.5 * length);
       const ux = dx / length;
       const uy = dy / length;
-      const side = (sign) => `${text(x + dx - head * (ux + sign * 0.5 * uy))} ${text(y + dy - head * (uy - sign * 0.5 * ux))}`;
-      d = `M${text(x)} ${text(y)}L${text(x + dx)} ${text(y + dy)}M${side(1)}L${text(x + dx)} ${text(y + dy)}L${side(-1)}`;
+      const at = (px, py) => `${text(px)} ${text(py)}`;
+      const side = (sign) => at(x + dx - head * (ux + sign * 0.5 * uy), y + dy - head * (uy - sign * 0.5 * ux));
+      const tip = at(x + dx, y + dy);
+      d = `M${at(x, y)}L${tip}M${side(1)}L${tip}L${side(-1)}`;
     }
     marker.line.setAttribute("d", d);
     marker.under.setAttribute("d", d);

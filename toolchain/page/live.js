@@ -8,8 +8,9 @@ export function serialOf() {
 }
 
 export function whyNoSerial() {
-  if (!isSecureContext) return "Live mode needs a page from disk or from localhost: browsers keep serial ports from all others.";
-  return "Live mode needs the Web Serial API. Next: open this page in Chromium or Chrome on the machine that the board is plugged into.";
+  const where = "in Chromium or Chrome on the machine that the board is plugged into";
+  if (!isSecureContext) return `Live mode needs a page from disk. Next: save this page, and open it ${where}.`;
+  return `Live mode needs the Web Serial API. Next: open this page ${where}.`;
 }
 
 export class Port {
@@ -35,7 +36,8 @@ export class Port {
     try {
       await port.open({ baudRate: kBaud });
     } catch (error) {
-      return this.on.state("closed", `The port could not be opened (${error.message}). Likely cause: another program has it. Next: close that, then Connect.`);
+      const next = "Likely cause: another program has it. Next: close that, then Connect.";
+      return this.on.state("closed", `The port could not be opened (${error.message}). ${next}`);
     }
     this.port = port;
     this.leaving = false;
@@ -64,8 +66,9 @@ export class Port {
       }
       break;
     }
-    const lost = "The port is gone. Likely cause: the cable was pulled, or the board started anew. Next: plug it in, then Connect.";
-    const words = this.leaving ? "Disconnected. What was received can still be looked at." : lost;
+    const cause = "Likely cause: the cable was pulled, or the board started anew. Next: plug it in, then Connect.";
+    const left = "Disconnected. What was received can still be looked at.";
+    const words = this.leaving ? left : `The port is gone. ${cause}`;
     await this.close();
     this.on.state("closed", words);
   }

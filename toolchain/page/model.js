@@ -52,7 +52,9 @@ function factorFor(fields) {
   if (fields.length === 0) return 1;
   const { rest } = fields[fields.length >> 1];
   let pitch = Infinity;
-  for (let i = 2; i < rest.length; i += 2) pitch = Math.min(pitch, Math.hypot(rest[i] - rest[0], rest[i + 1] - rest[1]));
+  for (let i = 2; i < rest.length; i += 2) {
+    pitch = Math.min(pitch, Math.hypot(rest[i] - rest[0], rest[i + 1] - rest[1]));
+  }
   let longest = 0;
   for (const { d } of fields) {
     for (let i = 0; i < d.length; i += 2) longest = Math.max(longest, Math.hypot(d[i], d[i + 1]));
@@ -78,7 +80,6 @@ export class Recording {
   readRows(bytes) {
     const view = new DataView(bytes.buffer);
     const rows = [];
-    let lastEdge = -Infinity;
     for (let at = 0; at < bytes.length; at += 55) {
       const flags = view.getUint8(at + 18);
       const flag = (bit) => ((flags >> bit) & 1) === 1;
@@ -94,6 +95,7 @@ export class Recording {
         featuresValid: flag(3),
         ratesValid: flag(4),
         alive: flag(5),
+        fresh: flag(6),
         markers: view.getUint8(at + 19),
         entropy: view.getFloat32(at + 20, true),
         rate: view.getFloat32(at + 24, true),
@@ -102,9 +104,6 @@ export class Recording {
         decided_us: view.getFloat32(at + 36, true),
         histogram: bytes.subarray(at + 40, at + 55),
       };
-      if (row.accepted) lastEdge = row.t_s;
-      // Thinned rows say nothing about the edges between them.
-      row.aliveAge_ms = this.data.every[0] > 1 ? 0 : (row.t_s - lastEdge) * 1000;
       rows.push(row);
     }
     return rows;
@@ -141,7 +140,8 @@ export class Recording {
     for (let at = 0; at < bytes.length; ) {
       const size = view.getUint32(at + 4, true);
       const jpeg = bytes.subarray(at + 8, at + 8 + size);
-      pictures.push({ index: view.getUint32(at, true), url: URL.createObjectURL(new Blob([jpeg], { type: "image/jpeg" })) });
+      const url = URL.createObjectURL(new Blob([jpeg], { type: "image/jpeg" }));
+      pictures.push({ index: view.getUint32(at, true), url });
       at += 8 + size;
     }
     return pictures;
@@ -187,7 +187,7 @@ export class LiveSession {
     this.kept = [];
     this.forgotten = 0;
     this.lines = [];
-    this.frames = this.damaged = this.unknown = this.missing = this.fields = this.slips = 0;
+    this.frames = this.damaged = this.restarts = this.unknown = this.missing = this.fields = this.slips = 0;
     this.stateCounts = new Array(WIRE.states.length).fill(0);
     this.rest = null;
     this.grid = null;
@@ -234,7 +234,7 @@ export class LiveSession {
       featuresValid: status.features_valid,
       ratesValid: status.features_valid,
       alive: status.alive,
-      aliveAge_ms: this.now_ms - this.aliveChanged_ms,
+      fresh: this.now_ms - this.aliveChanged_ms <= WIRE.freshMs,
       markers: status.markers,
       entropy: status.entropy_nat_q16 / 65536,
       rate: status.entropy_rate_nat_s_q8 / 256,
@@ -242,7 +242,9 @@ export class LiveSession {
       vy: status.vy_um_s / 1000,
       field: null,
     };
-    if (before !== undefined) this.missing += (status.sequence - before.frame - 1) & 0xffff;
+    const gap = before === undefined ? 0 : (status.sequence - before.frame - 1) & 0xffff;
+    if (gap < 1000) this.missing += gap;
+    else ++this.restarts;
     if (row.slip && !(before !== undefined && before.slip)) ++this.slips;
     ++this.stateCounts[row.state];
     if (this.waiting !== null && this.waiting.sequence === row.frame) {
@@ -268,7 +270,6 @@ export class LiveSession {
 
   takeMarkers(markers) {
     const count = markers.rows * markers.cols;
-    if (count === 0) return;
     if (this.grid.rows !== markers.rows || this.grid.cols !== markers.cols) this.setGrid(markers.rows, markers.cols);
     if (markers.what === "rest") {
       for (const m of markers.list) {
@@ -277,7 +278,8 @@ export class LiveSession {
       return;
     }
     if (this.partial === null || this.partial.sequence !== markers.sequence || this.partial.field.ok.length !== count) {
-      const field = { d: new Float32Array(2 * count), ok: new Uint8Array(count), rest: this.rest, told: new Uint8Array(count) };
+      const field = { rest: this.rest, d: new Float32Array(2 * count), ok: new Uint8Array(count) };
+      field.told = new Uint8Array(count);
       this.partial = { sequence: markers.sequence, left: count, field };
     }
     const { field } = this.partial;
@@ -340,8 +342,8 @@ export class LiveSession {
   // Displacements stand in the rows whose picture they are of.
   csv() {
     const count = this.grid.rows * this.grid.cols;
-    const head = "t_s,sequence,timestamp_us,age_ms,state,reason,slip,grip_ok,alive,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s";
-    const names = [];
+    const head = "t_s,sequence,timestamp_us,age_ms,state,reason,slip,grip_ok,alive,markers,vx_mm_s,vy_mm_s";
+    const names = ["entropy_nat", "entropy_rate_nat_s"];
     for (let i = 0; i < count; ++i) names.push(`dx_um_${i}`, `dy_um_${i}`);
     const lines = [`${head},${names.join(",")}`];
     for (const r of this.kept) {
@@ -349,7 +351,8 @@ export class LiveSession {
         ? [r.markers, r.vx.toFixed(3), r.vy.toFixed(3), r.entropy.toFixed(6), r.rate.toFixed(6)]
         : ["", "", "", "", ""];
       const age = r.age_100us === WIRE.oldestAge ? "" : (r.age_100us / 10).toFixed(1);
-      const cells = [r.t_s.toFixed(6), r.frame, r.timestamp_us, age, WIRE.states[r.state].name, reasonOf(r.reason).name];
+      const cells = [r.t_s.toFixed(6), r.frame, r.timestamp_us, age];
+      cells.push(WIRE.states[r.state].name, reasonOf(r.reason).name);
       cells.push(r.slip ? 1 : 0, r.gripOk ? 1 : 0, r.alive ? 1 : 0, ...features);
       for (let i = 0; i < 2 * count; ++i) {
         const known = r.field !== null && r.field.ok.length === count && r.field.ok[i >> 1];
@@ -364,6 +367,7 @@ export class LiveSession {
 const kReasons = new Map(WIRE.reasons.map((reason) => [reason.number, reason]));
 
 export function reasonOf(number) {
-  const newer = { number, name: `reason_${number}`, what: `reason ${number}, of newer firmware`, cause: "-", next: "-" };
+  const next = "write this page anew with the board's version";
+  const newer = { number, name: `reason_${number}`, what: `reason ${number}`, cause: "newer firmware", next };
   return kReasons.get(number) ?? newer;
 }

@@ -22,12 +22,17 @@ class Page {
     this.session = recording ?? this.live;
     this.gel = new GelView($("arrows"), $("shot"));
     this.plots = new LivePlots($("live-plots"));
-    this.port = new Port({ bytes: (bytes) => this.received(bytes), state: (state, words) => this.portIs(state, words) });
+    this.port = new Port({
+      bytes: (bytes) => this.received(bytes),
+      state: (state, words) => this.portIs(state, words),
+    });
     this.at = 0; // in session.rows
     this.playing = false;
     this.playedFrom = null;
     this.following = true;
     this.dirty = false;
+    this.behind = false; // plots and table are older than numbers and arrows
+    this.ticks = 0;
     this.frozen = null;
     this.factors = new Map();
     this.listen();
@@ -53,10 +58,8 @@ class Page {
     $("factor").value = this.factors.get(session) ?? session.factor;
     $("thinned").hidden = true;
     if (!session.live) this.sayWhatIsThinned(session.data);
-    this.most = session.live ? 20 : Math.max(20, ...session.rows.map((row) => Math.max(...row.histogram)));
     this.follow(session.live);
     this.at = session.live ? Math.max(0, session.rows.length - 1) : this.firstOf(session);
-    this.latencyDrawn = false;
     this.refresh();
   }
 
@@ -85,12 +88,19 @@ class Page {
     if (this.following && session.live) this.at = Math.max(0, rows.length - 1);
     $("scrub").max = Math.max(0, rows.length - 1);
     $("scrub").disabled = rows.length === 0;
-    drawOverview($("overview"), rows, session.live ? [] : session.data.marks);
-    if (session.live) {
-      this.plots.draw(rows);
-      this.showLiveTable();
-    }
+    if (session.live) this.showLiveTable();
+    this.draw();
     this.show();
+  }
+
+  // What takes longest.
+  draw() {
+    const { session, rows } = this;
+    drawOverview($("overview"), rows, session.live ? [] : session.data.marks);
+    this.showLatency();
+    $("how").hidden = !session.live || rows.length > 0;
+    $("live-figure").hidden = rows.length === 0;
+    if (session.live) this.plots.draw(rows);
   }
 
   // A live session goes on while it is looked at: what is looked at stands still.
@@ -118,8 +128,7 @@ class Page {
     this.showWords(row);
     this.showValues(row);
     this.showGel(row);
-    drawHistogram($("histogram"), session.histogramAt(row), this.most, session.range_mm);
-    this.showLatency();
+    drawHistogram($("histogram"), session.histogramAt(row), session.range_mm);
     this.showCursor(row);
     this.showKeys();
   }
@@ -135,8 +144,7 @@ class Page {
     this.gel.show(null, 1);
     this.gel.showPicture(null);
     $("shot-note").textContent = "";
-    drawHistogram($("histogram"), null, this.most, this.session.range_mm);
-    this.showLatency();
+    drawHistogram($("histogram"), null, this.session.range_mm);
     this.showKeys();
     this.showFactor();
   }
@@ -178,8 +186,7 @@ class Page {
   // The receiver's rule: GRIP_OK counts only while the last edge of ALIVE is young.
   showLines(row) {
     const now = this.session.live && this.following && this.port.open;
-    const age = now ? performance.now() - this.session.aliveChanged_ms : row.aliveAge_ms;
-    const fresh = age <= WIRE.freshMs;
+    const fresh = now ? performance.now() - this.session.aliveChanged_ms <= WIRE.freshMs : row.fresh;
     const grip = row.gripOk ? (fresh ? "HIGH" : "HIGH, but ALIVE is stale") : "LOW";
     this.lamp("grip", row.gripOk && fresh ? "on ok" : "", grip);
     this.lamp("alive", fresh ? "on" : "stale", `${row.alive ? "HIGH" : "LOW"}${fresh ? "" : ", stale"}`);
@@ -213,20 +220,20 @@ class Page {
 
   showLatency() {
     const { session } = this;
-    if (this.latencyDrawn && !session.live) return;
-    this.latencyDrawn = true;
     const { latency } = session;
     $("latency-name").textContent = session.live ? "Age of the picture when sent" : "Arrival to decision";
     $("latency").classList.toggle("none", latency === null);
     $("latency-note").classList.toggle("alone", latency === null);
     if (latency === null) {
-      const virtual = "Not known: this run was in virtual time, where computing takes none. A log of a board and a live session have it.";
-      $("latency-note").textContent = session.live ? "Nothing received yet." : virtual;
+      const virtual = "Not known: this run was in virtual time, where computing takes none.";
+      const where = "A log of a board and a live session have it.";
+      $("latency-note").textContent = session.live ? "Nothing received yet." : `${virtual} ${where}`;
       return;
     }
     const ms = (us) => (us / 1000).toFixed(us < 10000 ? 2 : 1);
     drawLatency($("latency"), latency, session.live ? "exposure to serial line (ms)" : "frame to edge (ms)");
-    $("latency-note").textContent = `median ${ms(latency.p50_us)}, 99 % ${ms(latency.p99_us)}, most ${ms(latency.max_us)} ms`;
+    const { p50_us, p99_us, max_us } = latency;
+    $("latency-note").textContent = `median ${ms(p50_us)}, 99 % ${ms(p99_us)}, most ${ms(max_us)} ms`;
   }
 
   showCursor(row) {
@@ -286,6 +293,7 @@ class Page {
       ["Times slip raised", String(live.slips)],
     ];
     WIRE.states.forEach((state, i) => live.stateCounts[i] > 0 && rows.push([state.name, share(live.stateCounts[i])]));
+    if (live.restarts > 0) rows.push(["Starts of the board", String(live.restarts)]);
     if (live.forgotten > 0) rows.push(["Too old to be saved", `${live.forgotten} frames`]);
     const body = $("live-table").tBodies[0];
     body.replaceChildren(
@@ -408,14 +416,21 @@ class Page {
     await (this.port.open ? this.port.leave() : this.port.connect());
   }
 
-  // Ten times a second: enough for the eye, and a tenth of a core on a small machine.
+  // Numbers and arrows ten times a second, plots every third time.
   tick() {
     if (!this.session.live) return;
     if (this.port.open) this.sayWhetherHeard();
     $("save").disabled = this.live.kept.length === 0;
-    if (this.dirty && this.following) {
-      this.dirty = false;
+    ++this.ticks;
+    if (this.following && this.behind && this.ticks % 3 === 0) {
+      this.dirty = this.behind = false;
       this.refresh();
+    } else if (this.following && this.dirty) {
+      this.dirty = false;
+      this.behind = true;
+      this.at = Math.max(0, this.rows.length - 1);
+      $("scrub").max = this.at;
+      this.show();
     } else if (this.row !== undefined) {
       this.showLines(this.row);
     }
@@ -425,8 +440,10 @@ class Page {
   sayWhetherHeard() {
     const silent_s = Math.floor((performance.now() - this.heard_ms) / 1000);
     const mute = this.live.frames === 0;
-    const next = mute ? "the wrong port, or firmware that does not know `watch`. Next: see the lines of text below" : "the board hangs or was switched off";
-    const words = silent_s >= 2 ? `Connected, but no frame for ${silent_s} s. Likely cause: ${next}.` : "Connected";
+    const why = mute
+      ? "the wrong port, or firmware that does not know `watch`. Next: see the lines of text below"
+      : "the board hangs or is switched off. Next: look at the board";
+    const words = silent_s >= 2 ? `Connected, but no frame for ${silent_s} s. Likely cause: ${why}.` : "Connected";
     if ($("live-state").textContent !== words) $("live-state").textContent = words;
     $("live-state").classList.toggle("silent", silent_s >= 2);
   }

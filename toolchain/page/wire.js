@@ -52,7 +52,8 @@ function reader(payload, fields) {
 
 // Null: of another kind, version or length than this page knows.
 export function readStatus(payload) {
-  if (payload[0] !== WIRE.version || payload[1] !== WIRE.kinds.status || payload.length !== WIRE.statusBytes) return null;
+  if (payload[0] !== WIRE.version || payload[1] !== WIRE.kinds.status) return null;
+  if (payload.length !== WIRE.statusBytes) return null;
   const at = reader(payload, WIRE.status);
   const frame = {};
   for (const name of Object.keys(WIRE.status)) frame[name] = at(name);
@@ -61,7 +62,8 @@ export function readStatus(payload) {
   return frame.state < WIRE.states.length ? frame : null;
 }
 
-// `list`: the markers in this frame as {index, x_um, y_um, valid}; `what`: "displacement" or "rest".
+// Null: of another kind, version or length, or no lattice has such a marker. `list`: the markers in this frame as
+// {index, x_um, y_um, valid}; `what`: "displacement" or "rest".
 export function readMarkers(payload) {
   const { displacement, rest } = WIRE.kinds;
   if (payload[0] !== WIRE.version || payload.length !== WIRE.markerBytes) return null;
@@ -70,9 +72,10 @@ export function readMarkers(payload) {
   const frame = { what: payload[1] === rest ? "rest" : "displacement", list: [] };
   for (const name of ["sequence", "rows", "cols", "first"]) frame[name] = at(name);
   const count = frame.rows * frame.cols;
+  if (frame.first >= count || count > WIRE.maxMarkers) return null;
   for (let k = 0; k < WIRE.markersPerFrame && frame.first + k < count; ++k) {
     const valid = ((at("valid") >> k) & 1) === 1;
-    frame.list.push({ index: frame.first + k, x_um: at("xy", 2 * k), y_um: at("xy", 2 * k + 1), valid });
+    frame.list.push({ index: frame.first + k, x_um: at("x0_um", 2 * k), y_um: at("x0_um", 2 * k + 1), valid });
   }
   return frame;
 }
