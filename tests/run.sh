@@ -162,21 +162,6 @@ part_format() {
 }
 part_sim() { build sim && run_ctest "sim tests" sim --label-exclude heap; }
 part_heap() { build sim && run_ctest "heap tests" sim --label-regex heap; }
-part_web() {
-  build sim || return 1
-  if ! command -v npm >/dev/null; then
-    skipped=$((skipped + 1)) skips+=("web: no npm. Next: apt-get install nodejs npm")
-    return 0
-  fi
-  step "web packages" npm --prefix tests/npm ci || {
-    count_one "web: npm ci in tests/npm" 1
-    return 1
-  }
-  local status=0
-  step "web logs" tests/npm/check_logs.sh || status=1
-  sed 's/^/   /' "$logs/web-logs.log"
-  count_one "web logs (tests/npm/check_logs.sh)" "$status"
-}
 part_tidy() {
   build sim || return 1
   local status=0
@@ -216,6 +201,38 @@ part_fuzz() {
   ((status == 0)) || return 1
   step "fuzz digest build" ninja -C build/fuzz digest && step "fuzz digest" build/fuzz/bin/digest tests/checks/digest.txt
   count_one "digest by clang (build/fuzz/bin/digest tests/checks/digest.txt)" $?
+}
+# node_check NAME SCRIPT: a check that runs in node and says "N passed" at its end, or why it skips (status 77).
+node_check() {
+  local name=$1 start=$SECONDS status=0 log=$logs/${1// /-}.log
+  node "$2" --bin build/sim/bin >"$log" 2>&1 </dev/null || status=$?
+  case $status in
+    0) passed=$((passed + $(sed -n '$s/ passed$//p' "$log"))) ;;
+    77) skipped=$((skipped + 1)) skips+=("$name: $(sed -n 's/^SKIPPED: //p' "$log")") ;;
+    *)
+      tail -n 30 "$log" | sed 's/^/   | /'
+      count_one "$name (node $2)" "$status"
+      ;;
+  esac
+  say "   $name: $(tail -n 1 "$log") in $((SECONDS - start)) s"
+}
+part_web() {
+  ensure_packages web || note "no Chromium: the page is left out"
+  build sim || return 1
+  if ! command -v npm >/dev/null; then
+    skipped=$((skipped + 1)) skips+=("web: no npm. Next: apt-get install nodejs npm")
+    return 0
+  fi
+  step "web packages" npm --prefix tests/npm ci || {
+    count_one "web: npm ci in tests/npm" 1
+    return 1
+  }
+  local status=0
+  step "web logs" tests/npm/check_logs.sh || status=1
+  sed 's/^/   /' "$logs/web-logs.log"
+  count_one "web logs (tests/npm/check_logs.sh)" "$status"
+  node_check "web wire" tests/npm/check_wire.mjs
+  node_check "web page" tests/npm/check_page.mjs
 }
 part_long() {
   build sim || return 1

@@ -8,7 +8,7 @@
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
 # GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; system:
-# the emulated machine and its root file system; fuzz: libFuzzer.
+# the emulated machine and its root file system; fuzz: libFuzzer; web: the browser that the page of a session is shown in.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -49,6 +49,7 @@ system arch-test 0.20-1
 system e2fsprogs 1.47.0-2+b2
 system kmod 30+20221128-1
 system cpio 2.13+dfsg-7.1
+web chromium 156.0.8078.79-1~deb12u1
 TABLE
 }
 

@@ -778,13 +778,25 @@ TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   CHECK(summary["slip_frames"].is_array() && summary["slip_times_s"].is_array());
   for (const Words& command : {Words{}, Words{"replay"}, Words{"sim"}, Words{"scene", "check"}, Words{"scene", "list"},
                                Words{"scene", "describe"}, Words{"scene", "make"}, Words{"trade", "sim"},
-                               Words{"trade", "firmware"}, Words{"trade", "show"}}) {
+                               Words{"trade", "firmware"}, Words{"trade", "show"}, Words{"page"}}) {
     Words arguments = command;
     arguments.emplace_back("--help");
     const Finished help = succeed(arguments);
     STRCMP_EQUAL("", help.err.c_str());
     STRCMP_CONTAINS(("Example:\n  holdfast " + joined(command)).c_str(), help.out.c_str());
   }
+}
+
+TEST(Tool, WritesThePageOfALiveSession) {
+  succeed({"page", in("live.html")});
+  const std::string page = read_file(dir / "live.html");
+  STRCMP_CONTAINS("<script type=\"application/json\" id=\"data\">null</script>", page.c_str());
+  CHECK(page.ends_with("</script></body></html>\n"));
+  const Words nowhere{"page", in("absent/live.html")};
+  const std::string place = in("absent/live.html");
+  check_line(ask(nowhere), joined(nowhere), place, "check the folder");
+  const Words nothing{"page"};
+  check_line(ask(nothing), joined(nothing), "FILE", "holdfast page --help");
 }
 
 TEST(Tool, LooksAtScenes) {

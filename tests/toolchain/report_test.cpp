@@ -21,7 +21,7 @@ using test::write_file;
 namespace {
 
 // Walks tags as an XML parser does and returns what is wrong, or an empty text: every element is closed in
-// order, attributes are quoted, names are names, text has no bare '<' or '&'.
+// order, attributes are quoted, names are names, text has no bare '<' or '&'. A script is text to its end, as in HTML.
 std::string xml_fault(std::string_view html) {
   std::vector<std::string> open;
   std::size_t at = html.starts_with("<!doctype html>") ? 15 : 0;
@@ -65,9 +65,18 @@ std::string xml_fault(std::string_view html) {
       }
       if (!self_closed) open.push_back(name);
       at = i + 1;
+      if (name == "script") at = std::min(html.find("</script", at), html.size());
     }
   }
   return open.empty() ? "" : "left open: " + open.back();
+}
+
+// The page as a reader without a script has it.
+std::string without_script_parts(const std::string& html) {
+  const std::size_t from = html.find(R"(<section class="session" id="session")");
+  const std::size_t to = html.find("</section>", from);
+  CHECK(from != std::string::npos && to != std::string::npos);
+  return html.substr(0, from) + html.substr(to, html.find("<script") - to);
 }
 
 std::size_t count(std::string_view text, std::string_view what) {
@@ -140,12 +149,15 @@ TEST(Report, IsOneWellFormedFileThatNeedsNothingElse) {
   for (const char* outside : {"http:", "https:", "src=", "href=", "@import", "url("}) {
     CHECK_TEXT(html.find(outside) == std::string::npos, outside);
   }
+  STRCMP_CONTAINS("default-src 'none'", html.c_str());  // and the browser is told so
   for (const char* needed : {"Entropy E", "(nat)", "(nat/s)", "(mm/s)", "GRIP_OK", "ALIVE", "slipping share", "shear",
                              "time of the recording (s)", "prefers-color-scheme:dark", "Largest entropy"}) {
     CHECK_TEXT(html.find(needed) != std::string::npos, needed);
   }
-  LONGS_EQUAL(9, count(html, "<svg"));  // the plots, and two pictures for each of four moments
-  CHECK(html.find("nan") == std::string::npos && html.find("inf\"") == std::string::npos);
+  // Without a script: the plots, and two pictures for each of four moments.
+  const std::string plain = without_script_parts(html);
+  LONGS_EQUAL(9, count(plain, "<svg"));
+  CHECK(plain.find("nan") == std::string::npos && plain.find("inf\"") == std::string::npos);
 }
 
 TEST(Report, SaysHowLongAfterTheOnsetSlipWasRaised) {
@@ -201,7 +213,8 @@ TEST(Report, StaysSmallForLongRunsAndKeepsTheirExtremes) {
   }
   const std::string html = report.html(info);
   check_well_formed(html);
-  CHECK(html.size() < 2'000'000);
+  CHECK(html.size() < 4'000'000);
+  CHECK(without_script_parts(html).size() < 600'000);
   LONGS_EQUAL(1, count(html, "class=\"shade\""));
   LONGS_EQUAL(1, count(html, "class=\"state slip\""));
   // E's panel: 128 high below y = 6 + 20, from 0 to 2.7 + 4 %.
@@ -211,6 +224,31 @@ TEST(Report, StaysSmallForLongRunsAndKeepsTheirExtremes) {
   const std::size_t curve = html.find("class=\"a dense\"");
   CHECK(curve != std::string::npos);
   CHECK(html.substr(curve, html.find("/>", curve) - curve).find(text) != std::string::npos);
+}
+
+TEST(Report, BoundsPicturesAndMarkersAndKeepsTheFramesOfEvents) {
+  // Noise: the dearest picture there is.
+  std::vector<std::uint8_t> pixels(410U * 308U);
+  std::uint32_t state = 1;
+  for (std::uint8_t& pixel : pixels)
+    pixel = static_cast<std::uint8_t>((state = state * 1'664'525 + 1'013'904'223) >> 24);
+  Report report;
+  for (long i = 0; i < 3000; ++i) {
+    Seen seen{};
+    seen.picture = {pixels.data(), 410, 308, 410};
+    seen.width_px = 3280, seen.height_px = 2464;
+    report.add(frame(i, 1111), arrows(1), seen);
+  }
+  const std::string html = report.html(info);
+  check_well_formed(html);
+  CHECK(html.size() < 4'000'000);
+}
+
+TEST(Report, NoNameEndsTheScript) {
+  info.marks = {{1, "</script><b>", true}};
+  const std::string html = report_of(60, 30).html(info);
+  check_well_formed(html);
+  LONGS_EQUAL(2, count(html, "</script>"));
 }
 
 TEST(Report, SurvivesExtremes) {
@@ -229,7 +267,7 @@ TEST(Report, SurvivesExtremes) {
   info.marks = {{-1, "before", true}, {1e9, "after", true}};
   const std::string html = bare.html(info);
   check_well_formed(html);
-  CHECK(html.find("nan") == std::string::npos);
+  CHECK(without_script_parts(html).find("nan") == std::string::npos);
   Report constant;
   for (long i = 0; i < 5; ++i) {
     ReportFrame f = frame(i + 5, 100);

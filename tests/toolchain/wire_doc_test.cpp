@@ -23,4 +23,5 @@ TEST(WireDoc, CommittedFilesAreWhatTheTablesSay) {
   check_committed("firmware/app/LINK.md", holdfast::wire_doc::link_markdown());
   check_committed("firmware/app/STATES.md", holdfast::wire_doc::states_markdown());
   check_committed("toolchain/robot/holdfast_link.h", holdfast::wire_doc::link_header());
+  check_committed("toolchain/page/tables.js", holdfast::wire_doc::page_tables());
 }

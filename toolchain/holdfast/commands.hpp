@@ -124,6 +124,7 @@ void add_study(CLI::App& app, std::vector<Command>& commands);
 void add_grip(CLI::App& app, std::vector<Command>& commands);
 void add_faults(CLI::App& app, std::vector<Command>& commands);
 void add_log(CLI::App& app, std::vector<Command>& commands);
+void add_page(CLI::App& app, std::vector<Command>& commands);
 
 // Lines for people and for programs.
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options);

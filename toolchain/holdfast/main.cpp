@@ -26,7 +26,7 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, calibrate, study, grip, faults, log, devices, doctor or trade; holdfast --help shows how",
+        "evaluate, compile, calibrate, study, grip, faults, log, page, devices, doctor or trade; holdfast --help shows how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
   std::string command = "holdfast";
@@ -199,6 +199,7 @@ int run(int argc, char** argv) {
   add_grip(app, commands);
   add_faults(app, commands);
   add_log(app, commands);
+  add_page(app, commands);
   add_devices(app, commands);
 
   try {

@@ -12,9 +12,12 @@
 #include <string_view>
 
 #include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/holdfast/page.hpp"
 
 namespace holdfast::tool {
 namespace {
+
+using page::escape;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 // The receiver's rule (DESIGN.md, Outputs): GRIP_OK counts only while the last ALIVE edge is younger than
@@ -23,7 +26,6 @@ constexpr double kAliveFresh_s = 0.150;
 
 constexpr int kWidth = 1080, kLeft = 62, kRight = 18;
 constexpr int kColumns = kWidth - kLeft - kRight;  // one per unit of the drawing
-constexpr int kMaxReadouts = 2000;                 // frames that the pointer can read out
 constexpr std::size_t kMaxAliveEdges = 400;        // more would run together into a block
 
 // The shown states by severity; colours from Okabe and Ito's palette, told apart also by the colour-blind.
@@ -43,107 +45,6 @@ int severity(DeviceState state) {
     if (kBySeverity[i].state == state) return static_cast<int>(i);
   }
   return 0;
-}
-
-constexpr std::string_view kStyle = R"(
-:root{color-scheme:light dark;--paper:#fbfbf9;--card:#fff;--ink:#1d2126;--soft:#5d6670;--line:#dfe2e5;--grid:#eceeef;
---blue:#0072b2;--orange:#c4500a;--violet:#7a4fa3;--mark:#1d2126;--shade:#d55e00;--arrow:#0072b2;--rest:#b9c0c7}
-@media (prefers-color-scheme:dark){:root{--paper:#14171a;--card:#1b1f23;--ink:#e8eaec;--soft:#9aa4ae;--line:#31373d;
---grid:#262b30;--blue:#56b4e9;--orange:#f0883e;--violet:#c09be6;--mark:#e8eaec;--shade:#f0883e;--arrow:#f0d54a;
---rest:#59626b}}
-*{box-sizing:border-box}
-body{margin:0;background:var(--paper);color:var(--ink);font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,
-"Helvetica Neue",Arial,sans-serif;font-variant-numeric:tabular-nums}
-main{max-width:1160px;margin:0 auto;padding:32px 24px 48px}
-h1{font-size:26px;line-height:1.2;margin:0 0 4px;font-weight:650;letter-spacing:-.01em}
-h2{font-size:17px;margin:34px 0 10px;font-weight:650}
-p{margin:0 0 8px}
-.sub,figcaption,.note{color:var(--soft);font-size:13.5px;overflow-wrap:anywhere}
-.verdict{margin:20px 0 16px;padding:14px 18px;border-left:5px solid var(--c);background:var(--card);border-radius:4px;
-box-shadow:0 0 0 1px var(--line);font-size:18px;font-weight:600}
-.verdict small{display:block;font-size:13.5px;font-weight:400;color:var(--soft)}
-.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:10px}
-.tile,figure{background:var(--card);border-radius:4px;box-shadow:0 0 0 1px var(--line);margin:0}
-.tile{padding:10px 14px}
-.tile b{display:block;font-size:21px;font-weight:600;line-height:1.25}
-.tile span{color:var(--soft);font-size:12.5px}
-figure{padding:14px 16px}
-.moments{display:grid;grid-template-columns:repeat(auto-fit,minmax(250px,1fr));gap:12px}
-.moments h3{font-size:14.5px;margin:0;font-weight:650}
-svg{display:block;width:100%;height:auto}
-svg text{fill:var(--soft);font-size:11.5px;font-family:inherit}
-svg .name{fill:var(--ink);font-size:12.5px;font-weight:600}
-svg .mark{fill:var(--mark);font-size:12px;font-weight:600}
-svg .in{fill:#fff;font-size:11px;font-weight:650;text-anchor:middle}
-svg .in.degraded,svg .in.reference,svg .in.boot{fill:#111}
-.grid{stroke:var(--grid);stroke-width:1;fill:none}
-.axis{stroke:var(--line);stroke-width:1;fill:none}
-.zero{stroke:var(--soft);stroke-width:.8;fill:none;opacity:.7}
-.a,.b,.v,.io{fill:none;stroke-width:1.4;stroke-linejoin:round}
-.a{stroke:var(--blue)}.b{stroke:var(--orange);stroke-dasharray:5 2}.v{stroke:var(--violet)}.io{stroke:var(--ink);stroke-width:1.2}
-.b.dense{stroke-dasharray:none}
-.high{fill:#009e73;opacity:.22}
-.fresh{fill:var(--ink);opacity:.45}
-.shade{fill:var(--shade);opacity:.13}
-.truth{stroke:var(--mark);stroke-width:1.3;stroke-dasharray:2 3;fill:none}
-.hover{stroke:var(--soft);stroke-width:1;visibility:hidden}
-.ok{--c:#009e73}.slip{--c:#d55e00}.degraded{--c:#e69f00}.fault{--c:#882255}.reference{--c:#56b4e9}.boot{--c:#9aa0a6}
-rect.state{fill:var(--c)}
-.bar{fill:var(--blue)}
-.rest{fill:var(--rest)}
-.arrow{stroke:var(--arrow);stroke-linecap:round;fill:none}
-.head{fill:var(--arrow)}
-.lost{stroke:#d55e00;fill:none}
-.legend{display:flex;flex-wrap:wrap;gap:4px 18px;margin-top:8px;font-size:13px;color:var(--soft)}
-.chip{display:inline-block;width:12px;height:12px;border-radius:2px;background:var(--c);margin-right:6px;vertical-align:-1px}
-.legend b{color:var(--ink);font-weight:600}
-.readout{min-height:20px;font-size:13px;color:var(--ink);margin-top:6px}
-table{border-collapse:collapse;width:100%;background:var(--card);box-shadow:0 0 0 1px var(--line);border-radius:4px;font-size:14px}
-th,td{text-align:left;padding:6px 14px;border-top:1px solid var(--grid);vertical-align:top;overflow-wrap:anywhere}
-tr:first-child th,tr:first-child td{border-top:0}
-th{font-weight:500;color:var(--soft);width:220px}
-table.wide th{width:auto;white-space:nowrap}td.n{text-align:right;white-space:nowrap}
-@media print{main{padding:0}figure,.tile{break-inside:avoid}}
-)";
-
-// Reads the frame under the pointer. No "less than" and no "and": the file stays well-formed XML.
-constexpr std::string_view kScript = R"(
-const svg=document.getElementById("plots"),line=document.getElementById("hover"),out=document.getElementById("readout");
-const empty=out.textContent,num=(v,d)=>v===null?"–":v.toFixed(d).replace("-","−");
-svg.addEventListener("mousemove",e=>{
- const p=new DOMPoint(e.clientX,e.clientY).matrixTransform(svg.getScreenCTM().inverse());
- const t=T0+(p.x-X0)/XS;let best=D[0];for(const d of D)if(Math.abs(best[1]-t)>Math.abs(d[1]-t))best=d;
- const x=X0+(best[1]-T0)*XS;line.setAttribute("x1",x);line.setAttribute("x2",x);line.style.visibility="visible";
- out.textContent="frame "+best[0]+"  ·  "+best[1].toFixed(3)+" s  ·  "+best[2]+"  ·  E "+num(best[3],3)+" nat  ·  dE/dt "+
- num(best[4],2)+" nat/s  ·  Vx "+num(best[5],2)+" mm/s  ·  Vy "+num(best[6],2)+" mm/s  ·  "+best[7]+" markers";});
-svg.addEventListener("mouseleave",()=>{line.style.visibility="hidden";out.textContent=empty;});
-)";
-
-std::string escape(std::string_view text) {
-  std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      case '\'':
-        out += "&#39;";
-        break;
-      default:
-        // Control characters are not allowed in XML, escaped or not.
-        out += static_cast<unsigned char>(c) < 0x20 && c != '\n' && c != '\t' ? ' ' : c;
-    }
-  }
-  return out;
 }
 
 // Shortest text to a tenth of a drawing unit.
@@ -209,7 +110,7 @@ class TimePlots {
     fill_columns();
   }
 
-  // The whole drawing; t0 and units per second for the read-out.
+  // The whole drawing. It says where its time begins, and its units per second: the cursor goes by that.
   std::string svg() {
     y_ = info_.marks.empty() ? 6 : 22;
     top_ = y_;
@@ -228,12 +129,9 @@ class TimePlots {
     const double bottom = y_ - 6;
     time_axis(bottom);
     return fmt::format(
-        R"(<svg id="plots" viewBox="0 0 {} {}" role="img" aria-label="time plots">{}{}{}<line id="hover" class="hover" x1="0" x2="0" y1="{}" y2="{}"/></svg>)",
-        kWidth, px(bottom + 40), shading(bottom), body_, marks(bottom), px(top_), px(bottom));
+        R"(<svg id="plots" viewBox="0 0 {0} {1}" role="img" aria-label="time plots" data-t0="{2:.6f}" data-scale="{3:.6f}" data-left="{4}">{5}{6}{7}<line id="hover" class="hover" x1="0" x2="0" y1="{8}" y2="{9}"/><line id="cursor" class="cursor" x1="0" x2="0" y1="{8}" y2="{9}"/></svg>)",
+        kWidth, px(bottom + 40), t0_, scale_, kLeft, shading(bottom), body_, marks(bottom), px(top_), px(bottom));
   }
-
-  [[nodiscard]] double t0() const { return t0_; }
-  [[nodiscard]] double scale() const { return scale_; }
 
  private:
   struct Curve {
@@ -355,8 +253,8 @@ class TimePlots {
   }
 
   void row_name(std::string_view name, double height) {
-    body_ += fmt::format(R"(<text class="name" x="{}" y="{}" text-anchor="end" style="font-size:11px">{}</text>)",
-                         kLeft - 7, px(y_ + height / 2 + 4), name);
+    body_ += fmt::format(R"(<text class="name small" x="{}" y="{}" text-anchor="end">{}</text>)", kLeft - 7,
+                         px(y_ + height / 2 + 4), name);
   }
 
   void state_band() {
@@ -738,27 +636,9 @@ std::string state_legend(const std::vector<ReportFrame>& frames, bool shaded) {
   return out + "</div>";
 }
 
-std::string number(double value, bool valid, int decimals) {
-  return valid && std::isfinite(value) ? fmt::format("{:.{}f}", value, decimals) : "null";
-}
-
-// Frames for the read-out: all, or evenly chosen ones.
-std::string readout_data(const std::vector<ReportFrame>& frames) {
-  const std::size_t step = (frames.size() + kMaxReadouts - 1) / kMaxReadouts;
-  std::string out = "[";
-  for (std::size_t i = 0; i < frames.size(); i += step) {
-    const ReportFrame& f = frames[i];
-    out += fmt::format("{}[{},{:.4f},\"{}\",{},{},{},{},{}]", i == 0 ? "" : ",", f.frame, f.t_s,
-                       holdfast::info(f.state).name, number(f.entropy_nat, f.features_valid, 3),
-                       number(f.entropy_rate_nat_s, f.rates_valid, 2), number(f.vx_mm_s, f.rates_valid, 2),
-                       number(f.vy_mm_s, f.rates_valid, 2), f.markers);
-  }
-  return out + "]";
-}
-
 }  // namespace
 
-void Report::add(const ReportFrame& frame, std::span<const Arrow> arrows) {
+void Report::add(const ReportFrame& frame, std::span<const Arrow> arrows, const Seen& seen) {
   const auto keep = [&] { return Moment{frame, {arrows.begin(), arrows.end()}}; };
   if (frame.slip && !first_slip_) first_slip_ = keep();
   if (frame.features_valid) {
@@ -767,28 +647,23 @@ void Report::add(const ReportFrame& frame, std::span<const Arrow> arrows) {
     end_ = keep();
   }
   frames_.push_back(frame);
+  track_.add(frame, arrows, seen);
 }
 
 std::string Report::html(const ReportInfo& info) const {
-  std::string out = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>";
-  out += R"(<meta name="viewport" content="width=device-width,initial-scale=1"/>)";
-  out += fmt::format("<title>{}</title><style>{}</style></head>\n<body><main>\n", escape(info.title), kStyle);
+  std::string out = page::begin(info.title);
   out += fmt::format("<header><h1>{}</h1><p class=\"sub\">{}</p></header>\n", escape(info.title), escape(info.input));
-  if (frames_.empty()) return out + "<p>The recording gave no frames.</p>\n</main></body></html>\n";
+  if (frames_.empty()) return out + "<p>The recording gave no frames.</p>\n" + page::end("null");
 
   const std::vector<std::size_t> starts = slip_starts(frames_);
   const Summary s = summarise(frames_);
-  out += verdict(frames_, info, starts);
-  out += "\n<div class=\"tiles\">" + tile(std::to_string(frames_.size()), "frames") +
-         tile(percent(s.accepted, frames_.size()), "accepted") +
-         tile(s.with_features > 0 ? fmt::format("{:.2f} / {}", s.mean_markers, s.worst_markers) : "–",
-              fmt::format("markers of {}, mean / worst", info.grid_markers)) +
-         tile(std::to_string(starts.size()), "times slip raised") +
-         tile(percent(s.grip_ok, frames_.size()), "of frames with GRIP_OK HIGH") + "</div>\n";
+  out += "<div class=\"recorded\">" + verdict(frames_, info, starts) + "</div>\n";
+  out += "<div class=\"watch\">\n" + page::explorer();
 
   TimePlots plots(frames_, info);
-  out += "<h2>Over time</h2>\n<figure>" + plots.svg() + "\n<p class=\"readout\" id=\"readout\">&#160;</p>" +
-         state_legend(frames_, !starts.empty()) + "</figure>\n";
+  out += "<div class=\"recorded\"><h2>Over time</h2>\n<figure>" + plots.svg() +
+         "\n<p class=\"readout\" id=\"readout\">&#160;</p>" + state_legend(frames_, !starts.empty()) +
+         "</figure></div></div>\n<div class=\"recorded\">";
 
   std::vector<Card> cards;
   const auto offer = [&](std::string_view name, const std::optional<Moment>& moment) {
@@ -818,7 +693,13 @@ std::string Report::html(const ReportInfo& info) const {
     out += "</div>\n";
   }
 
-  out += "<h2>Summary</h2>\n" + summary_table(frames_, info, s, starts) + "\n" + reason_table(s);
+  out += "<h2>Summary</h2>\n<div class=\"tiles\">" + tile(std::to_string(frames_.size()), "frames") +
+         tile(percent(s.accepted, frames_.size()), "accepted") +
+         tile(s.with_features > 0 ? fmt::format("{:.2f} / {}", s.mean_markers, s.worst_markers) : "–",
+              fmt::format("markers of {}, mean / worst", info.grid_markers)) +
+         tile(std::to_string(starts.size()), "times slip raised") +
+         tile(percent(s.grip_ok, frames_.size()), "of frames with GRIP_OK HIGH") + "</div>\n" +
+         summary_table(frames_, info, s, starts) + "\n" + reason_table(s);
   if (!info.notes.empty()) {
     out += "<h2>Notes</h2>\n";
     for (const std::string& note : info.notes) out += "<p class=\"note\">" + escape(note) + "</p>\n";
@@ -827,9 +708,7 @@ std::string Report::html(const ReportInfo& info) const {
       "<p class=\"note\" style=\"margin-top:28px\">GRIP_OK counts only while the last ALIVE edge is younger "
       "than "
       "150 ms. Holdfast is not a certified safety function.</p>\n";
-  out += fmt::format("</main><script>const T0={},XS={},X0={},D={};{}</script></body></html>\n", plots.t0(),
-                     plots.scale(), kLeft, readout_data(frames_), kScript);
-  return out;
+  return out + "</div>\n" + page::end(track_.json(info));
 }
 
 std::string Report::write(const std::filesystem::path& path, const ReportInfo& info,

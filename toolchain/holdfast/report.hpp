@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The report of one run: a single HTML file with inline SVG that needs nothing else to be read.
+// The report of one run: a single HTML file that needs nothing else to be read.
 //
 // Time plots on one axis (E, dE/dt, Vx and Vy, optional truth, state, GRIP_OK, ALIVE), the displacement
-// histogram and the markers' arrows at four moments (rest, largest E, first slip, end), and a summary. Light
-// and dark by the reader's preference. A script of a few lines adds a read-out under the pointer; without it
-// nothing is missing. Long runs are thinned to the extremes per pixel column: the file stays below 2 MB
-// whatever the number of frames. Times in s of the recording, lengths in pixels of the input, speeds in mm/s,
-// entropy in nat (natural logarithm).
+// histogram and the markers' arrows at four moments (rest, largest E, first slip, end), and a summary: all of that as
+// inline SVG, readable without a script. With one (page.hpp) each frame can be looked at, and a live session as well.
+// Light and dark by the reader's preference. Long runs are thinned, plots to the extremes per pixel column: the file
+// stays below 4 MB whatever the number of frames. Times in s of the recording, lengths in pixels of the input, speeds
+// in mm/s, entropy in nat (natural logarithm).
 #pragma once
 
 #include <array>
@@ -20,6 +20,7 @@
 #include "base/status.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/holdfast/overlay.hpp"
+#include "toolchain/holdfast/track.hpp"
 
 namespace holdfast::tool {
 
@@ -74,8 +75,8 @@ struct ReportInfo {
 
 class Report {
  public:
-  // In order of time. `arrows` may be empty; they are kept for the chosen moments only.
-  void add(const ReportFrame& frame, std::span<const Arrow> arrows);
+  // In order of time. `arrows` may be empty.
+  void add(const ReportFrame& frame, std::span<const Arrow> arrows, const Seen& seen = {});
 
   [[nodiscard]] std::string html(const ReportInfo& info) const;
   // Atomic; returns empty, or one line that says what is wrong.
@@ -90,6 +91,7 @@ class Report {
  private:
   std::vector<ReportFrame> frames_;
   std::optional<Moment> rest_, peak_, first_slip_, end_;
+  Track track_;
 };
 
 }  // namespace holdfast::tool

@@ -208,7 +208,7 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     row.entropy_rate_nat_s = nat_per_s(f.entropy_rate);
     std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
   }
-  if (!paths_.report.empty()) report_.add(row, arrows_);
+  if (!paths_.report.empty()) report_.add(row, arrows_, seen(scale, given));
   if (log_ || frame_log_) write_logs(row);
   if (!paths_.overlay.empty() && has_features) keep_for_overlay(scale, given);
 }
@@ -223,6 +223,23 @@ void Session::write_logs(const ReportFrame& row) {
   frame.cols = app_->state().tracker.field.grid.cols;
   frame.jpeg = tap_->jpeg();
   frame_log_->add(frame);
+}
+
+// The picture for the page: as the firmware saw it, at its working size. A frame that was rejected shows none: what it
+// would be is not known to be a picture.
+Seen Session::seen(double scale, const hal::Frame& given) const {
+  Seen out{};
+  out.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
+  if (!app_->result().quality.ok()) return out;
+  if (given.format == hal::PixelFormat::kMjpeg) {
+    out.picture = app_->state().luma.decoded.view();
+  } else {
+    out.picture = {given.bytes.data(), given.width, given.height, given.stride};
+  }
+  out.width_px = out.picture.width * scale;
+  out.height_px = out.picture.height * scale;
+  if (given.bytes.empty() || out.picture.width <= 0) out.picture.data = nullptr;
+  return out;
 }
 
 // The overlay shows the frame that raised slip first; without one, the frame of the largest entropy.

@@ -113,6 +113,7 @@ class Session {
  private:
   [[nodiscard]] std::unique_ptr<AtomicFile> open(const std::filesystem::path& path);
   void write_logs(const ReportFrame& row);
+  [[nodiscard]] Seen seen(double scale, const hal::Frame& given) const;
   void keep_for_overlay(double scale, const hal::Frame& given);
   [[nodiscard]] std::string draw_overlay() const;
 

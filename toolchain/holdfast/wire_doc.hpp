@@ -23,4 +23,7 @@ namespace holdfast::wire_doc {
 // step.
 [[nodiscard]] std::string errors_markdown();
 
+// The whole of toolchain/page/tables.js: the constants of the page's decoder, and the words for its numbers.
+[[nodiscard]] std::string page_tables();
+
 }  // namespace holdfast::wire_doc

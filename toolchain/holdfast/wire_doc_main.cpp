@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // wire_doc: prints firmware/app/LINK.md (`doc`), firmware/app/STATES.md (`states`), firmware/ERRORS.md (`errors`),
-// toolchain/robot/holdfast_link.h (`c99`) or, from the table named behind it, firmware/app/mode_prices.gen.hpp
+// toolchain/robot/holdfast_link.h (`c99`), toolchain/page/tables.js (`page`) or, from the table named behind it, firmware/app/mode_prices.gen.hpp
 // (`modes`) to stdout. The build target `wire_docs` writes all of them.
 #include <cstdio>
 #include <fstream>
@@ -22,10 +22,11 @@ int main(int argc, char** argv) {
            : what == "states" ? holdfast::wire_doc::states_markdown()
            : what == "errors" ? holdfast::wire_doc::errors_markdown()
            : what == "c99"    ? holdfast::wire_doc::link_header()
+           : what == "page"   ? holdfast::wire_doc::page_tables()
                               : "";
   }
   if (text.empty()) {
-    std::fprintf(stderr, "usage: wire_doc doc|states|errors|c99, or wire_doc modes TRADE.csv\n");
+    std::fprintf(stderr, "usage: wire_doc doc|states|errors|c99|page, or wire_doc modes TRADE.csv\n");
     return 2;
   }
   return std::fwrite(text.data(), 1, text.size(), stdout) == text.size() && std::fflush(stdout) == 0 ? 0 : 1;

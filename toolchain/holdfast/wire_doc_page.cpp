@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the page of a session knows of the wire: a module of constants for toolchain/page/wire.js.
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+#include "app/link.hpp"
+#include "app/params.hpp"
+#include "app/status_frame.hpp"
+#include "base/status.hpp"
+#include "tactile/types.hpp"
+#include "toolchain/holdfast/wire_doc.hpp"
+#include "vision/markers.hpp"
+
+namespace holdfast::wire_doc {
+namespace {
+
+namespace sf = status_frame;
+using Json = nlohmann::ordered_json;
+
+std::string_view type_of(link::WireType type) {
+  switch (type) {
+    case link::WireType::kU8:
+      return "u8";
+    case link::WireType::kU16:
+      return "u16";
+    case link::WireType::kU32:
+      return "u32";
+    case link::WireType::kI32:
+      return "i32";
+  }
+  return "";
+}
+
+Json status_fields() {
+  Json fields = Json::object();
+  for (const sf::Field& field : sf::kFields) fields[std::string(field.name)] = {field.offset, type_of(field.type)};
+  return fields;
+}
+
+// Kinds 4 and 5: five markers of a field each.
+Json marker_fields() {
+  return {{"version", {0, "u8"}}, {"kind", {1, "u8"}},   {"sequence", {2, "u16"}},
+          {"rows", {4, "u8"}},    {"cols", {5, "u8"}},   {"first", {6, "u8"}},
+          {"valid", {7, "u8"}},   {"x0_um", {8, "i16"}}, {"crc16", {28, "u16"}}};
+}
+
+// A table row a line: differences of the committed file can be read.
+std::string lines_of(const Json& rows) {
+  std::string out = "[\n";
+  for (const Json& row : rows) out += "    " + row.dump() + ",\n";
+  return out + "  ]";
+}
+
+}  // namespace
+
+std::string page_tables() {
+  Json states = Json::array(), reasons = Json::array(), flags = Json::object();
+  for (const StateInfo& s : kStates) {
+    states.push_back({{"number", static_cast<int>(s.state)}, {"name", s.name}, {"meaning", s.meaning}});
+  }
+  for (const ReasonInfo& r : kReasons) {
+    reasons.push_back({{"number", static_cast<int>(r.reason)},
+                       {"name", r.name},
+                       {"what", r.what},
+                       {"cause", r.cause},
+                       {"next", r.next}});
+  }
+  for (const sf::Flag& flag : sf::kFlags) flags[std::string(flag.name)] = flag.bit;
+  const Json kinds = {{"status", static_cast<int>(link::Kind::kStatus)}, {"displacement", 4}, {"rest", 5}};
+
+  std::string out =
+      "// SPDX-License-Identifier: Apache-2.0\n"
+      "// Written by wire_doc from firmware/app/{link,status_frame,params}.hpp and firmware/base/status.hpp; do not "
+      "edit.\n"
+      "export const WIRE = {\n";
+  const auto entry = [&](std::string_view name, const std::string& value) {
+    out += "  " + std::string(name) + ": " + value + ",\n";
+  };
+  entry("version", std::to_string(link::kVersion));
+  entry("lastVersion", std::to_string(link::kLastVersion));
+  entry("minWireBytes", std::to_string(link::wire_bytes(link::kMinPayloadBytes)));
+  entry("maxWireBytes", std::to_string(link::kMaxWireBytes));
+  entry("kinds", kinds.dump());
+  entry("statusBytes", std::to_string(sf::kPayloadBytes));
+  entry("status", status_fields().dump());
+  entry("flags", flags.dump());
+  entry("oldestAge", std::to_string(sf::kOldestAge));
+  entry("markerBytes", "30");
+  entry("markersPerFrame", "5");
+  entry("marker", marker_fields().dump());
+  entry("maxMarkers", std::to_string(kMaxMarkers));
+  entry("freshMs", std::to_string(sf::kFreshFor.count() / 1000));
+  entry("bins", std::to_string(kHistogramBins));
+  entry("histogramRangeUm", std::to_string(Params{}.histogram_range_um));
+  entry("pitchUm", std::to_string(Params{}.pitch_um));
+  entry("states", lines_of(states));
+  entry("reasons", lines_of(reasons));
+  return out + "};\n";
+}
+
+}  // namespace holdfast::wire_doc

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// The board's port `host` through the Web Serial API: asks for the frames, hands on every byte, and takes its leave.
+
+const kBaud = 115200;
+
+export function serialOf() {
+  return "serial" in navigator ? navigator.serial : null;
+}
+
+export function whyNoSerial() {
+  const where = "in Chromium or Chrome on the machine that the board is plugged into";
+  if (!isSecureContext) return `Live mode needs a page from disk. Next: save this page, and open it ${where}.`;
+  return `Live mode needs the Web Serial API. Next: open this page ${where}.`;
+}
+
+export class Port {
+  // on.bytes(Uint8Array), on.state("open" | "closed", what and next as one text)
+  constructor(on) {
+    this.on = on;
+    this.port = null;
+    this.reader = null;
+    this.leaving = false;
+  }
+
+  get open() {
+    return this.port !== null;
+  }
+
+  async connect() {
+    let port;
+    try {
+      port = await serialOf().requestPort();
+    } catch {
+      return this.on.state("closed", "No port was chosen. Next: Connect, and pick the board's port.");
+    }
+    try {
+      await port.open({ baudRate: kBaud });
+    } catch (error) {
+      const next = "Likely cause: another program has it. Next: close that, then Connect.";
+      return this.on.state("closed", `The port could not be opened (${error.message}). ${next}`);
+    }
+    this.port = port;
+    this.leaving = false;
+    this.on.state("open", "Connected");
+    await this.send("watch on");
+    await this.read();
+  }
+
+  // The end of the stream is either ours or the cable's. A byte that was garbled (framing, overrun, break) ends one
+  // stream and begins another; a port that is gone has none.
+  async read() {
+    for (let failures = 0; !this.leaving && this.port.readable !== null && failures < 100; ++failures) {
+      this.reader = this.port.readable.getReader();
+      try {
+        for (;;) {
+          const { value, done } = await this.reader.read();
+          if (done) break;
+          failures = 0;
+          this.on.bytes(value);
+        }
+      } catch {
+        continue;
+      } finally {
+        this.reader.releaseLock();
+        this.reader = null;
+      }
+      break;
+    }
+    const cause = "Likely cause: the cable was pulled, or the board started anew. Next: plug it in, then Connect.";
+    const left = "Disconnected. What was received can still be looked at.";
+    const words = this.leaving ? left : `The port is gone. ${cause}`;
+    await this.close();
+    this.on.state("closed", words);
+  }
+
+  async send(line) {
+    try {
+      const writer = this.port.writable.getWriter();
+      await writer.write(new TextEncoder().encode(`${line}\r\n`));
+      writer.releaseLock();
+    } catch {
+      // A port that cannot be written to ends its reading, too.
+    }
+  }
+
+  async leave() {
+    if (this.port === null || this.leaving) return;
+    this.leaving = true;
+    await this.send("watch off");
+    if (this.reader !== null) await this.reader.cancel().catch(() => {});
+  }
+
+  async close() {
+    const { port } = this;
+    this.port = null;
+    if (port !== null) await port.close().catch(() => {});
+  }
+}
