@@ -71,6 +71,16 @@ Event Receiver::push(std::uint8_t byte) {
   return Event::kDamaged;
 }
 
+Event Receiver::give_up() {
+  text_ = 0;
+  const bool begun = place_ == Place::kBegun && count_ > 0;
+  if (in_frame()) place_ = Place::kText;
+  if (!begun) return Event::kNone;
+  if (count_ == 1) return text(1);
+  ++damaged_;
+  return Event::kDamaged;
+}
+
 // A byte alone between two delimiters is no frame, but may be an empty line.
 Event Receiver::end() {
   const std::size_t count = place_ == Place::kBegun ? count_ : 0;

@@ -151,6 +151,10 @@ enum class Event : std::uint8_t {
 class Receiver {
  public:
   Event push(std::uint8_t byte);
+  // Something has begun that may be a frame, or was none, and has not ended.
+  [[nodiscard]] bool in_frame() const { return place_ == Place::kLost || (place_ == Place::kBegun && count_ > 0); }
+  // Nothing came for long: what has begun is no frame, and what comes is text. One byte alone is text as well.
+  Event give_up();
 
   // Both of the last push().
   [[nodiscard]] const Payload& payload() const { return payload_; }

@@ -12,6 +12,7 @@ namespace {
 constexpr std::string_view kLockedPrompt = "holdfast> ";
 constexpr std::string_view kUnlockedPrompt = "holdfast# ";
 constexpr Micros kScreenEvery{200'000};  // 5 Hz: as fast as figures can be read
+constexpr std::uint8_t kLost = 0x1A;     // no key of text: the line that it stands in is damaged
 constexpr int kMarkersEvery = 5;         // pictures
 constexpr int kRestEvery = 125;          // pictures: who begins to listen later learns it within 5 s
 
@@ -135,19 +136,28 @@ void Console::poll() {
   daemon_.app().laps().add(Task::kConsole, clock_.now() - begun);
 }
 
-// What is behind a running command waits, and when the buffer is full, in the port. Ctrl-C alone goes before.
+// What comes while a command is running waits for its end. Ctrl-C goes before all of it, also when there is no more
+// room for anything else.
 void Console::read() {
   std::array<std::uint8_t, kMostIn> bytes;
-  const std::size_t room = std::min(bytes.size(), in_.size() - in_size_);
-  const std::size_t count = port_.read(std::span(bytes).first(room));
+  const std::size_t count = port_.read(bytes);
+  if (count > 0) heard_at_ = clock_.now();
   for (const std::uint8_t byte : std::span(bytes).first(count)) {
-    if (byte == 0x03 && !idle()) {
+    if (byte == 0x03 && (!idle() || in_size_ > 2 * kMostIn)) {
+      in_begin_ = 0;
       in_size_ = 0;
-      finish({Answer::Kind::kError, Error::kInterrupted});
-      continue;
+      overrun_ = false;
+      if (!idle()) {
+        finish({Answer::Kind::kError, Error::kInterrupted});
+      } else {
+        in_[in_size_++] = byte;
+      }
+    } else if (in_size_ == in_.size()) {
+      overrun_ = true;
+    } else {
+      in_[(in_begin_ + in_size_) % in_.size()] = byte;
+      ++in_size_;
     }
-    in_[(in_begin_ + in_size_) % in_.size()] = byte;
-    ++in_size_;
   }
 }
 
@@ -161,6 +171,13 @@ void Console::run() {
     in_begin_ = (in_begin_ + 1) % in_.size();
     --in_size_;
     take(byte);
+    if (in_size_ > 0 || !overrun_) continue;
+    overrun_ = false;
+    take(kLost);
+  }
+  if (in_size_ == 0 && idle() && frames_.in_frame() && clock_.now() - heard_at_ > kFrameGap &&
+      frames_.give_up() == link::Event::kText) {
+    take_text();
   }
   if (idle() && !at_prompt_ && out_.room() >= kStepBytes) prompt();
 }
@@ -178,7 +195,10 @@ void Console::take(std::uint8_t byte) {
     send_frame(wire);
     return;
   }
-  if (event != link::Event::kText) return;
+  if (event == link::Event::kText) take_text();
+}
+
+void Console::take_text() {
   std::array<std::uint8_t, link::kMaxWireBytes> text;
   const std::size_t count = frames_.text().size();
   std::copy_n(frames_.text().begin(), count, text.begin());
@@ -204,6 +224,7 @@ void Console::take(std::uint8_t byte) {
 void Console::end_line(LineEditor::Event event) {
   at_prompt_ = false;
   last_line_ = clock_.now();
+  detail_.clear();
   if (event == LineEditor::Event::kTooLong) return fail(Error::kTooLong);
   if (event == LineEditor::Event::kDamaged) return fail(Error::kDamaged);
   begin(editor_.line());

@@ -86,6 +86,7 @@ class Console {
   static constexpr std::size_t kMostOut = 1024;
   static constexpr int kMostSteps = 4;
   static constexpr std::size_t kStepBytes = 1280;
+  static constexpr Micros kFrameGap{200'000};                     // a frame takes 3 ms at 115200 baud
   static constexpr Micros kStaysUnlocked{10 * 60 * 1'000'000LL};  // after the last line
 
   // ---- For the commands
@@ -113,6 +114,7 @@ class Console {
   void read();
   void run();
   void take(std::uint8_t byte);
+  void take_text();
   void end_line(LineEditor::Event event);
   void begin(std::string_view line);
   void finish(Answer answer);
@@ -135,9 +137,11 @@ class Console {
   Page page_{out_};
   LineEditor editor_;
   link::Receiver frames_;
+  Micros heard_at_{};
   command_frame::Once once_;
-  std::array<std::uint8_t, 512> in_{};  // read and not yet looked at
+  std::array<std::uint8_t, 4096> in_{};  // read and not yet looked at: a pasted `dump` four times over
   std::size_t in_begin_ = 0, in_size_ = 0;
+  bool overrun_ = false;  // what came behind it is lost, so the line that it cut is none
 
   const CommandInfo* running_ = nullptr;
   Words words_;

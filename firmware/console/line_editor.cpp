@@ -48,10 +48,11 @@ LineEditor::Event LineEditor::push(std::uint8_t byte, Output& out) {
   after_cr_ = byte == '\r';
   if (second_half) return Event::kNone;
   if (byte == '\r' || byte == '\n') return end_line(out);
-  if (escape_ != Escape::kNone) {
+  if (escape_ != Escape::kNone && byte >= 0x20) {
     escape(byte, out);
     return Event::kNone;
   }
+  escape_ = Escape::kNone;  // a key in the middle of another's bytes: those do not come any more
   if (byte < 0x20 || byte == kDelete) return control(byte, out);
   if (byte > kDelete) {
     damaged_ = true;

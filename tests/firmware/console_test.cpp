@@ -588,6 +588,23 @@ TEST(Console, ObeysCommandFramesAmongTheText) {
   check_ok("version");
 }
 
+// Noise that looks like the beginning of a frame holds nobody up for long.
+TEST(Console, GivesUpAFrameThatDoesNotEnd) {
+  start();
+  desk.type(std::string("\0-\x03", 3));
+  desk.run(Console::kFrameGap + 10ms);
+  check_ok("version");
+  desk.type(std::string("\0v", 2));
+  desk.run(Console::kFrameGap + 10ms);
+  check_ok("ersion");
+  std::string too_long("\0x\x01", 3);
+  desk.type(too_long += std::string(60, 'x'));
+  desk.run(Console::kFrameGap + 10ms);
+  check_ok("version");
+  link::Receiver receiver;
+  CHECK(receiver.give_up() == link::Event::kNone);
+}
+
 // Nobody reads: the answer waits, the device goes on, and when somebody reads again all of it comes.
 TEST(Console, WaitsForASlowReader) {
   start();
@@ -669,6 +686,37 @@ TEST(Console, DoesABoundedAmountOfWorkPerTurn) {
   for (const Micros until = desk.clock.now() + 900ms; desk.clock.now() < until;) desk.turn();
   desk.type("\r");
   check_ok("version");
+}
+
+// More than it keeps, behind an answer that nobody reads: what is lost damages the line that it cuts, and Ctrl-C is
+// heard all the same.
+TEST(Console, HearsCtrlCBehindMoreThanItKeeps) {
+  start();
+  desk.run(2s);
+  (void)desk.heard();
+  desk.host.set_full(true);
+  std::string lines = "log frames json\r";
+  for (int k = 0; k < 600; ++k) lines += "version\r";
+  for (std::size_t at = 0; at < lines.size(); at += 500) {
+    desk.type(lines.substr(at, 500));
+    desk.run(100ms);
+  }
+  desk.host.set_full(false);
+  desk.run(20s);
+  const std::string text = desk.heard();
+  STRCMP_CONTAINS("ERR 3 line_damaged", (text + desk.say("x")).c_str());
+  check_ok("version");
+  desk.host.set_full(true);
+  for (std::size_t at = 0; at < lines.size(); at += 500) {
+    desk.type(lines.substr(at, 500));
+    desk.run(100ms);
+  }
+  desk.type("\x03");
+  desk.run(50ms);
+  desk.host.set_full(false);
+  desk.run(200ms);
+  (void)desk.heard();
+  check_says("version", "link_version");
 }
 
 TEST(Console, KeepsNobodyWaitingAfterAHangUp) {

@@ -147,6 +147,14 @@ TEST(LineEditor, PassesOverKeysThatItDoesNotKnow) {
   CHECK(events.back() == LineEditor::Event::kLine);
 }
 
+// What is left of a cut sequence does not swallow the key behind it.
+TEST(LineEditor, HearsCtrlCInTheMiddleOfASequence) {
+  press("abc\x1B[\x03");
+  CHECK(events.back() == LineEditor::Event::kInterrupt);
+  press("\x1B[1\x1B[Dx\r");
+  STRCMP_EQUAL("x", line.c_str());
+}
+
 TEST(LineEditor, RefusesBytesThatNoKeyOfTextMakes) {
   press(
       "a\x02"

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Builds the fuzz targets (preset fuzz): the JPEG decoder, and the readers of scene files, compiled
-# models, frames on the link, a gripper's replies and MCAP files. Writes their seeds and runs them one after the other on one core. See --help.
+# models, frames on the link, a gripper's replies, the console and MCAP files. Writes their seeds and runs them one after
+# the other on one core. See --help.
 # The last line is "no finding", or names the input that was found and how to replay it; exit status 0 and 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -12,7 +13,7 @@ usage() {
   cat <<'USAGE'
 usage: tests/fuzz/run.sh [SECONDS] [--build DIR] [--lines]
   SECONDS      how long to run, 1 to 1000000; default 60. Scenes take a fifth of it, models, frames,
-               replies and MCAP files a tenth each, the decoder the rest.
+               replies, the console and MCAP files a tenth each, the decoder the rest.
   --build DIR  where to build; default build/fuzz. The corpus stays there, so that the next run goes on from it.
   --lines      then tell which share of the code's lines the corpora reach (a second build in DIR-lines)
 Needs clang-14 and libclang-rt-14-dev, and llvm-14 for --lines.
@@ -62,13 +63,14 @@ built() {
 
 say "building in $build"
 built "$build" "jpeg_fuzz jpeg_seeds scene_fuzz scene_seeds model_fuzz model_seeds link_fuzz link_seeds \
-  modbus_fuzz modbus_seeds mcap_fuzz mcap_seeds"
-mkdir -p "$build"/{seeds,corpus,findings} "$build"/{scene,model,link,modbus,mcap}_{seeds,corpus}
+  modbus_fuzz modbus_seeds console_fuzz console_seeds mcap_fuzz mcap_seeds"
+mkdir -p "$build"/{seeds,corpus,findings} "$build"/{scene,model,link,modbus,console,mcap}_{seeds,corpus}
 "$build/bin/jpeg_seeds" "$build/seeds" 1000
 "$build/bin/scene_seeds" "$build/scene_seeds" "$build/scene.dict"
 "$build/bin/model_seeds" "$build/model_seeds" "$build/model.dict"
 "$build/bin/link_seeds" "$build/link_seeds" "$build/link.dict"
 "$build/bin/modbus_seeds" "$build/modbus_seeds" "$build/modbus.dict"
+"$build/bin/console_seeds" "$build/console_seeds" "$build/console.dict"
 "$build/bin/mcap_seeds" "$build/mcap_seeds" "$build/mcap.dict"
 
 # fuzzed TARGET SECONDS CORPUS SEEDS DICTIONARY KNOWN CODE: runs one target; CODE is what --lines reports on. The corpora
@@ -112,7 +114,7 @@ fuzzed() {
 
 scene_seconds=$((seconds / 5 > 0 ? seconds / 5 : 1))
 tenth=$((seconds / 10 > 0 ? seconds / 10 : 1))
-rest=$((seconds - scene_seconds - 4 * tenth))
+rest=$((seconds - scene_seconds - 5 * tenth))
 fuzzed scene_fuzz "$scene_seconds" scene_corpus scene_seeds "$build/scene.dict" tests/fuzz/regressions/scene \
   "drivers/sim/scene/scene_*.cpp"
 fuzzed model_fuzz "$tenth" model_corpus model_seeds "$build/model.dict" tests/fuzz/regressions/model \
@@ -120,6 +122,8 @@ fuzzed model_fuzz "$tenth" model_corpus model_seeds "$build/model.dict" tests/fu
 fuzzed link_fuzz "$tenth" link_corpus link_seeds "$build/link.dict" tests/fuzz/regressions/link "firmware/app/link.cpp"
 fuzzed modbus_fuzz "$tenth" modbus_corpus modbus_seeds "$build/modbus.dict" tests/fuzz/regressions/modbus \
   "firmware/grip/modbus_rtu.cpp"
+fuzzed console_fuzz "$tenth" console_corpus console_seeds "$build/console.dict" tests/fuzz/regressions/console \
+  "firmware/console/*.cpp firmware/app/settings.cpp"
 fuzzed mcap_fuzz "$tenth" mcap_corpus mcap_seeds "$build/mcap.dict" tests/fuzz/regressions/mcap \
   "toolchain/log/mcap_reader.cpp"
 fuzzed jpeg_fuzz $((rest > 0 ? rest : 1)) corpus seeds tests/fuzz/jpeg.dict \

@@ -26,7 +26,8 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, calibrate, study, grip, faults, log, page, devices, doctor or trade; holdfast --help shows how",
+        "evaluate, compile, calibrate, study, grip, faults, log, page, devices, doctor or trade; holdfast --help shows "
+        "how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
   std::string command = "holdfast";

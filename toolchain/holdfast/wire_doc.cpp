@@ -148,7 +148,9 @@ std::string framing() {
          " bytes without a 0x00 are no frame: they are dropped, with all that follows to the end of the line (CR or "
          "LF).\n"
          "5. A 0x00 in the middle of a line belongs to the line, which is no command then: the halves of a broken line "
-         "never become one.\n\n";
+         "never become one.\n"
+         "6. On the port `host`, a frame that has begun and is not followed by another byte for 200 ms is given "
+         "up.\n\n";
 }
 
 std::string commands() {

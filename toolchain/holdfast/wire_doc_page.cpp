@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "app/link.hpp"
+#include "app/marker_frame.hpp"
 #include "app/params.hpp"
 #include "app/status_frame.hpp"
 #include "base/status.hpp"
@@ -17,6 +18,7 @@ namespace holdfast::wire_doc {
 namespace {
 
 namespace sf = status_frame;
+namespace mf = marker_frame;
 using Json = nlohmann::ordered_json;
 
 std::string_view type_of(link::WireType type) {
@@ -27,6 +29,8 @@ std::string_view type_of(link::WireType type) {
       return "u16";
     case link::WireType::kU32:
       return "u32";
+    case link::WireType::kI16:
+      return "i16";
     case link::WireType::kI32:
       return "i32";
   }
@@ -39,11 +43,12 @@ Json status_fields() {
   return fields;
 }
 
-// Kinds 4 and 5: five markers of a field each.
 Json marker_fields() {
-  return {{"version", {0, "u8"}}, {"kind", {1, "u8"}},   {"sequence", {2, "u16"}},
-          {"rows", {4, "u8"}},    {"cols", {5, "u8"}},   {"first", {6, "u8"}},
-          {"valid", {7, "u8"}},   {"x0_um", {8, "i16"}}, {"crc16", {28, "u16"}}};
+  Json fields = Json::object();
+  for (const mf::Field& field : mf::kDisplacementFields) {
+    fields[std::string(field.name)] = {field.offset, type_of(field.type)};
+  }
+  return fields;
 }
 
 // A table row a line: differences of the committed file can be read.
@@ -68,11 +73,14 @@ std::string page_tables() {
                        {"next", r.next}});
   }
   for (const sf::Flag& flag : sf::kFlags) flags[std::string(flag.name)] = flag.bit;
-  const Json kinds = {{"status", static_cast<int>(link::Kind::kStatus)}, {"displacement", 4}, {"rest", 5}};
+  const Json kinds = {{"status", static_cast<int>(link::Kind::kStatus)},
+                      {"displacement", static_cast<int>(link::Kind::kDisplacement)},
+                      {"rest", static_cast<int>(link::Kind::kRest)}};
 
   std::string out =
       "// SPDX-License-Identifier: Apache-2.0\n"
-      "// Written by wire_doc from firmware/app/{link,status_frame,params}.hpp and firmware/base/status.hpp; do not "
+      "// Written by wire_doc from firmware/app/{link,status_frame,marker_frame,params}.hpp and "
+      "firmware/base/status.hpp; do not "
       "edit.\n"
       "export const WIRE = {\n";
   const auto entry = [&](std::string_view name, const std::string& value) {
@@ -87,8 +95,8 @@ std::string page_tables() {
   entry("status", status_fields().dump());
   entry("flags", flags.dump());
   entry("oldestAge", std::to_string(sf::kOldestAge));
-  entry("markerBytes", "30");
-  entry("markersPerFrame", "5");
+  entry("markerBytes", std::to_string(link::payload_bytes(mf::kDisplacementFields)));
+  entry("markersPerFrame", std::to_string(mf::kPerFrame));
   entry("marker", marker_fields().dump());
   entry("maxMarkers", std::to_string(kMaxMarkers));
   entry("freshMs", std::to_string(sf::kFreshFor.count() / 1000));

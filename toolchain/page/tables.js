@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Written by wire_doc from firmware/app/{link,status_frame,params}.hpp and firmware/base/status.hpp; do not edit.
+// Written by wire_doc from firmware/app/{link,status_frame,marker_frame,params}.hpp and firmware/base/status.hpp; do not edit.
 export const WIRE = {
   version: 1,
   lastVersion: 8,
@@ -12,7 +12,7 @@ export const WIRE = {
   oldestAge: 65535,
   markerBytes: 30,
   markersPerFrame: 5,
-  marker: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"rows":[4,"u8"],"cols":[5,"u8"],"first":[6,"u8"],"valid":[7,"u8"],"x0_um":[8,"i16"],"crc16":[28,"u16"]},
+  marker: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"rows":[4,"u8"],"cols":[5,"u8"],"first":[6,"u8"],"valid":[7,"u8"],"x0_um":[8,"i16"],"y0_um":[10,"i16"],"x1_um":[12,"i16"],"y1_um":[14,"i16"],"x2_um":[16,"i16"],"y2_um":[18,"i16"],"x3_um":[20,"i16"],"y3_um":[22,"i16"],"x4_um":[24,"i16"],"y4_um":[26,"i16"],"crc16":[28,"u16"]},
   maxMarkers: 128,
   freshMs: 150,
   bins: 15,

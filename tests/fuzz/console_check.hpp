@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Any bytes at the console of a device that runs, and any bytes where its stored parameters are.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "app/settings.hpp"
+#include "console/console.hpp"
+#include "drivers/sim/clock.hpp"
+#include "drivers/sim/gpio.hpp"
+#include "drivers/sim/hande.hpp"
+#include "drivers/sim/keep.hpp"
+#include "drivers/sim/serial.hpp"
+
+namespace holdfast::test {
+
+// A camera that never sends anything: the console is what is tried here.
+class DarkCamera final : public hal::Camera {
+ public:
+  explicit DarkCamera(sim::Clock& clock) : clock_(clock) {}
+
+ private:
+  [[nodiscard]] bool do_start() override { return true; }
+  [[nodiscard]] hal::Capture do_next(hal::Frame& /*frame*/, Micros timeout) override {
+    clock_.advance(timeout);
+    return hal::Capture::kTimeout;
+  }
+  void do_release(const hal::Frame& /*frame*/) override {}
+  void do_stop() override {}
+  sim::Clock& clock_;
+};
+
+class NoDecoder final : public JpegDecoder {
+ private:
+  [[nodiscard]] Status do_decode(std::span<const std::uint8_t> /*bytes*/, DecodeScale /*scale*/,
+                                 LumaBuffer& /*out*/) override {
+    return {Reason::kJpegDamaged};
+  }
+};
+
+// One for all inputs: a device is megabytes. What an input leaves behind is what the next one finds, as on a real one.
+struct FuzzedDevice {
+  static constexpr std::string_view kCode = "sesame";
+
+  sim::Clock clock;
+  sim::Gpio gpio{clock};
+  sim::Serial link, host{1 << 16};
+  sim::HandE hand{clock};
+  sim::Keep keep{keepsake::kBytes}, stored{settings::kBytes};
+  DarkCamera camera{clock};
+  NoDecoder jpeg;
+  std::unique_ptr<Daemon> daemon =
+      std::make_unique<Daemon>(Devices{camera, gpio, link, clock, jpeg}, Periphery{hand, keep});
+  std::unique_ptr<console::Console> console = std::make_unique<console::Console>(
+      host, *daemon, clock, console::Place{.board = "fuzz", .code = kCode, .settings = &stored});
+
+  FuzzedDevice() {
+    (void)daemon->start({});
+    console->start({});
+  }
+  // The most that one turn said.
+  std::size_t turn() {
+    const std::uint64_t before = host.output().total();
+    daemon->poll();
+    console->poll();
+    return host.output().total() - before;
+  }
+};
+
+// Empty, or what is wrong. The first byte says whether the device is unlocked and whether somebody reads.
+inline std::string check_console_bytes(std::span<const std::uint8_t> bytes) {
+  static FuzzedDevice device;
+  if (bytes.empty()) return {};
+  const unsigned how = bytes[0];
+  const auto type = [&](std::string_view text) {
+    return device.host.feed({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  };
+  device.host.set_full(false);
+  (void)type("\x03\rlock\r");
+  if ((how & 1) != 0) (void)type("unlock sesame\r");
+  for (int k = 0; k < 4; ++k) (void)device.turn();
+  const Params before = device.console->params();
+  const bool unlocked = device.console->unlocked();
+  device.host.set_full((how & 2) != 0);
+  for (std::size_t at = 1; at < bytes.size(); at += 256) {
+    (void)device.host.feed(bytes.subspan(at, std::min<std::size_t>(256, bytes.size() - at)));
+    for (int k = 0; k < 6; ++k) {
+      if (device.turn() > console::Console::kMostOut) return "more said in a turn than is allowed";
+    }
+  }
+  const bool opened =
+      std::search(bytes.begin(), bytes.end(), FuzzedDevice::kCode.begin(), FuzzedDevice::kCode.end()) != bytes.end();
+  if (!unlocked && !opened && device.console->params() != before) return "a locked console changed a parameter";
+  if (!validate(device.console->params()).ok()) return "parameters that contradict each other";
+  if (device.console->out().lost() != 0) return "an answer that did not fit";
+  // Whatever came: Ctrl-C, and after a third of a second (half a frame may have come before it) it answers.
+  device.host.set_full(false);
+  (void)type("\x03\r");
+  for (int k = 0; k < 70; ++k) (void)device.turn();
+  device.host.clear_output();
+  (void)type("\x03\rversion json\r");
+  for (int k = 0; k < 40; ++k) (void)device.turn();
+  const std::vector<std::uint8_t> said = device.host.output_bytes();
+  constexpr std::string_view kAnswer = "{\"firmware\":\"holdfastd ";
+  if (std::search(said.begin(), said.end(), kAnswer.begin(), kAnswer.end()) == said.end()) {
+    return "it answers no more, but: " + std::string(said.begin(), said.end());
+  }
+  return {};
+}
+
+// Any bytes where parameters are stored: what is read is valid, and what is then stored is read again.
+inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
+  std::vector<std::uint8_t> memory(settings::kBytes);
+  std::copy_n(bytes.begin(), std::min(bytes.size(), memory.size()), memory.begin());
+  settings::State state;
+  Params read;
+  (void)settings::load(state, memory, read);
+  if (!validate(read).ok()) return "parameters that contradict each other were read";
+  if (!settings::save(state, memory, read)) return "could not be stored";
+  Params again;
+  settings::State reader;
+  (void)settings::load(reader, memory, again);
+  return again == read ? std::string() : "what was stored is not what is read";
+}
+
+}  // namespace holdfast::test

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// libFuzzer's entry: aborts when the console or the reader of stored parameters does what it must not. Run by run.sh,
+// which also tells how to replay what was found.
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+
+#include "tests/fuzz/console_check.hpp"
+
+// NOLINTNEXTLINE(readability-identifier-naming): the name is libFuzzer's
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace holdfast::test;
+  // The first byte says which: a device's turns take a thousand times as long as reading its parameters.
+  const bool stored = size > 0 && data[0] >= 0xF0;
+  const std::string finding = stored ? check_settings_bytes({data + 1, size - 1}) : check_console_bytes({data, size});
+  if (finding.empty()) return 0;
+  std::fprintf(stderr, "console_fuzz: %s\n", finding.c_str());
+  std::abort();
+}
