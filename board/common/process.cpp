@@ -62,9 +62,10 @@ std::string read_settings(Settings& settings) {
   settings.params = {};
   if (!settings.path.empty()) {
     settings.keep = std::make_unique<drivers::FileKeep>(settings.path, settings::kBytes);
-    if (!settings.keep->error().empty()) return "cannot use " + settings.keep->error();
+    settings.trouble = settings.keep->error();
+    if (!settings.trouble.empty()) settings.keep.reset();
     settings::State state;
-    (void)settings::load(state, settings.keep->memory(), settings.params);
+    if (settings.keep) (void)settings::load(state, settings.keep->memory(), settings.params);
   }
   for (const std::string& setting : settings.given) (void)set(settings.params, setting);
   if (ParamProblem problem; !validate(settings.params, &problem).ok()) {

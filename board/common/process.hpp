@@ -27,6 +27,7 @@ struct Settings {
   std::filesystem::path path;      // --settings; empty: nothing is stored
   std::vector<std::string> given;  // --set, each name=value
   Params params;                   // after read_settings()
+  std::string trouble;             // likewise: why nothing can be stored; empty: it can
   std::unique_ptr<drivers::FileKeep> keep;
 };
 

@@ -181,7 +181,9 @@ std::optional<int> make(int argc, char** argv) {
     return fail(2, wrong, "two settings that contradict each other, or a file that is not this user's",
                 "change one of them");
   }
-  // Without a code it works all the same; nobody can change it by the console then.
+  // Without a place for settings, or a code, it works all the same: nothing can be saved, or nobody can change
+  // anything.
+  if (!options.settings.trouble.empty()) say("cannot use " + options.settings.trouble);
   if (!options.code_file.empty()) {
     if (const std::string wrong = read_code(options.code_file, options.code); !wrong.empty()) {
       say(wrong + ": the console stays locked");

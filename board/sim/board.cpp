@@ -328,6 +328,10 @@ std::optional<int> make(int argc, char** argv) {
   if (const std::string wrong = read_settings(options.settings); !wrong.empty()) {
     return fail(2, wrong, "two settings that contradict each other, or a file that is not yours", "change one of them");
   }
+  if (!options.settings.trouble.empty()) {
+    return fail(1, "cannot use " + options.settings.trouble, "a folder that is not there or not yours",
+                "give another path");
+  }
   options.code = kDeskCode;
   if (!options.code_file.empty()) {
     if (const std::string wrong = read_code(options.code_file, options.code); !wrong.empty()) {

@@ -17,7 +17,7 @@ FileKeep::FileKeep(const std::filesystem::path& path, std::size_t bytes) {
     memory = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
   }
   if (memory == MAP_FAILED) {
-    error_ = path.string() + ": " + std::strerror(errno) + "; the reference is not kept; look at its folder";
+    error_ = path.string() + ": " + std::strerror(errno) + "; nothing is kept there; look at its folder";
   } else {
     memory_ = {static_cast<std::uint8_t*>(memory), bytes};
   }

@@ -330,6 +330,24 @@ TEST(Holdfastd, LeaksNothingThroughKills) {
   std::printf(" %d kills;", cycles());
 }
 
+// The console on the machine's second serial port, as somebody at its other end has it.
+TEST(Holdfastd, AnswersOnItsConsole) {
+  become_fine();
+  const auto asks = [this](const char* line, const char* answer) {
+    machine.diagnostics().clear();
+    machine.type(line);
+    CHECK_TEXT(machine.wait([&] { return machine.diagnostics().find(answer) != std::string::npos; }, 1min),
+               machine.diagnostics().c_str());
+  };
+  asks("\x03\r", "holdfast> ");
+  asks("version json\r", "\"board\":\"virt\"");
+  asks("status json\r", "{\"state\":\"OK\"");
+  asks("set raise_frames 3\r", "ERR 10 locked");
+  asks("devi\t\r", "2BNN4ZE7");
+  asks("log frames json\r", "]}\r\nOK\r\n");
+  become_fine();
+}
+
 // The same tests as on the host, on the kernel's own camera and lines.
 TEST(Holdfastd, LeavesItsDevicesToTheContract) {
   become_fine();
@@ -371,7 +389,9 @@ TEST(Holdfastd, TakesNoMemoryOnceItRuns) {
   const long frames = asked != nullptr ? std::atol(asked) : 100;
   become_fine();
   camera("period 100");
-  LONGS_EQUAL(0, heap_calls(machine, pid(), frames));
+  const long taken = heap_calls(machine, pid(), frames);
+  std::printf(" V4L2: %ld calls in %ld frames;", taken, frames);
+  LONGS_EQUAL(0, taken);
   said("mkdir -p /run/systemd/system/holdfastd.service.d");
   said(
       "printf '[Service]\\nExecStart=\\nExecStart=/usr/bin/holdfastd --backend libcamera $HOLDFASTD_OPTIONS\\n' > "

@@ -123,6 +123,7 @@ class Machine {
   [[nodiscard]] std::string camera(std::string_view command);
   [[nodiscard]] sim::HandE& gripper() { return gripper_; }
   [[nodiscard]] std::string& diagnostics() { return diagnostics_.in; }
+  void type(std::string_view text) { diagnostics_.out += text; }
   [[nodiscard]] int resets() const { return resets_; }
   [[nodiscard]] int watchdog_bites() const { return bites_; }
   // It runs, and its shell has answered whatever it was asked.

@@ -19,9 +19,17 @@ void check_committed(const std::string& path, const std::string& want) {
 
 TEST_GROUP(WireDoc){};
 
+TEST(WireDoc, PricesOfAllModesOrNone) {
+  STRCMP_EQUAL("", holdfast::wire_doc::mode_prices("knob,value\nmode,fast\n").c_str());
+}
+
 TEST(WireDoc, CommittedFilesAreWhatTheTablesSay) {
   check_committed("firmware/app/LINK.md", holdfast::wire_doc::link_markdown());
   check_committed("firmware/app/STATES.md", holdfast::wire_doc::states_markdown());
+  check_committed("firmware/ERRORS.md", holdfast::wire_doc::errors_markdown());
+  std::ifstream table(HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv");
+  const std::string measured{std::istreambuf_iterator<char>(table), std::istreambuf_iterator<char>()};
+  check_committed("firmware/app/mode_prices.gen.hpp", holdfast::wire_doc::mode_prices(measured));
   check_committed("toolchain/robot/holdfast_link.h", holdfast::wire_doc::link_header());
   check_committed("toolchain/page/tables.js", holdfast::wire_doc::page_tables());
 }
