@@ -33,8 +33,8 @@ namespace holdfast::console {
 
 // What a board tells about itself.
 struct Place {
-  std::string_view board;         // sim, rpi4, virt
-  std::string_view code;          // that unlocks; empty: nothing does
+  std::string_view board{};       // sim, rpi4, virt
+  std::string_view code{};        // that unlocks; empty: nothing does
   hal::Keep* settings = nullptr;  // null, or empty memory: nothing can be saved
   hal::Faults* faults = nullptr;  // simulated boards only
   bool prompts = true;            // somebody can type here
