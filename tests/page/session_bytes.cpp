@@ -53,7 +53,7 @@ class Board {
     console_->start(params_);
     type("watch on\r\n");
     for (int frame = 0; player_.step(daemon_->app(), params_, false); ++frame) {
-      if (frame % 20 == 10) type("status\r\n");
+      if (frame % 20 == 10) type("version json\r\n");
       for (int turn = 0; turn < 20; ++turn) console_->poll();
     }
     daemon_->stop();
