@@ -11,10 +11,11 @@ namespace {
 
 constexpr std::string_view kLockedPrompt = "holdfast> ";
 constexpr std::string_view kUnlockedPrompt = "holdfast# ";
-constexpr Micros kScreenEvery{200'000};  // 5 Hz: as fast as figures can be read
-constexpr std::uint8_t kLost = 0x1A;     // no key of text: the line that it stands in is damaged
-constexpr int kMarkersEvery = 5;         // pictures
-constexpr int kRestEvery = 125;          // pictures: who begins to listen later learns it within 5 s
+constexpr Micros kScreenEvery{200'000};    // 5 Hz: as fast as figures can be read
+constexpr std::size_t kMostWaiting = 128;  // what a fast typist, or a robot's frames, may have under way
+constexpr std::uint8_t kLost = 0x1A;       // no key of text: the line that it stands in is damaged
+constexpr int kMarkersEvery = 5;           // pictures
+constexpr int kRestEvery = 125;            // pictures: who begins to listen later learns it within 5 s
 
 // Equal time whatever they hold: how long a wrong code takes tells nothing about the right one. Range: codes up to 64.
 bool equal_codes(std::string_view a, std::string_view b) {
@@ -143,7 +144,7 @@ void Console::read() {
   const std::size_t count = port_.read(bytes);
   if (count > 0) heard_at_ = clock_.now();
   for (const std::uint8_t byte : std::span(bytes).first(count)) {
-    if (byte == 0x03 && (!idle() || in_size_ > 2 * kMostIn)) {
+    if (byte == 0x03 && (!idle() || in_size_ > kMostWaiting)) {
       in_begin_ = 0;
       in_size_ = 0;
       overrun_ = false;
