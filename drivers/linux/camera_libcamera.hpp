@@ -7,6 +7,7 @@
 // the video node beside it.
 // Versions: written for 0.0.3 (Debian 12). What changed up to 0.7: generateConfiguration() takes a span from 0.1 on,
 // planes() returns a span, metadata() a const reference; the calls here are spelled so that all of these compile.
+// Seen to compile: 0.0.3 and 0.4.0 (Debian 13); every build tries declarations of 0.4 (tests/linux/libcamera_v0_4).
 #pragma once
 
 #include <memory>

@@ -1,91 +1,107 @@
 // SPDX-License-Identifier: Apache-2.0
-// sums() of window.hpp in vector code: the same integers as sums_scalar(), 8 pixels at a time.
+// sums() of window.hpp in vector code: the same integers as sums_scalar(), 16 pixels at a time.
 //
-// gcc's generic vectors become NEON or SSE2. Written out because gcc 12 vectorises the scalar loop badly: with it a
-// whole frame took 1 032 744 aarch64 instructions, with this 129 581. Not part of the integer gate: vector registers
-// are its point.
+// OpenCV's universal intrinsics, inline, become NEON or SSE2: `-` of bytes stops at 0. Written out because gcc 12
+// vectorises the scalar loop badly: with it a whole frame took 1 032 744 aarch64 instructions. From gcc's own vectors,
+// 8 pixels at a time, to this (instructions, aarch64 | x86):
+//   window of 16           435 ->    294 |     892 ->    444
+//             24           776 ->    636 |   1 657 ->  1 161
+//             32         1 345 ->    817 |   2 876 ->  1 509
+//             48         2 789 ->  1 785 |   5 703 ->  3 680
+//             64         5 162 ->  2 982 |  10 080 ->  6 476
+//             96        12 378 ->  7 297 |  22 590 -> 14 747
+//            128        23 781 -> 15 696 |  40 719 -> 26 402
+//   a whole frame      116 794 -> 106 205 | 193 000 -> 156 600
+// Not part of the integer gate: vector registers are its point.
 #include <array>
-#include <cstring>
 
-#include "base/math.hpp"
 #include "vision/window.hpp"
+
+#include <opencv2/core/hal/intrin.hpp>
 
 namespace holdfast::window {
 namespace {
 
 // Sum over y of y * w without a multiplication per pixel: within a band of 8 rows the column sum so far is added up
-// once more each row, which weighs row j with 8 - j. Range of the 16-bit lanes: weights <= 255, so a band's column sum
-// <= 2 040, its running sum <= 36 * 255 = 9 180, and a column over 128 rows <= 32 640.
+// once more each row, which weighs row j with 8 - j; so is the sum of all bands so far, each band. Weights are <= 255.
+// Range of the 16-bit lanes, signed where they are multiplied: a band's column sum <= 2 040, 16 of them 32 640; its
+// running sum <= 36 * 255 = 9 180, two of them 18 360; a column over 128 rows <= 32 640. Of the 32-bit sums:
+// mass <= 4.2e6, 8 * bands <= 8 * 16 * mass = 5.4e8, and (128 + 8) * mass = 5.7e8.
 constexpr std::int32_t kBand = 8;
+constexpr std::int32_t kLanes = 16;
 
-constexpr std::size_t kLanes = 8;
-using Bytes [[gnu::vector_size(kLanes)]] = std::uint8_t;
-using Words [[gnu::vector_size(2 * kLanes)]] = std::uint16_t;
-using SignedWords [[gnu::vector_size(2 * kLanes)]] = std::int16_t;
-using DoubleWords [[gnu::vector_size(4 * kLanes)]] = std::uint32_t;
+// The column a group begins at. The last one of a window of 24 begins at 8, and its first half counts nothing.
+constexpr std::int32_t first_of(std::size_t group, std::int32_t size) {
+  const std::int32_t first = static_cast<std::int32_t>(group) * kLanes;
+  return first + kLanes <= size ? first : size - kLanes;
+}
 
-// In a struct, because a template argument loses the attribute that makes a vector.
-struct ByteLanes {
-  Bytes v;
-};
-struct WordLanes {
-  Words v;
-};
-
-std::uint32_t total(const DoubleWords& lanes) {
-  std::uint32_t sum = 0;
-  for (std::size_t lane = 0; lane < kLanes; ++lane) sum += lanes[lane];
-  return sum;
+// first, first + step, ... in eight lanes.
+cv::v_int16x8 ramp(std::int32_t first, std::int32_t step) {
+  const auto at = [&](std::int32_t lane) { return static_cast<std::int16_t>(first + step * lane); };
+  return {at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)};
 }
 
 template <std::int32_t kSize>
 Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Plane& plane, std::uint8_t cap) {
-  constexpr std::size_t kGroups = static_cast<std::size_t>(kSize) / kLanes;
-  constexpr SignedWords kHalfPixels{0, 2, 4, 6, 8, 10, 12, 14};
-  std::array<ByteLanes, kGroups> level_x{};
+  constexpr std::size_t kGroups = (kSize + kLanes - 1) / kLanes;
+  const cv::v_int16x8 slope_x = cv::v_setall_s16(plane.slope_x_q9);
+  const cv::v_uint8x16 second_half(0, 0, 0, 0, 0, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255);
+  std::array<cv::v_uint8x16, kGroups> level_x;
+  std::array<cv::v_uint8x16, kGroups> most;
+  std::array<cv::v_uint16x8, 2 * kGroups> column;
   for (std::size_t g = 0; g < kGroups; ++g) {
-    const auto first = static_cast<std::int16_t>(static_cast<std::int32_t>(2 * g * kLanes) - (kSize - 1));
-    level_x[g].v = __builtin_convertvector(((kHalfPixels + first) * plane.slope_x_q9) >> 9, Bytes);
+    const std::int32_t first = first_of(g, kSize);
+    const auto levels = [&](std::int32_t x) { return cv::v_mul_wrap(ramp(2 * x - (kSize - 1), 2), slope_x) >> 9; };
+    level_x[g] = cv::v_reinterpret_as_u8(cv::v_pack(levels(first), levels(first + kLanes / 2)));
+    most[g] = cv::v_setall_u8(cap);
+    if (first % kLanes != 0) most[g] = most[g] & second_half;
+    column[2 * g] = column[2 * g + 1] = cv::v_setzero_u16();
   }
-  const Bytes most = Bytes{} + cap;
-  std::array<WordLanes, kGroups> column{};
-  DoubleWords mass{};
-  DoubleWords weighted_y{};
+  const cv::v_int16x8 ones = cv::v_setall_s16(1);
+  cv::v_int32x4 mass = cv::v_setzero_s32();
+  cv::v_int32x4 bands = cv::v_setzero_s32();  // sum over the bands of (bands from it on) * w
+  cv::v_int32x4 rows = cv::v_setzero_s32();   // sum over the rows of (rows of its band from it on) * w
   for (std::int32_t y = 0; y < kSize; y += kBand) {
-    std::array<WordLanes, kGroups> band{};
-    std::array<WordLanes, kGroups> running{};
+    std::array<cv::v_uint16x8, 2 * kGroups> band;
+    std::array<cv::v_uint16x8, 2 * kGroups> running;
+    for (std::size_t h = 0; h < 2 * kGroups; ++h) band[h] = running[h] = cv::v_setzero_u16();
     for (std::int32_t j = 0; j < kBand; ++j) {
       const std::uint8_t* row = top_left + static_cast<std::ptrdiff_t>(y + j) * stride;
       const std::int32_t tilt = (plane.slope_y_q9 * (2 * (y + j) - (kSize - 1))) >> 9;
-      const Bytes offset = Bytes{} + static_cast<std::uint8_t>(plane.level + tilt);
+      const cv::v_uint8x16 offset = cv::v_setall_u8(static_cast<std::uint8_t>(plane.level + tilt));
       for (std::size_t g = 0; g < kGroups; ++g) {
-        Bytes luma;
-        std::memcpy(&luma, row + g * kLanes, kLanes);
-        const Bytes level = level_x[g].v + offset;
-        const Bytes dark = (level > luma ? level : luma) - luma;
-        const Bytes weight = dark < most ? dark : most;
-        band[g].v += __builtin_convertvector(weight, Words);
-        running[g].v += band[g].v;
+        const cv::v_uint8x16 level = cv::v_add_wrap(level_x[g], offset);
+        const cv::v_uint8x16 weight = cv::v_min(level - cv::v_load(row + first_of(g, kSize)), most[g]);
+        band[2 * g] = cv::v_add_wrap(band[2 * g], cv::v_expand_low(weight));
+        band[2 * g + 1] = cv::v_add_wrap(band[2 * g + 1], cv::v_expand_high(weight));
+        running[2 * g] = cv::v_add_wrap(running[2 * g], band[2 * g]);
+        running[2 * g + 1] = cv::v_add_wrap(running[2 * g + 1], band[2 * g + 1]);
       }
     }
+    cv::v_uint16x8 total = cv::v_setzero_u16();
     for (std::size_t g = 0; g < kGroups; ++g) {
-      const DoubleWords band32 = __builtin_convertvector(band[g].v, DoubleWords);
-      mass += band32;
-      weighted_y += band32 * static_cast<std::uint32_t>(y + kBand) - __builtin_convertvector(running[g].v, DoubleWords);
-      column[g].v += band[g].v;
+      total = cv::v_add_wrap(total, cv::v_add_wrap(band[2 * g], band[2 * g + 1]));
+      const cv::v_uint16x8 both = cv::v_add_wrap(running[2 * g], running[2 * g + 1]);
+      rows = cv::v_dotprod_fast(cv::v_reinterpret_as_s16(both), ones, rows);
+      column[2 * g] = cv::v_add_wrap(column[2 * g], band[2 * g]);
+      column[2 * g + 1] = cv::v_add_wrap(column[2 * g + 1], band[2 * g + 1]);
     }
+    mass = cv::v_dotprod_fast(cv::v_reinterpret_as_s16(total), ones, mass);
+    bands += mass;
   }
-  // x = first column of the group + lane.
-  constexpr DoubleWords kLane{0, 1, 2, 3, 4, 5, 6, 7};
-  DoubleWords weighted_x{};
-  for (std::size_t g = 0; g < kGroups; ++g) {
-    weighted_x += __builtin_convertvector(column[g].v, DoubleWords) * (kLane + static_cast<std::uint32_t>(g * kLanes));
+  cv::v_int32x4 weighted_x = cv::v_setzero_s32();
+  for (std::size_t h = 0; h < 2 * kGroups; ++h) {
+    const std::int32_t x = first_of(h / 2, kSize) + static_cast<std::int32_t>(h % 2) * kLanes / 2;
+    weighted_x = cv::v_dotprod_fast(cv::v_reinterpret_as_s16(column[h]), ramp(x, 1), weighted_x);
   }
-  return {total(mass), total(weighted_x), total(weighted_y)};
+  const std::int32_t sum = cv::v_reduce_sum(mass);
+  const std::int32_t weighted_y = (kSize + kBand) * sum - cv::v_reduce_sum((bands << 3) + rows);
+  return {static_cast<std::uint32_t>(sum), static_cast<std::uint32_t>(cv::v_reduce_sum(weighted_x)),
+          static_cast<std::uint32_t>(weighted_y)};
 }
 
 }  // namespace
-
 Sums sums(const std::uint8_t* top_left, std::int32_t stride, std::int32_t size, const Plane& plane, std::uint8_t cap) {
   switch (size) {
     case 16:

@@ -7,7 +7,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 sysroot=$PWD/build/sysroot-aarch64 triplet=aarch64-linux-gnu
-aarch64="$triplet-g++ -isystem $sysroot/usr/include -isystem $sysroot/usr/include/$triplet"
+aarch64="$triplet-g++ -isystem $sysroot/usr/include -isystem $sysroot/usr/include/$triplet -isystem $sysroot/usr/include/opencv4"
 
 if (($# > 0)); then
   commands=("$@")
@@ -23,12 +23,12 @@ for command in "${commands[@]}"; do
   objects=build/digest/${command//[^a-z0-9A-Z]/_}
   mkdir -p "$objects"
   emulator=()
-  compile=$command jpeg=-ljpeg
+  compile="$command -isystem /usr/include/opencv4" jpeg=-ljpeg
   if [[ $command == "$triplet"-* ]]; then
     compile="$aarch64 ${command#* }" jpeg=$sysroot/usr/lib/$triplet/libjpeg.so
     emulator=(qemu-aarch64 -L "/usr/$triplet" -E "LD_LIBRARY_PATH=$sysroot/usr/lib/$triplet")
   fi
-  read -ra compile <<<"$compile -std=c++20 -DNDEBUG -Ifirmware -I."
+  read -ra compile <<<"$compile -std=c++20 -DNDEBUG -DHOLDFAST_VERSION=\"digest\" -Ifirmware -I."
   for source in "${sources[@]}"; do
     object=$objects/${source//\//_}.o
     "${compile[@]}" -c "$source" -o "$object"

@@ -43,7 +43,7 @@ lib=build/sim
 }
 work=build/mutate
 mkdir -p "$work/base"
-flags=(-std=c++20 -O0 -w -pipe -D_GLIBCXX_ASSERTIONS -DHOLDFAST_LEAK_CHECK=1 "-DHOLDFAST_SOURCE_DIR=\"$PWD\"" "-DHOLDFAST_BIN_DIR=\"$PWD/$lib/bin\"")
+flags=(-std=c++20 -O0 -w -pipe -isystem /usr/include/opencv4 -D_GLIBCXX_ASSERTIONS -DHOLDFAST_LEAK_CHECK=1 "-DHOLDFAST_SOURCE_DIR=\"$PWD\"" "-DHOLDFAST_BIN_DIR=\"$PWD/$lib/bin\"" "-DHOLDFAST_VERSION=\"mutant\"")
 stages=(classifier contact decision displacement dots entropy exposure extremes features field_features grid imprint math
   model_file picture_check pipeline reference_stage score tracker units window)
 
