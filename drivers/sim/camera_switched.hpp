@@ -31,6 +31,11 @@ class SwitchedCamera final : public hal::Camera {
   void do_release(const hal::Frame& /*frame*/) override { inside_.release(true_frame_); }
   void do_stop() override { inside_.stop(); }
   [[nodiscard]] std::string_view do_identity() const override { return inside_.identity(); }
+  [[nodiscard]] std::string_view do_problem() const override {
+    return what_ == CameraSwitch::kGone
+               ? "the camera is unplugged. Likely cause: `fault camera gone`. Next: `fault off`"
+               : inside_.problem();
+  }
   [[nodiscard]] bool do_live() const override { return inside_.live(); }
 
   hal::Camera& inside_;

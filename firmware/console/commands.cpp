@@ -100,6 +100,7 @@ Answer help(Console& console, const Words& words, std::int32_t step) {
 }
 
 Answer version(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count != 1) return error(Error::kArguments);
   Page& page = console.page();
   page.open(words.json);
   page.text("firmware", "holdfastd " HOLDFAST_VERSION);

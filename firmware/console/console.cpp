@@ -69,7 +69,7 @@ std::string_view nearest(std::string_view name) {
 }
 
 bool is_word(char c) {
-  return (c >= 'a' && c <= 'z') || c == '_' || c == '-';
+  return c >= 'a' && c <= 'z';
 }
 
 // Calls `take` with every word that may stand at place `index` of a line that begins with `first`.
@@ -301,7 +301,7 @@ void Console::prompt() {
 void Console::complete() {
   const std::string_view before = editor_.line().substr(0, editor_.cursor());
   std::size_t begin = before.size();
-  while (begin > 0 && before[begin - 1] != ' ' && before[begin - 1] != '=') --begin;
+  while (begin > 0 && before[begin - 1] != ' ') --begin;
   const std::string_view typed = before.substr(begin);
   std::size_t index = 0;
   std::string_view first;

@@ -136,3 +136,23 @@ TEST(ConsoleOutput, MakesLinesAndJsonOfOnePage) {
       "name  n   x\r\nlong name 0 2.50\r\nb     1   -\r\n",
       said().c_str());
 }
+
+// Keys and cells that are wider than their columns, and columns that are wider than any.
+TEST(ConsoleOutput, KeepsColumnsApartWhateverTheirWidth) {
+  Page page(out);
+  constexpr std::array<Column, 3> kColumns{{{"too long", 4}, {"b", 40}, {"c", 0}}};
+  page.open(false);
+  page.text("a key of more than twenty-two letters", "x");
+  page.list("rows", kColumns);
+  page.row();
+  page.cell("v");
+  page.cell("w");
+  page.cell("z");
+  page.end_row();
+  page.end_list();
+  page.close();
+  STRCMP_EQUAL(("a key of more than twenty-two letters x\r\ntoo long b" + std::string(32, ' ') + "c\r\nv   w" +
+                std::string(32, ' ') + "z\r\n")
+                   .c_str(),
+               said().c_str());
+}

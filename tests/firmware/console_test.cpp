@@ -114,17 +114,23 @@ TEST(Console, AnswersEveryCommand) {
   for (const bool unlocked : {false, true}) {
     if (unlocked) STRCMP_CONTAINS("OK\r\n", desk.unlock().c_str());
     for (const console::CommandInfo& command : console::commands()) {
-      if (command.name == "unlock" || command.name == "reboot" || command.name == "lock") continue;
       std::string line(command.name);
+      line += " one two three";
+      const char* const refusal = command.changes && !unlocked ? "ERR 10 locked" : "ERR 4 arguments";
+      if (command.name != "fault" || unlocked) STRCMP_CONTAINS_TEXT(refusal, desk.say(line).c_str(), line.c_str());
+      if (command.name == "unlock" || command.name == "reboot" || command.name == "lock") continue;
+      line = command.name;
       const std::string answer = desk.say(line);
       const bool locked = answer.find("ERR 10 locked") != std::string::npos;
       CHECK_TEXT(!answer.empty(), line.c_str());
       CHECK_EQUAL_TEXT(command.changes && !unlocked, locked, line.c_str());
-      line += " one two three four five six seven eight";
-      STRCMP_CONTAINS_TEXT("ERR 4 arguments", desk.say(line).c_str(), line.c_str());
     }
   }
-  check_says("watch off", "OK");
+  check_error("a b c d e f g h i", Error::kArguments);
+  check_error("tasks some", Error::kArguments);
+  check_error("echo loud", Error::kArguments);
+  check_error("tell arm 1x", Error::kArguments);
+  check_error("log frames json markers", Error::kArguments);
 }
 
 // Nothing is done by a command that is refused for want of the code.
@@ -166,6 +172,14 @@ TEST(Console, MakesWrongCodesWaitLongerAndLonger) {
   std::string longest("unlock ");
   check_error((longest += std::string(200, 'x')).c_str(), Error::kWrongCode);
   check_error("unlock", Error::kArguments);
+}
+
+// Longer than a code may be: it fits nothing, itself included.
+TEST(Console, TakesNoCodeThatIsTooLong) {
+  const std::string code(65, 'x');
+  desk.place.code = code;
+  start();
+  check_error(("unlock " + code).c_str(), Error::kWrongCode);
 }
 
 TEST(Console, HasNothingToUnlockWithoutACode) {
@@ -225,6 +239,11 @@ TEST(Console, SetsAndRefusesByTheTable) {
   check_error("set raise_frames", Error::kArguments);
   check_error("set fault_markers_pct 99", Error::kContradiction);
   check_error("defaults nothing", Error::kUnknownParameter);
+  check_ok("set fault_markers_pct 50");
+  check_ok("set degraded_markers_pct 55");
+  check_error("defaults fault_markers_pct", Error::kContradiction);
+  check_error("=", Error::kUnknownCommand);
+  check_error("get a=b", Error::kUnknownParameter);
   check_ok("defaults raise_frames");
   LONGS_EQUAL(2, desk.console->params().raise_frames);
   LONGS_EQUAL(300, desk.console->params().hold_ms);
@@ -236,10 +255,13 @@ TEST(Console, SetsAndRefusesByTheTable) {
 TEST(Console, AppliesWhatCanBeAppliedNow) {
   start();
   (void)desk.unlock();
-  check_ok("set pitch_um 2000");
-  CHECK_FALSE(desk.daemon->app().state().reference.known);
-  desk.run(1s);
-  CHECK(desk.daemon->app().state().reference.known);
+  for (const char* const line : {"set pitch_um 2000", "set mode balanced", "set grid_cols 8"}) {
+    check_ok(line);
+    CHECK_FALSE(desk.daemon->app().state().reference.known);
+    check_ok("defaults");
+    desk.run(1s);
+    CHECK(desk.daemon->app().state().reference.known);
+  }
   check_ok("set raise_frames 4");
   CHECK(desk.daemon->app().state().reference.known);
   LONGS_EQUAL(4, desk.daemon->params().raise_frames);
@@ -315,6 +337,7 @@ TEST(Console, ExplainsCommandsAndParameters) {
   check_says("help hold_ms", "how long the request stays raised");
   check_says("help mode", "relearned");
   check_error("help nothing", Error::kArguments);
+  check_says("help json", "{\"commands\":[{\"name\":\"help\",\"arguments\":");
   check_says("help help json", "{\"name\":\"help\",\"arguments\":\"[COMMAND|PARAMETER] [json]\"");
   // On a screen 80 wide no line is broken.
   std::size_t widest = 0;
@@ -352,6 +375,12 @@ TEST(Console, CompletesCommandsParametersAndWords) {
   STRCMP_CONTAINS("jpeg_threads  jpeg_lanes  jpeg_rows_pct", completed("get jpeg_\t").c_str());
   STRCMP_CONTAINS("markers ", completed("log frames m\t").c_str());
   STRCMP_CONTAINS("defaults", completed("help defa\t").c_str());
+  STRCMP_CONTAINS("mode", completed("help mod\t").c_str());
+  STRCMP_CONTAINS("frames ", completed("log fr\t").c_str());
+  STRCMP_CONTAINS("echo o", completed("echo \t").c_str());
+  STRCMP_CONTAINS("version", completed("\t").c_str());  // all of them, on several lines
+  (void)desk.unlock();
+  STRCMP_CONTAINS("holdfast# get jpeg_", completed("get jpeg_\t").c_str());
   STRCMP_CONTAINS("raise_frames ", completed("set raise\t").c_str());
   CHECK(completed("nothing a\t").find("  ") == std::string::npos);
   CHECK(completed("version json more\t").find("more ") == std::string::npos);
@@ -404,6 +433,44 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   check_says("log", "REFERENCE");
 }
 
+TEST(Console, SaysOfEachDeviceWhatIsWrongWithIt) {
+  desk.params.gripper = 1;
+  desk.identity = "";
+  desk.hand.trouble(sim::LineTrouble::kDeaf);
+  desk.link.set_full(true);
+  start();
+  std::string devices = desk.say("devices json");
+  for (const char* const part :
+       {"\"is\":\"unnamed\"", "not activated", "{\"device\":\"link\",\"is\":\"status and commands\",\"well\":\"no\"",
+        "\"is\":\"Robotiq Hand-E\",\"well\":\"no\""}) {
+    STRCMP_CONTAINS(part, devices.c_str());
+  }
+  desk.gpio.fail_next(1000);
+  desk.camera->set(sim::CameraSwitch::kGone);
+  CHECK_FALSE(desk.console->out().put(std::string(5000, 'x')));
+  desk.run(200ms);
+  devices = desk.say("devices");
+  STRCMP_CONTAINS("lines     GRIP_OK, ALIVE        no", devices.c_str());
+  STRCMP_CONTAINS("unplugged", devices.c_str());
+  STRCMP_CONTAINS("console   this port             no     0 frames and 1 texts", devices.c_str());
+}
+
+TEST(Console, ShowsMarkersThatAreLost) {
+  start();
+  (void)desk.unlock();
+  check_ok("reference learn");
+  STRCMP_CONTAINS("null", desk.say("frame json").c_str());
+  desk.run(1s);
+  desk.camera->set(sim::CameraSwitch::kDark);
+  desk.run(1s);
+  STRCMP_CONTAINS("\"quality\":\"exposure\"", desk.say("frame json").c_str());
+}
+
+TEST(Console, KnowsNoRateBeforeTheSecondFrame) {
+  desk.start();
+  check_says("status", "fps                   0.00");
+}
+
 // The object slips, and a second later it shows.
 TEST(Console, RemembersASlip) {
   desk.tree = &test::kSpreadTree;
@@ -414,6 +481,11 @@ TEST(Console, RemembersASlip) {
   const std::size_t at = status.find("\"last_slip_s_ago\":");
   CHECK(at != std::string::npos);
   CHECK(status.substr(at + 18, 4) != "null");
+  check_says("log frames", "  1     0 ");  // slip, and GRIP_OK LOW
+  check_ok("trace on");
+  (void)desk.heard();
+  desk.run(3s);
+  STRCMP_CONTAINS("  SLIP\r\n", desk.heard().c_str());
 }
 
 TEST(Console, ShowsTheReferenceAndLearnsIt) {
@@ -424,6 +496,16 @@ TEST(Console, ShowsTheReferenceAndLearnsIt) {
   desk.run(30ms);
   check_says("reference", "known                 no");
   check_error("reference nonsense", Error::kArguments);
+}
+
+// A rest position learned now would hide what presses on the gel.
+TEST(Console, DoesNotLearnAGelThatSomethingTouches) {
+  start();
+  desk.end();
+  desk.film(0, 12);
+  start();
+  (void)desk.unlock();
+  check_error("reference learn", Error::kRefused);
 }
 
 TEST(Console, HasNothingToShowBeforeTheFirstFrame) {
@@ -530,11 +612,26 @@ TEST(Console, StreamsFramesBetweenTheLines) {
   LONGS_EQUAL(7, heard.rests[0].rows);
   LONGS_EQUAL(9, heard.rests[0].cols);
   STRCMP_CONTAINS("{\"firmware\":", heard.text.c_str());
-  check_ok("watch off");
+  desk.type("watch o");  // a line that is being typed is not broken by a frame
+  desk.run(40ms);
+  (void)desk.heard();
+  desk.run(400ms);
+  STRCMP_EQUAL("", desk.heard().c_str());
+  check_ok("ff");
   (void)desk.heard();
   desk.run(200ms);
   STRCMP_EQUAL("", desk.heard().c_str());
   LONGS_EQUAL(0, desk.console->frames_lost());
+}
+
+// Before there is a rest position there are no markers to send.
+TEST(Console, StreamsStatusAloneWhileItLearns) {
+  desk.start();
+  check_ok("watch on");
+  desk.run(150ms);
+  const Heard heard = take_apart(desk.heard());
+  CHECK(!heard.statuses.empty());
+  LONGS_EQUAL(0, heard.displacements.size() + heard.rests.size());
 }
 
 TEST(Console, TracesEveryFrameAndWatchesFiveTimesASecond) {
@@ -615,6 +712,9 @@ TEST(Console, WaitsForASlowReader) {
   desk.run(2s);
   CHECK(desk.daemon->app().outputs().state == DeviceState::kOk);
   LONGS_EQUAL(0, desk.host.output_bytes().size());
+  desk.camera->set(sim::CameraSwitch::kStuck);  // the state changes meanwhile: told when the answer is whole
+  desk.run(500ms);
+  desk.camera->set(sim::CameraSwitch::kNone);
   desk.host.set_full(false);
   desk.run(2s);
   const std::string text = desk.heard();
@@ -717,6 +817,18 @@ TEST(Console, HearsCtrlCBehindMoreThanItKeeps) {
   desk.run(200ms);
   (void)desk.heard();
   check_says("version", "link_version");
+  // Nothing runs, but what is typed cannot be echoed: Ctrl-C goes before that as well.
+  check_ok("trace on");
+  desk.host.set_full(true);
+  desk.run(20s);
+  desk.type(std::string(300, 'x'));
+  desk.run(50ms);
+  desk.type("\x03");
+  desk.run(50ms);
+  desk.host.set_full(false);
+  desk.run(1s);
+  CHECK(desk.heard().find("xxx") == std::string::npos);
+  check_ok("version");
 }
 
 TEST(Console, KeepsNobodyWaitingAfterAHangUp) {
@@ -748,6 +860,7 @@ TEST(Console, HasACauseAndANextStepForEveryError) {
     CHECK(names.insert(row.name).second);
     CHECK(console::info(row.error).name == row.name);
   }
+  CHECK(console::info(Error::kNone).name == console::kErrors[0].name);
   for (const ReasonInfo& row : kReasons) CHECK(!row.what.empty() && !row.cause.empty() && !row.next.empty());
   for (const command_frame::ResultInfo& row : command_frame::kResults) CHECK(!row.cause.empty() && !row.next.empty());
 }

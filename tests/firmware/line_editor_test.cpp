@@ -141,7 +141,7 @@ TEST(LineEditor, ClearsTheScreenAndKeepsTheLine) {
 }
 
 TEST(LineEditor, PassesOverKeysThatItDoesNotKnow) {
-  press("a\x1B[5~\x1B[1;5C\x1BOP\x1B[Z\x1Bxb");
+  press("a\x1B[5~\x1B[ q\x1B[1;5C\x1BOP\x1B[Z\x1Bxb");
   check_line("ab", 2);
   press("\r");
   CHECK(events.back() == LineEditor::Event::kLine);

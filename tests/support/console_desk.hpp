@@ -48,7 +48,8 @@ class ConsoleDesk {
   sim::HandE hand{clock};
   NotedFaults faults;
   Params params;
-  const model::Tree* tree = nullptr;  // in place of the compiled one
+  std::string_view identity = "28D1-D7C6";  // of the sensor
+  const model::Tree* tree = nullptr;        // in place of the compiled one
   console::Place place{.board = "desk", .code = kCode, .settings = &stored, .faults = &faults};
 
   // Pictures of an empty gel, or of one that is dragged further and further after `still` of them.
@@ -68,7 +69,7 @@ class ConsoleDesk {
     std::vector<LumaView> views;
     for (const reference_model::Picture& picture : pictures_) views.push_back(picture.view());
     memory_ = std::make_unique<sim::CameraMemory>(
-        clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = "28D1-D7C6"});
+        clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
     camera = std::make_unique<sim::SwitchedCamera>(*memory_, std::size_t{320 * 240});
     daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep}, tree);
     console = std::make_unique<console::Console>(host, *daemon, clock, place);
