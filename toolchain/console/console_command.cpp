@@ -21,6 +21,7 @@
 
 #include "toolchain/console/device.hpp"
 #include "toolchain/console/find.hpp"
+#include "toolchain/console/live.hpp"
 #include "toolchain/console/record.hpp"
 #include "toolchain/console/settings_file.hpp"
 #include "toolchain/console/shell.hpp"
@@ -41,6 +42,7 @@ struct ConsoleOptions {
   std::string port;
   std::vector<std::string> run;
   std::string backup, restore, record, code_file;
+  bool live = false;
   double seconds = 0;  // 0: until Ctrl-C
   double timeout_s = 5.0;
 };
@@ -143,6 +145,7 @@ int act(Device& device, const ConsoleOptions& options) {
     const std::string error = console_tool::record(device, how, note, report);
     return report_of(error, report);
   }
+  if (options.live) return report_of(console_tool::run_live(device), report);
   if (::isatty(STDIN_FILENO) == 1 && ::isatty(STDOUT_FILENO) == 1) return console_tool::run_shell(device);
   return run_lines(device, standard_input(device.signals()));
 }
@@ -197,6 +200,7 @@ void add_console(CLI::App& app, std::vector<Command>& commands) {
           "--record", options->record,
           "stream telemetry into this file, .csv or .mcap, until Ctrl-C. Markers come with every fifth picture")
       ->check(not_empty);
+  group->add_flag("--live", options->live, "show markers, state and time lines on the whole screen");
   group->require_option(0, 1);
   command->add_option("--seconds", options->seconds, "end --record after so many")
       ->check(number_from_to(0.1, 1e7))

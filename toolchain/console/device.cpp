@@ -41,8 +41,8 @@ bool says_nothing(std::string_view line) {
 }
 
 // Whatever a person or a program left there: a stream, half a line, a command that runs. Answers of theirs may still be
-// on their way, so that only the line which no other command makes counts. Said again, because a port that was opened a
-// moment ago may lose what is sent first.
+// on their way, also one to `version json`, so that ours is the one behind the complaint about a word that nobody else
+// says. Said again, because a port that was opened a moment ago may lose what is sent first.
 bool Device::attach(Millis deadline) {
   const Clock::time_point until = Clock::now() + deadline;
   attached_ = unlocked_ = lock_again_ = out_of_step_ = false;
@@ -51,18 +51,17 @@ bool Device::attach(Millis deadline) {
   for (int tries = 4; tries > 0; --tries) {
     Answer answer;
     asked_ = &answer;
-    answered_ = version_seen_ = false;
-    wants_version_ = true;
+    answered_ = false;
+    version_ = {};
+    const std::string word = "anybody-" + std::to_string(Clock::now().time_since_epoch().count() % 1'000'000'000);
+    complaint_ = "ERR 4 arguments: " + word;
     const auto left = std::chrono::ceil<Millis>(until - Clock::now()) / tries;
-    const bool sent = left > Millis{0} && port_.write(
-                                              "\x03\r"
-                                              "echo off\r"
-                                              "version json\r");
+    const bool sent = left > Millis{0} && port_.write("\x03\recho off\rhelp " + word + "\rversion json\r");
     const bool came = sent && answer_in(left);
     asked_ = nullptr;
-    wants_version_ = false;
+    complaint_.clear();
     if (!sent || signals_.ended()) return false;
-    if (!came) continue;
+    if (!came || !version_.starts_with("{\"firmware\":")) continue;
     attached_ = true;
     const Answer status = say("status json");
     unlocked_ =
@@ -134,7 +133,7 @@ bool Device::answer_in(Millis deadline) {
       if (what == Signals::What::kEnd) return false;
     }
     if (ends[0].revents != 0 && !listen()) return false;
-    if (letters_ != seen && !wants_version_) until = Clock::now() + deadline;
+    if (letters_ != seen && complaint_.empty()) until = Clock::now() + deadline;
     seen = letters_;
   }
   return true;
@@ -190,9 +189,15 @@ void Device::take_line() {
     if (heard.line && !line.empty() && (own || attached_)) heard.line(line);
     return;
   }
-  if (wants_version_ && !version_seen_) {
-    version_seen_ = line.starts_with("{\"firmware\":");
-    if (version_seen_) version_ = std::move(line);
+  if (!complaint_.empty()) {
+    if (line.starts_with(complaint_)) {
+      complaint_.clear();
+      wants_version_ = true;
+    }
+    return;
+  }
+  if (std::exchange(wants_version_, false)) {
+    version_ = std::move(line);
     return;
   }
   if (line == "OK") {

@@ -96,7 +96,8 @@ class Device {
   Answer* asked_ = nullptr;
   const std::function<void(std::string_view)>* on_line_ = nullptr;
   bool answered_ = false;
-  bool wants_version_ = false, version_seen_ = false;  // attach() is asking
+  std::string complaint_;       // that attach() waits for; empty: it does not
+  bool wants_version_ = false;  // the next line is it
   bool attached_ = false;
   bool out_of_step_ = false;
   bool interrupted_ = false;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "toolchain/console/line_input.hpp"
+#include "toolchain/console/live.hpp"
 #include "toolchain/console/record.hpp"
 #include "toolchain/console/settings_file.hpp"
 #include "toolchain/console/trouble.hpp"
@@ -110,6 +111,10 @@ class Shell {
       print(gone_line(device_));
     } else if (words[0] == "backup" || words[0] == "restore" || words[0] == "record") {
       local(words);
+    } else if (words[0] == "live" && words.size() == 1) {
+      const std::string error = run_live(device_);
+      if (!error.empty()) print(error);
+      if (!device_.port().is_open()) lose();
     } else if (words[0] == "unlock" && words.size() == 1) {
       const LineInput::Result code = input_.read_secret("code: ");
       if (code.got == LineInput::Got::kLine && !code.line.empty()) ask("unlock " + code.line);

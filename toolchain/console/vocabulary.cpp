@@ -40,11 +40,12 @@ void add_files(std::string_view typed, std::set<std::string>& out) {
 
 }  // namespace
 
-const std::array<Word, 4>& local_words() {
-  static const std::array<Word, 4> words{{
+const std::array<Word, 5>& local_words() {
+  static const std::array<Word, 5> words{{
       {"backup", "FILE", "write the device's parameters into a file"},
       {"restore", "FILE", "set and store what backup wrote; all or nothing"},
       {"record", "FILE", "stream telemetry into a .csv or .mcap until Ctrl-C"},
+      {"live", "", "markers, state and time lines on the whole screen; q leaves"},
       {"quit", "", "leave; so does Ctrl-D"},
   }};
   return words;

@@ -18,7 +18,7 @@ struct Word {
 };
 
 // What is done here and not by the device.
-[[nodiscard]] const std::array<Word, 4>& local_words();
+[[nodiscard]] const std::array<Word, 5>& local_words();
 
 struct Vocabulary {
   std::vector<Word> commands;
