@@ -30,6 +30,7 @@ build libcamera-dev 0.0.3-6
 build libgpiod-dev 1.6.3-1+b3
 build libhidapi-dev 0.13.1-1
 build libusb-1.0-0-dev 2:1.0.26-1
+build libedit-dev 3.1-20221030-2
 test libcpputest-dev 4.0-2
 test libmodbus-dev 3.1.6-2.1+deb12u1
 test librapidcheck-dev 0~1033-08b5058-3
@@ -37,6 +38,8 @@ test clang-format 1:14.0-55.7~deb12u1
 test clang-tidy 1:14.0-55.7~deb12u1
 test valgrind 1:3.19.0-1
 test gcovr 5.2-1
+test tmux 3.3a-3
+test picocom 3.1-4
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3

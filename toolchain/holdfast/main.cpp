@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <exception>
 
+#include "toolchain/console/console_command.hpp"
 #include "toolchain/devices/devices_command.hpp"
 #include "toolchain/holdfast/commands.hpp"
 
@@ -26,7 +27,8 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, calibrate, study, grip, faults, log, page, devices, doctor or trade; holdfast --help shows "
+        "evaluate, compile, calibrate, study, grip, faults, log, page, console, devices, doctor or trade; holdfast "
+        "--help shows "
         "how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
   }
@@ -201,6 +203,7 @@ int run(int argc, char** argv) {
   add_faults(app, commands);
   add_log(app, commands);
   add_page(app, commands);
+  add_console(app, commands);
   add_devices(app, commands);
 
   try {

@@ -1,0 +1,393 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast console` against the firmware as a process, over its pseudo terminal.
+#include <poll.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/support/host_process.hpp"
+#include "tests/support/pty.hpp"
+#include "tests/support/temp_dir.hpp"
+#include "toolchain/console/find.hpp"
+#include "toolchain/console/record.hpp"
+#include "toolchain/console/settings_file.hpp"
+#include "toolchain/console/watching.hpp"
+#include "toolchain/log/frame_reader.hpp"
+#include "toolchain/log/mcap_reader.hpp"
+// behind all that defines new
+#include <CppUTest/TestHarness.h>
+
+#include "tests/support/error_line.hpp"
+
+namespace {
+
+using namespace holdfast;
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+using console_tool::Device;
+using console_tool::Port;
+using console_tool::Signals;
+using test::Finished;
+using test::HostProcess;
+using test::read_file;
+using test::write_file;
+
+constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
+constexpr const char* kFirmware = HOLDFAST_BIN_DIR "/holdfastd";
+constexpr auto kDeadline = 20s;
+
+// Looks until `condition`; whether it came in time.
+template <typename Condition>
+bool until(const Condition& condition, std::chrono::seconds deadline = kDeadline) {
+  const auto limit = std::chrono::steady_clock::now() + deadline;
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() >= limit) return false;
+    (void)::poll(nullptr, 0, 5);
+  }
+  return true;
+}
+
+}  // namespace
+
+TEST_GROUP(ConsoleTool) {
+  test::TempDir dir;
+  std::unique_ptr<HostProcess> firmware;
+
+  void setup() override {
+    ::setenv("XDG_STATE_HOME", dir.path().c_str(), 1);
+    write_file(dir / "code", "desk\n");
+    start("port");
+  }
+  void teardown() override {
+    firmware.reset();
+    ::unsetenv("XDG_STATE_HOME");
+  }
+  std::string at(const char* name) const {
+    return (dir / name).string();
+  }
+  std::unique_ptr<HostProcess> device(const char* name) const {
+    return std::make_unique<HostProcess>(std::vector<std::string>{kFirmware, "--real-time", "--held", "--host",
+                                                                  at(name), "--settings",
+                                                                  at((std::string(name) + ".settings").c_str())});
+  }
+  void start(const char* name) {
+    std::error_code ignored;
+    fs::remove(at(name), ignored);
+    firmware = device(name);
+    CHECK(until([&] { return fs::exists(at(name)); }));
+  }
+  Finished tool(std::vector<std::string> words) const {
+    words.insert(words.begin(), {kTool, "console", at("port")});
+    return HostProcess(words).finish(60s);
+  }
+  Finished unlocked(std::vector<std::string> words) const {
+    words.insert(words.end(), {"--code-file", at("code")});
+    return tool(std::move(words));
+  }
+  // What a recorder has written so far is under another name, in pieces of some 50 rows.
+  bool rows_of(const std::string& name) const {
+    const auto grows = [&](const fs::directory_entry& entry) {
+      return entry.path().filename().string().starts_with(name + ".tmp") && entry.file_size() > 0;
+    };
+    return std::any_of(fs::directory_iterator(dir.path()), fs::directory_iterator(), grows);
+  }
+  // By the first column; fails unless time runs. The longest step.
+  static double check_time_runs(const std::string& text, int least) {
+    CHECK(text.starts_with("t_s,frame,state,"));
+    CHECK(text.ends_with('\n'));
+    double last = -1;
+    double longest = 0;
+    int rows = 0;
+    for (std::size_t begin = text.find('\n') + 1; begin < text.size(); begin = text.find('\n', begin) + 1) {
+      const double t = std::strtod(text.c_str() + begin, nullptr);
+      CHECK(t > last);
+      if (rows++ > 0) longest = std::max(longest, t - last);
+      last = t;
+    }
+    CHECK(rows >= least);
+    return longest;
+  }
+  static void check_fine(const Finished& finished) {
+    STRCMP_EQUAL("", finished.err.c_str());
+    LONGS_EQUAL(0, finished.status);
+  }
+};
+
+TEST(ConsoleTool, PrintsAnswersAndNothingElse) {
+  const Finished finished = tool({"--run", "version json", "--run", "status json", "--run", "# nothing"});
+  check_fine(finished);
+  const std::size_t end = finished.out.find('\n');
+  const auto version = nlohmann::json::parse(finished.out.substr(0, end));
+  STRCMP_CONTAINS("holdfastd ", version.at("firmware").get<std::string>().c_str());
+  const auto status = nlohmann::json::parse(finished.out.substr(end + 1));
+  LONGS_EQUAL(63, status.at("markers_expected").get<int>());
+}
+
+TEST(ConsoleTool, EndsAtTheFirstError) {
+  const Finished finished = tool({"--run", "version", "--run", "set hold_ms 5", "--run", "status", "--run", "version"});
+  LONGS_EQUAL(1, finished.status);
+  STRCMP_CONTAINS("ERR 10 locked", finished.err.c_str());
+  STRCMP_CONTAINS("2 more commands were not run", finished.err.c_str());
+  STRCMP_CONTAINS("board ", finished.out.c_str());
+  CHECK(finished.out.find("state ") == std::string::npos);
+}
+
+TEST(ConsoleTool, RunsTheLinesOfItsInput) {
+  write_file(dir / "lines", "# a comment\r\n\r\nversion json\r\nget hold_ms");
+  const std::string call = std::string(kTool) + " console " + at("port") + " < ";
+  const Finished finished = test::run({"sh", "-c", call + at("lines")});
+  check_fine(finished);
+  STRCMP_CONTAINS("\"firmware\"", finished.out.c_str());
+  STRCMP_CONTAINS("hold_ms ", finished.out.c_str());
+  write_file(dir / "lines", "no_such\nversion\n");
+  const Finished failed = test::run({"sh", "-c", call + at("lines")});
+  LONGS_EQUAL(1, failed.status);
+  STRCMP_CONTAINS("ERR 1 unknown_command", failed.err.c_str());
+}
+
+TEST(ConsoleTool, LocksAgainWhatItUnlocked) {
+  const Finished finished = unlocked({"--run", "status json"});
+  check_fine(finished);
+  STRCMP_CONTAINS("\"unlocked\":true", finished.out.c_str());
+  STRCMP_CONTAINS("\"unlocked\":false", tool({"--run", "status json"}).out.c_str());
+  write_file(dir / "wrong", "another\n");
+  const Finished wrong = tool({"--run", "version", "--code-file", at("wrong")});
+  LONGS_EQUAL(1, wrong.status);
+  STRCMP_CONTAINS("ERR 11 wrong_code", wrong.err.c_str());
+  STRCMP_EQUAL("", wrong.out.c_str());
+}
+
+TEST(ConsoleTool, RestoresWhatItBackedUp) {
+  check_fine(unlocked({"--run", "set hold_ms 333", "--run", "set start_force 200", "--run", "set sensitivity 2"}));
+  const Finished before = tool({"--run", "dump"});
+  check_fine(tool({"--backup", at("settings")}));
+  check_fine(unlocked({"--run", "defaults", "--run", "set start_force 3", "--run", "set max_force 9"}));
+  CHECK(tool({"--run", "dump"}).out != before.out);
+  const Finished restored = unlocked({"--restore", at("settings")});
+  check_fine(restored);
+  STRCMP_CONTAINS("hold_ms: 200 -> 333\n", restored.out.c_str());
+  STRCMP_CONTAINS("4 of 26 settings changed, and stored\n", restored.out.c_str());  // one order alone is allowed
+  STRCMP_EQUAL(before.out.c_str(), tool({"--run", "dump"}).out.c_str());
+  // And it was stored: another process begins with it.
+  firmware->send(SIGTERM);
+  (void)firmware->finish(kDeadline);
+  start("port");
+  STRCMP_EQUAL(before.out.c_str(), tool({"--run", "dump"}).out.c_str());
+}
+
+TEST(ConsoleTool, ADamagedFileChangesNothing) {
+  const std::string before = tool({"--run", "dump"}).out;
+  check_fine(tool({"--backup", at("settings")}));
+  const std::string whole = read_file(at("settings"));
+  const std::vector<std::pair<std::string, const char*>> files{
+      {whole.substr(0, whole.size() / 2), "breaks off"},
+      {"set hold_ms 111\nset hold_ms", "is no setting"},
+      {"set hold_ms 111\nset no_such 3\n", "no parameter 'no_such'"},
+      {"set hold_ms 111\nset max_force 256\n", "max_force = 256 is not in 0 to 255"},
+      {std::string("set hold_ms 111\n\0\xFF\n", 20), "is no setting"},
+  };
+  for (const auto& [text, why] : files) {
+    write_file(dir / "damaged", text);
+    const Finished finished = unlocked({"--restore", at("damaged")});
+    LONGS_EQUAL(1, finished.status);
+    STRCMP_CONTAINS(why, finished.err.c_str());
+    STRCMP_EQUAL(before.c_str(), tool({"--run", "dump"}).out.c_str());
+  }
+  // Each line is good, and together they contradict each other: what had been set comes back.
+  write_file(dir / "damaged", "set hold_ms 111\nset start_force 100\nset max_force 50\n");
+  const Finished finished = unlocked({"--restore", at("damaged")});
+  LONGS_EQUAL(1, finished.status);
+  STRCMP_CONTAINS("ERR 23 contradiction", finished.err.c_str());
+  STRCMP_CONTAINS("have their earlier values again", finished.err.c_str());
+  STRCMP_EQUAL(before.c_str(), tool({"--run", "dump"}).out.c_str());
+  // Nor is anything changed by who does not know the code.
+  write_file(dir / "good", "set hold_ms 111\n");
+  STRCMP_CONTAINS("nothing was changed", tool({"--restore", at("good")}).err.c_str());
+}
+
+TEST(ConsoleTool, RecordsATable) {
+  const Finished finished = tool({"--record", at("log.csv"), "--seconds", "1.5"});
+  check_fine(finished);
+  (void)check_time_runs(read_file(at("log.csv")), 20);
+  STRCMP_CONTAINS("with markers", finished.out.c_str());
+}
+
+TEST(ConsoleTool, EndsARecordInOrder) {
+  HostProcess recorder({kTool, "console", at("port"), "--record", at("log.csv")});
+  CHECK(until([&] { return rows_of("log.csv"); }));
+  {
+    // The port is taken meanwhile.
+    const Finished busy = tool({"--run", "version"});
+    LONGS_EQUAL(1, busy.status);
+    STRCMP_CONTAINS("is busy. Likely cause: ", busy.err.c_str());
+  }
+  recorder.send(SIGINT);
+  check_fine(recorder.finish(kDeadline));
+  (void)check_time_runs(read_file(at("log.csv")), 20);
+  CHECK_FALSE(rows_of("log.csv"));
+}
+
+TEST(ConsoleTool, RecordsMarkers) {
+  check_fine(tool({"--record", at("log.mcap"), "--seconds", "1.5"}));
+  const std::string bytes = read_file(at("log.mcap"));
+  double last = -1;
+  int frames = 0;
+  log::FrameVisit visit;
+  visit.slip = [&](const log::SlipState& state) {
+    const double t = state.header.stamp.sec + state.header.stamp.nanosec * 1e-9;
+    CHECK(t > last);
+    last = t;
+    ++frames;
+  };
+  const log::McapFile file =
+      log::read_frames({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, visit);
+  CHECK(file.faults.empty());
+  CHECK(frames >= 10);
+  std::uint64_t markers = 0;
+  for (const auto& [id, channel] : file.channels) {
+    if (channel.topic == log::kMarkersTopic && file.told.contains(id)) markers = file.told.at(id).messages;
+  }
+  CHECK(markers >= 2);
+  CHECK(markers <= static_cast<std::uint64_t>(frames) / 5 + 2);
+}
+
+TEST(ConsoleTool, RefusesWhatCannotBeRecorded) {
+  test::check_says(tool({"--record", at("log.txt")}).err.substr(0, tool({"--record", at("log.txt")}).err.size() - 1),
+                   {"is neither .csv nor .mcap"});
+  LONGS_EQUAL(1, tool({"--record", at("no/such/folder.csv")}).status);
+  LONGS_EQUAL(1, tool({"--record", at("a.csv"), "--run", "version"}).status);
+  LONGS_EQUAL(1, tool({"--seconds", "3", "--run", "version"}).status);
+  STRCMP_CONTAINS("needs a terminal", tool({"--live"}).err.c_str());
+}
+
+TEST(ConsoleTool, SaysWhyAPortIsNone) {
+  const auto error_of = [](const std::string& port) {
+    const Finished finished = HostProcess({kTool, "console", port, "--run", "version", "--timeout", "0.5"}).finish(60s);
+    LONGS_EQUAL(1, finished.status);
+    return finished.err.substr(0, finished.err.find('\n'));
+  };
+  test::check_says(error_of(at("nowhere")), {"cannot be opened"});
+  test::check_says(error_of(at("code")), {"is no serial port"});
+  const test::Pty mute;
+  test::check_says(error_of(mute.path()), {"does not answer as a Holdfast"});
+}
+
+// The whole of what finding does, on ports that a tree of files names as the kernel would.
+TEST(ConsoleTool, FindsTheOnePortThatAnswers) {
+  devices::Places places;
+  places.sys = at("sys");
+  places.dev = at("dev");
+  places.proc = at("proc");
+  places.may_use = [](const std::string&) { return true; };
+  const auto plug = [&](const std::string& name, const std::string& target) {
+    fs::create_directories(dir / ("sys/class/tty/" + name + "/device"));
+    fs::create_directories(dir / "dev");
+    fs::create_symlink(target, dir / ("dev/" + name));
+  };
+  Signals signals;
+  const auto find = [&] { return console_tool::find_device(places, signals, 700ms); };
+  test::check_says(find().error, {"there is no serial port"});
+
+  const test::Pty mute;
+  plug("ttyUSB0", mute.path());
+  test::check_says(find().error, {"no port answers as a Holdfast", "ttyUSB0 stay silent"});
+  plug("ttyACM0", fs::read_symlink(dir / "port").string());
+  plug("ttyS0", fs::read_symlink(dir / "port").string());  // a computer's own plug: not asked
+  STRCMP_EQUAL("", find().error.c_str());
+  STRCMP_EQUAL(at("dev/ttyACM0").c_str(), find().path.c_str());
+  // By the name that stays.
+  fs::create_directories(dir / "dev/serial/by-id");
+  fs::create_symlink("../../ttyACM0", dir / "dev/serial/by-id/usb-holdfast");
+  STRCMP_EQUAL(at("dev/serial/by-id/usb-holdfast").c_str(), find().path.c_str());
+
+  const std::unique_ptr<HostProcess> other = device("other");
+  CHECK(until([&] { return fs::exists(at("other")); }));
+  plug("ttyACM1", fs::read_symlink(dir / "other").string());
+  test::check_says(find().error, {"2 devices answer: ", "usb-holdfast", "ttyACM1"});
+
+  Port held;
+  CHECK(held.open(at("dev/ttyACM1")) == Port::Opened::kYes);
+  STRCMP_EQUAL("", find().error.c_str());
+  Port held_too;
+  CHECK(held_too.open(at("dev/ttyACM0")) == Port::Opened::kYes);
+  test::check_says(find().error, {"no free port answers as a Holdfast", "is busy"});
+}
+
+// Whatever stands there: half a line, a command that runs, a stream of frames.
+TEST(ConsoleTool, AttachesInTheMiddleOfAnything) {
+  Signals signals;
+  for (const char* const left : {"stat", "watch on\r", "trace on\r", "log frames markers\r", "\x1B[", "unlock x\r",
+                                 "version json\rversion json\rhelp\r"}) {
+    Port port;
+    CHECK(port.open(at("port")) == Port::Opened::kYes);
+    CHECK(port.write(left));
+    Device console(port, signals, 5000ms);
+    CHECK_TEXT(console.attach(5000ms), left);
+    for (int k = 0; k < 3; ++k) {
+      const console_tool::Answer answer = console.say("get hold_ms json");
+      CHECK_TEXT(answer.ok(), left);
+      LONGS_EQUAL(1, answer.lines.size());
+      CHECK_TEXT(answer.lines[0].starts_with("{\"parameters\":[{\"name\":\"hold_ms\""), answer.lines[0].c_str());
+    }
+  }
+}
+
+TEST(ConsoleTool, SendsOneLineAsOne) {
+  Signals signals;
+  Port port;
+  CHECK(port.open(at("port")) == Port::Opened::kYes);
+  Device console(port, signals, 5000ms);
+  CHECK(console.attach(5000ms));
+  CHECK(console.say("version\rreboot").kind == console_tool::Answer::Kind::kError);
+  CHECK(console.say("get\thold_ms").ok());
+  LONGS_EQUAL(2, console.say(std::string(300, 'x')).number());
+  LONGS_EQUAL(3, console.say("version \xC3\xA4").number());
+}
+
+// The port goes while a table is recorded, and comes back under the same name.
+TEST(ConsoleTool, GoesOnWhenThePortIsBack) {
+  HostProcess recorder({kTool, "console", at("port"), "--record", at("log.csv")});
+  CHECK(until([&] { return rows_of("log.csv"); }));
+  firmware->send(SIGKILL);
+  (void)firmware->finish(kDeadline);
+  CHECK(recorder.err_says("has gone. Likely cause: ", kDeadline));
+  start("port");
+  CHECK(recorder.err_says("is back", kDeadline));
+  const auto bytes = [&] {
+    std::uintmax_t sum = 0;
+    for (const fs::directory_entry& entry : fs::directory_iterator(dir.path())) {
+      if (entry.path().filename().string().starts_with("log.csv.tmp")) sum += entry.file_size();
+    }
+    return sum;
+  };
+  CHECK(until([&, before = bytes()] { return bytes() > before; }));
+  recorder.send(SIGINT);
+  LONGS_EQUAL(0, recorder.finish(kDeadline).status);
+  CHECK(check_time_runs(read_file(at("log.csv")), 50) > 0.1);  // the time it was away is in it
+}
+
+// Whoever opens the port next, by whatever program, finds it as it was.
+TEST(ConsoleTool, LeavesThePortAsItWas) {
+  const test::Pty pty;
+  termios before = pty.settings();
+  before.c_lflag |= ECHO | ICANON;
+  Signals signals;
+  {
+    Port port;
+    CHECK(port.open(pty.path()) == Port::Opened::kYes);
+    CHECK((pty.settings().c_lflag & (ECHO | ICANON | ISIG)) == 0);
+    Port second;
+    CHECK(second.open(pty.path()) == Port::Opened::kBusy);
+  }
+  LONGS_EQUAL(before.c_lflag & (ECHO | ICANON | ISIG), pty.settings().c_lflag & (ECHO | ICANON | ISIG));
+}

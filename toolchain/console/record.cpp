@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/console/record.hpp"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <memory>
+#include <utility>
+
+#include "base/math.hpp"
+#include "tactile/features.hpp"
+#include "toolchain/console/settings_file.hpp"
+#include "toolchain/console/trouble.hpp"
+#include "toolchain/console/watching.hpp"
+#include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/holdfast/progress.hpp"
+#include "toolchain/log/csv_log.hpp"
+#include "toolchain/log/frame_log.hpp"
+
+namespace holdfast::console_tool {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+// Where frames go. The markers of a picture come behind its status frame, so that one frame waits for the next.
+class Sink {
+ public:
+  Sink(std::ostream& out, bool mcap, std::int32_t histogram_range_um) : out_(out), range_um_(histogram_range_um) {
+    if (mcap) {
+      mcap_.emplace(out);
+    } else {
+      out << log::csv_header();
+    }
+  }
+
+  void add(const Telemetry::Frame& frame) {
+    flush();
+    const status_frame::StatusFrame& status = frame.status;
+    const bool follows = waiting_.told.features_valid && frame.lost == 0 && frames_ > 0;
+    waiting_ = {};
+    waiting_.alive = status.alive;
+    tool::ReportFrame& told = waiting_.told;
+    told.frame = static_cast<long>(frame.number);
+    told.t_s = static_cast<double>(frame.time_us) * 1e-6;
+    told.state = status.state;
+    told.reason = status.reason;
+    told.accepted = frame.accepted;
+    told.features_valid = status.features_valid;
+    told.rates_valid = status.features_valid && follows;
+    told.markers = status.markers;
+    told.vx_mm_s = status.vx_um_s * 1e-3;
+    told.vy_mm_s = status.vy_um_s * 1e-3;
+    told.entropy_nat = status.entropy_nat_q16 / 65536.0;
+    told.entropy_rate_nat_s = status.entropy_rate_nat_s_q8 / 256.0;
+    told.slip = status.slip;
+    told.grip_ok = status.grip_ok;
+    sequence_ = status.sequence;
+    waits_ = true;
+    ++frames_;
+  }
+
+  void add(const Telemetry& telemetry, double px_per_um) {
+    if (!waits_ || !telemetry.field() || !telemetry.rest() || telemetry.field_sequence() != sequence_) return;
+    const DisplacementField& field = *telemetry.field();
+    const DisplacementField& rest = *telemetry.rest();
+    const auto histogram = features::histogram_of(field, range_um_);
+    std::copy(histogram.begin(), histogram.end(), waiting_.told.histogram.begin());
+    if (px_per_um <= 0 || rest.grid != field.grid) return;
+    waiting_.cols = field.grid.cols;
+    for (std::int32_t i = 0; i < field.grid.count(); ++i) {
+      const MarkerDisplacement& d = field.markers[idx(i)];
+      const MarkerDisplacement& r = rest.markers[idx(i)];
+      waiting_.arrows.push_back({(r.dx.raw() + d.dx.raw()) * px_per_um, (r.dy.raw() + d.dy.raw()) * px_per_um,
+                                 d.dx.raw() * px_per_um, d.dy.raw() * px_per_um, d.valid && r.valid});
+    }
+    ++fields_;
+  }
+
+  void finish() {
+    flush();
+    if (mcap_) mcap_->finish();
+  }
+
+  [[nodiscard]] long frames() const { return frames_; }
+  [[nodiscard]] long fields() const { return fields_; }
+  [[nodiscard]] double seconds() const { return waiting_.told.t_s; }
+  [[nodiscard]] bool good() const { return out_.good(); }
+
+ private:
+  void flush() {
+    if (!std::exchange(waits_, false)) return;
+    if (mcap_) {
+      mcap_->add(waiting_);
+    } else {
+      out_ << log::csv_row(log::slip_state(waiting_));
+    }
+  }
+
+  std::ostream& out_;
+  std::optional<log::FrameLog> mcap_;
+  std::int32_t range_um_;
+  log::LogFrame waiting_;
+  std::uint16_t sequence_ = 0;
+  bool waits_ = false;
+  long frames_ = 0, fields_ = 0;
+};
+
+}  // namespace
+
+std::string check_record_path(const std::string& path) {
+  if (path.ends_with(".csv") || path.ends_with(".mcap")) return {};
+  return trouble(path + ": is neither .csv nor .mcap", "another ending", "end its name in .csv or .mcap");
+}
+
+std::string record(Device& device, const RecordOptions& options, const std::function<void(const std::string&)>& note,
+                   std::vector<std::string>& report) {
+  if (std::string error = check_record_path(options.path); !error.empty()) return error;
+  tool::AtomicFile file(options.path);
+  if (!file.error().empty()) return file.error();
+  std::vector<Parameter> parameters;
+  if (std::string error = read_parameters(device, parameters); !error.empty()) return error;
+  features::Config bins;
+  for (const Parameter& one : parameters) {
+    if (one.name == "histogram_range_um") bins.histogram_range_um = static_cast<std::int32_t>(one.value);
+  }
+
+  Sink sink(file.stream(), options.path.ends_with(".mcap"), bins.histogram_range_um);
+  tool::Progress progress("recording (Ctrl-C ends it)", 0);
+  Watching watching(device, [&](const std::string& line) {
+    progress.clear();
+    note(line);
+  });
+  watching.on_frame = [&](const Telemetry::Frame& frame) { sink.add(frame); };
+  watching.on_field = [&] { sink.add(watching.telemetry(), watching.px_per_um()); };
+  if (std::string error = watching.begin(); !error.empty()) return error;
+  const Clock::time_point begun = Clock::now();
+  const auto over = [&] {
+    return options.seconds && std::chrono::duration<double>(Clock::now() - begun).count() >= *options.seconds;
+  };
+  while (!over() && sink.good()) {
+    const Signals::What what = watching.turn(Millis(50));
+    if (what == Signals::What::kInterrupt || what == Signals::What::kEnd) break;
+    progress.update(sink.frames());
+  }
+  progress.clear();
+  if (sink.frames() == 0) {
+    return trouble("no frame came, and nothing was written", "the camera does not deliver",
+                   "status says what the device is doing");
+  }
+  sink.finish();
+  if (std::string error = file.commit(); !error.empty()) return error;
+  report.push_back(fmt::format("{}: {} frames in {:.1f} s, {} with markers, {} lost", options.path, sink.frames(),
+                               sink.seconds(), sink.fields(), watching.telemetry().lost()));
+  return {};
+}
+
+}  // namespace holdfast::console_tool
