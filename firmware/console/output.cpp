@@ -47,7 +47,7 @@ bool Output::put_frame(std::span<const std::uint8_t> wire) {
 
 void Output::integer(std::int64_t value) {
   std::array<char, 24> digits;
-  const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;
+  const auto* const end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;
   put(std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data())));
 }
 

@@ -28,15 +28,15 @@ class Page {
   void close();
   [[nodiscard]] bool json() const { return json_; }
 
-  void text(std::string_view key, std::string_view value);
-  void integer(std::string_view key, std::int64_t value, std::string_view unit = {});
+  void text(std::string_view name, std::string_view value);
+  void integer(std::string_view name, std::int64_t value, std::string_view unit = {});
   // value / denominator.
-  void decimal(std::string_view key, std::int64_t value, std::int64_t denominator, int decimals);
+  void decimal(std::string_view name, std::int64_t value, std::int64_t denominator, int decimals);
   // Nothing to say: null.
-  void nothing(std::string_view key);
-  void yes_no(std::string_view key, bool value);
+  void nothing(std::string_view name);
+  void yes_no(std::string_view name, bool value);
 
-  void list(std::string_view key, std::span<const Column> columns);
+  void list(std::string_view name, std::span<const Column> columns);
   void end_list();
   void row();
   void end_row();

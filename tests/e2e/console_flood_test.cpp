@@ -83,8 +83,9 @@ TEST_GROUP(ConsoleFlood) {
   test::TempDir dir;
   std::filesystem::path console_path = dir / "console";
   std::filesystem::path link_path = dir / "link";
-  test::HostProcess board{{HOLDFAST_BIN_DIR "/holdfastd", "--real-time", "--empty", "--host", console_path.string(),
-                           "--link", link_path.string()}};
+  std::string program = HOLDFAST_BIN_DIR "/holdfastd";
+  test::HostProcess board{
+      {program, "--real-time", "--empty", "--host", console_path.string(), "--link", link_path.string()}};
   Port console{console_path}, link{link_path};
   status_frame::Receiver receiver;
 

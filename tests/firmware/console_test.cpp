@@ -337,8 +337,8 @@ TEST(Console, ExplainsCommandsAndParameters) {
   check_says("help hold_ms", "how long the request stays raised");
   check_says("help mode", "relearned");
   check_error("help nothing", Error::kArguments);
-  check_says("help json", "{\"commands\":[{\"name\":\"help\",\"arguments\":");
-  check_says("help help json", "{\"name\":\"help\",\"arguments\":\"[COMMAND|PARAMETER] [json]\"");
+  check_says("help json", R"({"commands":[{"name":"help","arguments":)");
+  check_says("help help json", R"({"name":"help","arguments":"[COMMAND|PARAMETER] [json]")");
   // On a screen 80 wide no line is broken.
   std::size_t widest = 0;
   for (std::size_t begin = 0, end = all.find('\n'); end != std::string::npos;
@@ -365,7 +365,7 @@ TEST(Console, CompletesCommandsParametersAndWords) {
     desk.type(keys);
     desk.run(30ms);
     desk.type("\x03");
-    const std::string text = desk.heard();
+    std::string text = desk.heard();
     desk.run(30ms);
     return text;
   };
@@ -416,7 +416,7 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   }
   CHECK(std::count(status.begin(), status.end(), '\n') <= 23);  // one screen
   check_says("tasks", "decode");
-  check_says("tasks json", "{\"tasks\":[{\"task\":\"decode\",\"count\":");
+  check_says("tasks json", R"({"tasks":[{"task":"decode","count":)");
   check_ok("tasks clear");
   const std::string devices = desk.say("devices json");
   STRCMP_CONTAINS("{\"device\":\"camera\",\"is\":\"28D1-D7C6\",\"well\":\"yes\",\"more\":\"started 1 times\"}",
@@ -424,7 +424,7 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   STRCMP_CONTAINS("\"is\":\"Robotiq Hand-E\"", devices.c_str());
   desk.gpio.drive(hal::Input::kTare, hal::Level::kHigh);
   check_says("devices", "TARE HIGH");
-  check_says("modes json", "{\"mode\":\"fast\",\"now\":\"yes\",\"us\":");
+  check_says("modes json", R"({"mode":"fast","now":"yes","us":)");
   check_says("model", "slip_v3");
   check_says("version", "desk");
   check_says("frame json", "{\"sequence\":");
@@ -441,8 +441,8 @@ TEST(Console, SaysOfEachDeviceWhatIsWrongWithIt) {
   start();
   std::string devices = desk.say("devices json");
   for (const char* const part :
-       {"\"is\":\"unnamed\"", "not activated", "{\"device\":\"link\",\"is\":\"status and commands\",\"well\":\"no\"",
-        "\"is\":\"Robotiq Hand-E\",\"well\":\"no\""}) {
+       {R"("is":"unnamed")", "not activated", R"({"device":"link","is":"status and commands","well":"no")",
+        R"("is":"Robotiq Hand-E","well":"no")"}) {
     STRCMP_CONTAINS(part, devices.c_str());
   }
   desk.gpio.fail_next(1000);
@@ -490,7 +490,7 @@ TEST(Console, RemembersASlip) {
 
 TEST(Console, ShowsTheReferenceAndLearnsIt) {
   start();
-  check_says("reference json", "{\"known\":true,\"rows\":7,\"cols\":9,\"markers\":63,\"pitch_px\":");
+  check_says("reference json", R"({"known":true,"rows":7,"cols":9,"markers":63,"pitch_px":)");
   (void)desk.unlock();
   check_ok("reference learn");
   desk.run(30ms);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <numeric>
 #include <vector>
 
 #include "base/crc32.hpp"
@@ -62,6 +63,8 @@ TEST(Settings, SurviveATornWrite) {
   const std::vector<std::uint8_t> before = memory;
   save(newer);
   const std::vector<std::uint8_t> after = memory;
+  std::vector<std::size_t> every_place(memory.size());
+  std::iota(every_place.begin(), every_place.end(), std::size_t{0});
   for (std::size_t cut = 0; cut <= memory.size(); ++cut) {
     std::copy_n(after.begin(), cut, memory.begin());
     std::copy(before.begin() + static_cast<std::ptrdiff_t>(cut), before.end(),
@@ -69,7 +72,7 @@ TEST(Settings, SurviveATornWrite) {
     const Params read = load(Loaded::kAll);
     CHECK(read == older || read == newer);
   }
-  for (std::size_t k = 0; k < memory.size(); ++k) {
+  for (const std::size_t k : every_place) {
     memory = after;
     memory[k] ^= 0x10;
     const Params read = load(Loaded::kAll);

@@ -340,8 +340,8 @@ TEST(Holdfastd, AnswersOnItsConsole) {
                machine.diagnostics().c_str());
   };
   asks("\x03\r", "holdfast> ");
-  asks("version json\r", "\"board\":\"virt\"");
-  asks("status json\r", "{\"state\":\"OK\"");
+  asks("version json\r", R"("board":"virt")");
+  asks("status json\r", R"({"state":"OK")");
   asks("set raise_frames 3\r", "ERR 10 locked");
   asks("devi\t\r", "2BNN4ZE7");
   asks("log frames json\r", "]}\r\nOK\r\n");
