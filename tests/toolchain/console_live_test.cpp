@@ -60,8 +60,9 @@ LiveModel dragged() {
     if (k % 5 != 0 || !frame.status.features_valid) continue;
     DisplacementField field;
     for (int i = 0; i < field.grid.count(); ++i) {
+      const int row = i / 9;
       const double x = i % 9 - 4;
-      const double y = i / 9 - 3;
+      const double y = row - 3;
       const double near = std::exp(-(x * x + y * y) / 9.0);
       field.markers[idx(i)] = {Micrometres::from_raw(static_cast<int>(pull * near * (600 - 90 * y))),
                                Micrometres::from_raw(static_cast<int>(pull * near * (90 * x + 60))), i != 20};

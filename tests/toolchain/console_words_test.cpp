@@ -12,7 +12,6 @@
 
 using namespace holdfast;
 using console_tool::complete;
-using console_tool::Completion;
 using console_tool::Vocabulary;
 
 TEST_GROUP(ConsoleWords) {

@@ -151,10 +151,13 @@ class Dots {
     if (dx < 0 || dy < 0 || dx >= 2 * columns_ || dy >= 4 * rows_) return;
     // Braille numbers its dots down the left column, then the right one, and the lowest row last.
     constexpr std::array<std::array<std::uint8_t, 2>, 4> kBit{{{0x01, 0x08}, {0x02, 0x10}, {0x04, 0x20}, {0x40, 0x80}}};
-    auto& bits = bits_[static_cast<std::size_t>(dy / 4 * columns_ + dx / 2)];
+    auto& bits = bits_[place(dx / 2, dy / 4)];
     bits = static_cast<std::uint8_t>(bits | kBit[static_cast<std::size_t>(dy % 4)][static_cast<std::size_t>(dx % 2)]);
   }
-  [[nodiscard]] std::uint8_t at(int x, int y) const { return bits_[static_cast<std::size_t>(y * columns_ + x)]; }
+  [[nodiscard]] std::uint8_t at(int x, int y) const { return bits_[place(x, y)]; }
+  [[nodiscard]] std::size_t place(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(columns_) + static_cast<std::size_t>(x);
+  }
 
  private:
   int columns_, rows_;
@@ -207,7 +210,9 @@ void draw_markers(Canvas& canvas, const Place& place, const LiveModel& model, bo
     // A letter would jump by a whole row where a position lies between two.
     const auto stand = [&](int size) {
       if (!unicode) return cell(x, y, size > 1 ? U'o' : U'.', style);
-      for (int k = 0; k < size * size; ++k) dots.set(x - 0.5 * (size - 1) + k % size, y - 0.5 * (size - 1) + k / size);
+      for (int row = 0; row < size; ++row) {
+        for (int col = 0; col < size; ++col) dots.set(x - 0.5 * (size - 1) + col, y - 0.5 * (size - 1) + row);
+      }
     };
     if (!shown) {
       stand(1);
