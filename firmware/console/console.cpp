@@ -32,17 +32,17 @@ bool equal_codes(std::string_view a, std::string_view b) {
 // Edits that lead from one word to the other: insertions, deletions, replacements, neighbours swapped.
 // Range: words up to kLongest; longer ones are far from everything.
 constexpr std::size_t kLongest = 24;
-std::size_t distance(std::string_view a, std::string_view b) {
+int distance(std::string_view a, std::string_view b) {
   if (a.size() > kLongest || b.size() > kLongest) return kLongest;
-  std::array<std::array<std::size_t, kLongest + 1>, kLongest + 1> d{};
-  for (std::size_t i = 0; i <= a.size(); ++i) d[i][0] = i;
-  for (std::size_t j = 0; j <= b.size(); ++j) d[0][j] = j;
+  std::array<std::array<std::uint8_t, kLongest + 1>, kLongest + 1> d{};
+  for (std::size_t i = 0; i <= a.size(); ++i) d[i][0] = static_cast<std::uint8_t>(i);
+  for (std::size_t j = 0; j <= b.size(); ++j) d[0][j] = static_cast<std::uint8_t>(j);
   for (std::size_t i = 1; i <= a.size(); ++i) {
     for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t replaced = d[i - 1][j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1);
-      d[i][j] = std::min({d[i - 1][j] + 1, d[i][j - 1] + 1, replaced});
-      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1])
-        d[i][j] = std::min(d[i][j], d[i - 2][j - 2] + 1);
+      int least = d[i - 1][j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1);
+      least = std::min({least, d[i - 1][j] + 1, d[i][j - 1] + 1});
+      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1]) least = std::min(least, d[i - 2][j - 2] + 1);
+      d[i][j] = static_cast<std::uint8_t>(least);
     }
   }
   return d[a.size()][b.size()];
@@ -58,9 +58,9 @@ const CommandInfo* find(std::string_view name) {
 // One edit for every three letters, and at least one.
 std::string_view nearest(std::string_view name) {
   std::string_view best;
-  std::size_t least = std::max<std::size_t>(1, name.size() / 3) + 1;
+  int least = std::max(1, static_cast<int>(name.size() / 3)) + 1;
   for (const CommandInfo& row : commands()) {
-    const std::size_t far = distance(name, row.name);
+    const int far = distance(name, row.name);
     if (far >= least) continue;
     least = far;
     best = row.name;
