@@ -129,6 +129,8 @@ TEST(Console, AnswersEveryCommand) {
   check_error("a b c d e f g h i", Error::kArguments);
   check_error("tasks some", Error::kArguments);
   check_error("echo loud", Error::kArguments);
+  check_error("trace loud", Error::kArguments);
+  check_error("log frames nothing", Error::kArguments);
   check_error("tell arm 1x", Error::kArguments);
   check_error("log frames json markers", Error::kArguments);
 }
