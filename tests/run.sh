@@ -34,9 +34,9 @@ USAGE
   local part
   for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
-  --long       add the runs that take long, half an hour or more: all pairs of faults, a soak of a day of frames, 200
-               kills and stops, 200 book pulls, the entropy of every histogram; on the emulated machine 100 replugs, 100 kills and heap calls
-               in 10 000 frames
+  --long       add the runs that take long, an hour or more: all pairs of faults, a soak of a day of frames, 200 kills and
+               stops, 200 book pulls, the entropy of every histogram; on the emulated machine 100 replugs, 100 kills and
+               the heap calls of 10 000 frames
   --system     all scenarios on the emulated machine instead of the short set: hang, watchdog, gripper, and the machine
                by itself
   --help       this
