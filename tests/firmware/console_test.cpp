@@ -16,6 +16,8 @@
 #include "tests/support/spread_tree.hpp"
 
 #include <CppUTest/TestHarness.h>
+// last: CppUTest's headers redefine new
+#include "tests/support/allocations.hpp"
 
 using namespace holdfast;
 using namespace std::chrono_literals;
@@ -855,6 +857,22 @@ TEST(Console, PromptsNobodyWhereNobodyCanType) {
   desk.run(50ms);
   STRCMP_CONTAINS("holdfast> ", desk.heard().c_str());
   check_error("echo", Error::kArguments);
+}
+
+// Every command, answered to its end, without the heap.
+TEST(Console, TakesNoMemory) {
+  start();
+  (void)desk.unlock();
+  for (const console::CommandInfo& command : console::commands()) {
+    if (command.name == "reboot" || command.name == "lock") continue;
+    for (const char* const form : {"\r", " json\r", "\t\x1B[A\r"}) {
+      desk.type(command.name);
+      desk.type(form);
+      const unsigned before = test::allocations();
+      for (int k = 0; k < 40; ++k) desk.turn();
+      LONGS_EQUAL_TEXT(before, test::allocations(), std::string(command.name).c_str());
+    }
+  }
 }
 
 TEST(Console, HasACauseAndANextStepForEveryError) {
