@@ -71,7 +71,7 @@ done
 
 logs=build/test-logs
 # Groups whose work is the same as their neighbours', only more of it: the sanitizers and the emulator leave them out.
-slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.Process'
+slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.Process|host_tests.ConsoleFlood'
 passed=0 failed=0 skipped=0
 failures=() skips=()
 
