@@ -50,22 +50,6 @@ std::string head(std::initializer_list<std::string_view> cells) {
   return lines + "\n";
 }
 
-std::string_view name_of(link::WireType type) {
-  switch (type) {
-    case link::WireType::kU8:
-      return "u8";
-    case link::WireType::kU16:
-      return "u16";
-    case link::WireType::kU32:
-      return "u32";
-    case link::WireType::kI16:
-      return "i16";
-    case link::WireType::kI32:
-      return "i32";
-  }
-  return "";
-}
-
 template <typename Table>
 std::string layout(const Table& fields) {
   std::string out = head({"byte", "name", "type", "unit", "meaning"});
@@ -175,6 +159,22 @@ std::string commands() {
 }
 
 }  // namespace
+
+std::string_view name_of(link::WireType type) {
+  switch (type) {
+    case link::WireType::kU8:
+      return "u8";
+    case link::WireType::kU16:
+      return "u16";
+    case link::WireType::kU32:
+      return "u32";
+    case link::WireType::kI16:
+      return "i16";
+    case link::WireType::kI32:
+      return "i32";
+  }
+  return "";
+}
 
 std::string link_markdown() {
   std::string out =

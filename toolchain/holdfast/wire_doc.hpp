@@ -3,8 +3,14 @@
 #pragma once
 
 #include <string>
+#include <string_view>
+
+#include "app/link.hpp"
 
 namespace holdfast::wire_doc {
+
+// u8, i16, ...
+[[nodiscard]] std::string_view name_of(link::WireType type);
 
 // The whole of firmware/app/LINK.md: framing, the kinds of frame, their numbers in words, and worked examples.
 [[nodiscard]] std::string link_markdown();

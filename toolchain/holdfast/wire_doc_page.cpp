@@ -21,32 +21,16 @@ namespace sf = status_frame;
 namespace mf = marker_frame;
 using Json = nlohmann::ordered_json;
 
-std::string_view type_of(link::WireType type) {
-  switch (type) {
-    case link::WireType::kU8:
-      return "u8";
-    case link::WireType::kU16:
-      return "u16";
-    case link::WireType::kU32:
-      return "u32";
-    case link::WireType::kI16:
-      return "i16";
-    case link::WireType::kI32:
-      return "i32";
-  }
-  return "";
-}
-
 Json status_fields() {
   Json fields = Json::object();
-  for (const sf::Field& field : sf::kFields) fields[std::string(field.name)] = {field.offset, type_of(field.type)};
+  for (const sf::Field& field : sf::kFields) fields[std::string(field.name)] = {field.offset, name_of(field.type)};
   return fields;
 }
 
 Json marker_fields() {
   Json fields = Json::object();
   for (const mf::Field& field : mf::kDisplacementFields) {
-    fields[std::string(field.name)] = {field.offset, type_of(field.type)};
+    fields[std::string(field.name)] = {field.offset, name_of(field.type)};
   }
   return fields;
 }
