@@ -1,31 +1,45 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Builds what the emulated machine starts from: build/image/virt/{vmlinuz,initrd.gz,root.ext4}, with Debian's stock
-# kernel. See --help. Kernel and base are fetched once; from then on a build takes seconds.
+# Builds the card of a board, build/image/BOARD/holdfast-BOARD.img, from Debian's packages. See --help.
+# Kernel, packages and first stages are fetched once; from then on a build takes half a minute and the same inputs give
+# the same bytes. Nothing of arm64 runs here.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
-PATH=$PATH:/usr/sbin:/sbin  # depmod, modprobe, mke2fs
+# shellcheck source=board/image/tree.sh
+source board/image/tree.sh
+# shellcheck source=board/image/card.sh
+source board/image/card.sh
+PATH=$PATH:/usr/sbin:/sbin  # depmod, modprobe, mke2fs, mkfs.vfat, sfdisk, veritysetup
 
 usage() {
   cat <<'USAGE'
-usage: board/image/build.sh [--install DIR]... [--login TTY] [--out DIR]
-  --install DIR  a tree that is laid over the root: DIR/usr/bin/holdfastd, DIR/lib/systemd/system/..., DIR/etc/holdfast/...
-                 Its units with an [Install] section are enabled. May be given again; later ones win.
-  --login TTY    a root login without password on this terminal, ttyAMA0 for instance; nobody can log in otherwise
-  --out DIR      where vmlinuz, initrd.gz and root.ext4 go; build/image/virt unless given
-  --help         this
-Needs mmdebstrap, arch-test, kmod, cpio, e2fsprogs and, the first time, network; root, or user namespaces with uidmap.
-Example: board/image/build.sh --install build/image/stage
+usage: board/image/build.sh virt|rpi4 [--install DIR]... [--keyring FILE] [--login TTY] [--release FILE]
+                            [--rt] [--flat] [--out DIR]
+What build/rpi4 has of the board is installed; build the preset rpi4 first.
+  --install DIR   a tree that is laid over the root: DIR/usr/bin/..., DIR/etc/holdfast/...; its units with an [Install]
+                  section are enabled. May be given again; later ones win.
+  --keyring FILE  the owner's certificate (board/image/keys.sh makes one): updates that it signed are taken, and no others.
+                  Without it the card takes no updates.
+  --login TTY     a root login without password on this terminal; nobody can log in otherwise. Not for a board in use.
+  --release FILE  instead of board/image/release: version, release, floor
+  --rt            Debian's kernel with PREEMPT_RT instead of the stock one
+  --flat          for tests: instead of the card only what an emulator starts without a boot loader: vmlinuz, initrd.gz, root.ext4
+  --out DIR       where all goes; build/image/BOARD unless given
+  --help          this
+Leaves holdfast-BOARD.img with .sha256, .packages (a list) and .spdx.json (the same as SBOM), and slot/ for board/image/bundle.sh.
+Needs what toolchain/packages.sh lists under `system`; network the first time; root, or user namespaces with uidmap.
+Example: board/image/build.sh rpi4 --keyring keys/owner.cert.pem
 USAGE
 }
 
-installs=() login='' out=build/image/virt
+installs=() login='' out='' board='' keyring='' flat=0 kernel=build/image/kernel release_file=board/image/release rt=()
 given=("$@")
 while (($# > 0)); do
   case $1 in
-    --install | --login | --out)
+    virt | rpi4) board=$1 ;;
+    --install | --login | --out | --keyring | --release)
       if [[ -z ${2:-} ]]; then
         complain "$1 names nothing" "a typing error" "see board/image/build.sh --help"
         exit 2
@@ -34,45 +48,74 @@ while (($# > 0)); do
         --install) installs+=("$2") ;;
         --login) login=$2 ;;
         --out) out=$2 ;;
+        --keyring) keyring=$2 ;;
+        --release) release_file=$2 ;;
       esac
       shift
       ;;
+    --flat) flat=1 ;;
+    --rt) kernel=build/image/kernel-rt rt=(--rt) ;;
     --help | -h) usage && exit 0 ;;
     *)
-      complain "unknown option '$1'" "a typing error" "see board/image/build.sh --help"
+      complain "unknown word '$1'" "a typing error" "see board/image/build.sh --help"
       exit 2
       ;;
   esac
   shift
 done
+if [[ -z $board ]]; then
+  complain "no board" "it was forgotten" "board/image/build.sh rpi4 for a Raspberry Pi 4, virt for the emulated machine"
+  exit 2
+fi
+: "${out:=build/image/$board}"
 for dir in "${installs[@]}"; do
   [[ -d $dir ]] && continue
   complain "there is no $dir to install" "it is not built yet" "build the board first, or leave --install out"
   exit 1
 done
-for tool in depmod modprobe cpio mke2fs; do
+if [[ -n $keyring ]] && ! openssl x509 -in "$keyring" -noout 2>/dev/null; then
+  complain "$keyring is no certificate" "not made yet, or the key was given" "board/image/keys.sh makes one: DIR/owner.cert.pem"
+  exit 1
+fi
+for tool in depmod modprobe cpio mke2fs mkfs.vfat mcopy mksquashfs veritysetup sfdisk mkimage mkenvimage fdtput jq \
+  aarch64-linux-gnu-readelf; do
   command -v "$tool" >/dev/null && continue
-  complain "cannot build the image" "$tool is not here" "apt-get install kmod cpio e2fsprogs"
+  complain "cannot build the image" "$tool is not here" "tests/run.sh --only packages"
   exit 1
 done
+if [[ ! -x build/rpi4/bin/holdfastd ]]; then
+  complain "there is no firmware to put on the card" "the preset rpi4 is not built" \
+    "toolchain/sysroot.sh && cmake --preset rpi4 && cmake --build --preset rpi4"
+  exit 1
+fi
+value_of() { sed -n "s/^$1=\([A-Za-z0-9.+~-]*\)\$/\1/p" "$release_file"; }
+release=$(value_of release) release_version=$(value_of version) floor=$(value_of floor)
+if [[ ! $release =~ ^[0-9]+$ || ! $floor =~ ^[0-9]+$ || -z $release_version ]]; then
+  complain "$release_file names no version, release and floor" "it was edited" "see board/image/release"
+  exit 1
+fi
 
 # Before the namespace: mmdebstrap makes its own. Inside it they find everything there.
-board/image/kernel.sh
+board/image/kernel.sh "${rt[@]}"
 board/image/base.sh
+((flat)) || board/image/firmware.sh "$board"
 # Files of the root belong to several users, which only root can make; root of a namespace will do.
 if ((EUID != 0)); then
   exec unshare --user --map-root-user --map-auto -- "$0" "${given[@]}"
 fi
 
-# By what the machine of tests/system has: disk and console by virtio, USB camera, watchdog; serial adapters and
-# the USB-HID bridge for whoever plugs one in. GPIO, PCI serial and hidraw are built in.
-root_modules=(virtio_console virtio_rng xhci_pci uvcvideo i6300esb ftdi_sio cp210x hid_generic usbhid hid_mcp2221 uhid loop)
-initrd_modules=(virtio_mmio virtio_pci virtio_blk ext4)
-kernel=build/image/kernel
+# The time of every file that is made here: that of the source, not of the build.
+if [[ -z ${SOURCE_DATE_EPOCH:-} ]]; then
+  SOURCE_DATE_EPOCH=$(git -c safe.directory="$PWD" log -1 --format=%ct 2>/dev/null) || SOURCE_DATE_EPOCH=1700000000
+fi
+export SOURCE_DATE_EPOCH
 version=$(cat "$kernel/version")
+# shellcheck disable=SC2034  # of card.sh
+firmware=build/image/firmware-$board
 work=$(mktemp -d build/image/work.XXXXXX)
 trap 'rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
+started=$SECONDS
 
 # timed WHAT COMMAND...: says how long it took.
 timed() {
@@ -83,75 +126,10 @@ timed() {
   printf 'image: %-28s %3d.%d s\n' "$what" $((took / 10)) $((took % 10))
 }
 
-# with_dependencies MODULE...: files of the modules and of all that they need, in the order in which they can be loaded.
-with_dependencies() {
-  local module
-  for module in "$@"; do
-    modprobe -d "$kernel" -S "$version" --show-depends "$module"
-  done | awk '$1 == "insmod" && !seen[$2]++ { print $2 }'
+stage_board() {
+  cmake --install build/rpi4 --prefix "$work/stage/usr" --component "$board" >"$work/install.log"
+  installs=("$work/stage" "${installs[@]}")
 }
-
-unpack() { mkdir "$work/root" && tar -C "$work/root" --numeric-owner -xf build/image/base.tar; }
-
-install_modules() {
-  local from=$kernel/lib/modules/$version to=$work/root/lib/modules/$version path
-  mkdir -p "$to"
-  cp "$from"/modules.{builtin,builtin.modinfo,order} "$to/"
-  with_dependencies "${root_modules[@]}" >"$work/root_modules"
-  while read -r path; do
-    path=${path#*/lib/modules/"$version"/}
-    mkdir -p "$to/$(dirname "$path")"
-    cp "$from/$path" "$to/$path"
-  done <"$work/root_modules"
-  depmod -b "$work/root" "$version"
-}
-
-# enable_unit FILE: as `systemctl enable` does, for units wanted by a target.
-enable_unit() {
-  local wanted_by
-  wanted_by=$(sed -n 's/^WantedBy=//p' "$1")
-  for wanted_by in $wanted_by; do
-    mkdir -p "$work/root/etc/systemd/system/$wanted_by.wants"
-    ln -sfn "${1#"$work/root"}" "$work/root/etc/systemd/system/$wanted_by.wants/$(basename "$1")"
-  done
-}
-
-# install_tree DIR: lays it over the root, owned by root. The root's /lib is a link to /usr/lib, so no folder may
-# take its place.
-install_tree() {
-  local unit
-  tar -C "$1" --owner=0 --group=0 --numeric-owner --mode=go-w -cf - . |
-    tar -C "$work/root" --keep-directory-symlink --no-overwrite-dir -xf -
-  while read -r unit; do
-    enable_unit "$work/root/$unit"
-  done < <(cd "$1" && find . -path '*/systemd/system/*' -type f \( -name '*.service' -o -name '*.timer' -o -name '*.socket' \
-    -o -name '*.path' \) -exec grep -l '^\[Install\]' {} + | sed 's/^\.\///')
-}
-
-install_all() {
-  local dir
-  install_modules
-  for dir in board/image/virt "${installs[@]}"; do install_tree "$dir"; done
-  [[ -n $login ]] || return 0
-  mkdir -p "$work/root/etc/systemd/system/serial-getty@$login.service.d"
-  printf '[Service]\nExecStart=\nExecStart=-/sbin/agetty --autologin root --keep-baud 115200,9600 %%I vt220\n' \
-    >"$work/root/etc/systemd/system/serial-getty@$login.service.d/autologin.conf"
-  ln -sfn /lib/systemd/system/serial-getty@.service \
-    "$work/root/etc/systemd/system/getty.target.wants/serial-getty@$login.service"
-}
-
-make_initrd() {
-  local dir=$work/initrd
-  mkdir -p "$dir"/{bin,dev,modules,proc,root,sys}
-  cp "$work/root/bin/busybox" "$dir/bin/"
-  ln -s busybox "$dir/bin/sh"
-  cp board/image/initrd_init "$dir/init"
-  with_dependencies "${initrd_modules[@]}" >"$work/initrd_modules"
-  xargs -d '\n' cp -t "$dir/modules" <"$work/initrd_modules"
-  sed 's,.*/,,' "$work/initrd_modules" >"$dir/modules/order"
-  (cd "$dir" && find . -print0 | sort -z | cpio --null --create --format=newc --quiet --owner=0:0 | gzip -1) >"$work/initrd.gz"
-}
-
 # A quarter more than the files take, for inodes, journal and what a machine writes.
 make_ext4() {
   local size
@@ -159,13 +137,54 @@ make_ext4() {
   truncate -s "${size}M" "$work/root.ext4"
   mke2fs -q -F -t ext4 -L holdfast -m 0 -d "$work/root" "$work/root.ext4"
 }
+# What only a card has: slots, partitions, updates.
+install_card() {
+  install_tree board/image/card
+  mkdir -p "$work/root/boot" "$work/root/data" "$work/root/etc/holdfast"
+  ln -sfn /boot/code "$work/root/etc/holdfast/code"
+  sed "s/@board@/$board/" board/image/rauc.conf >"$work/root/etc/rauc/system.conf"
+  [[ -z $keyring ]] || install -m 644 "$keyring" "$work/root/etc/rauc/keyring.pem"
+  install -m 644 "$release_file" "$work/root/usr/lib/holdfast/release"
+}
+list_packages() {
+  cat build/image/base.versions "$firmware/versions" "$kernel/package" | LC_ALL=C sort -u >"$work/packages"
+}
 
+timed "what the board has" stage_board
 timed "unpack Debian" unpack
 timed "finish the root" board/image/finish_root.sh "$work/root"
 timed "modules, installed files" install_all
 timed "initrd" make_initrd
-timed "ext4 image" make_ext4
 mkdir -p "$out"
-cp "$kernel/vmlinuz" "$work/vmlinuz"
-mv "$work"/{vmlinuz,initrd.gz,root.ext4} "$out/"
-say "image: $out has kernel $version, root of $(du -m --apparent-size "$out/root.ext4" | cut -f 1) MB ($(du -m "$out/root.ext4" | cut -f 1) MB used)"
+if ((flat)); then
+  timed "ext4 image" make_ext4
+  cp "$kernel/vmlinuz" "$work/vmlinuz"
+  mv "$work"/{vmlinuz,initrd.gz,root.ext4} "$out/"
+  say "image: $out has kernel $version, root of $(du -m --apparent-size "$out/root.ext4" | cut -f 1) MB ($(du -m "$out/root.ext4" | cut -f 1) MB used)"
+  exit 0
+fi
+timed "what the card has" install_card
+timed "root: squashfs, hash tree" make_root_image
+timed "kernel, initrd" make_kernel_image
+timed "first stages" make_firmware_image
+timed "data" make_data_image
+timed "card" make_card
+list_packages
+write_sbom >"$work/card.spdx.json"
+name=$out/holdfast-$board
+rm -rf "$out/slot"
+mkdir "$out/slot"
+mv "$work/root.img" "$work/kernel.img" "$out/slot/"
+cp "$work/kernel_files/release" "$out/slot/"
+[[ $board != virt ]] || cp "$firmware/u-boot.bin" "$out/"
+mv "$work/packages" "$name.packages"
+mv "$work/card.spdx.json" "$name.spdx.json"
+mv "$work/card.img" "$name.img"
+(cd "$out" && sha256sum "holdfast-$board.img" >"holdfast-$board.img.sha256")
+sed 's/\t/ /g; s/^/   /' "$name.packages" | cut -d ' ' -f 1-5
+say "image: $(wc -l <"$name.packages") packages, listed above and in $name.spdx.json"
+say "image: root $(($(stat -c %s "$out/slot/root.img") / 1000000)) MB, kernel and initrd $((($(stat -c %s "$kernel/vmlinuz") + $(stat -c %s "$work/initrd.gz")) / 1000000)) MB"
+[[ -n $keyring ]] || note "built without --keyring: this card takes no updates"
+[[ -z $login ]] || note "built with --login: whoever reaches $login is root"
+say "image: $name.img, $(($(stat -c %s "$name.img") / 1000000)) MB, $(du -m "$name.img" | cut -f 1) MB of it used, release $release ($release_version), in $((SECONDS - started)) s"
+say "image: sha256 $(cut -d ' ' -f 1 "$name.img.sha256")"

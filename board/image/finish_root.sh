@@ -27,10 +27,12 @@ systemd-journal 999
 systemd-network 998
 gpio 990
 holdfast 989
+messagebus 988
 GROUPS
 cat >>"$root/etc/passwd" <<'USERS'
 systemd-network:x:998:998:systemd Network Management:/:/usr/sbin/nologin
 holdfast:x:989:989:Holdfast:/nonexistent:/usr/sbin/nologin
+messagebus:x:988:988::/nonexistent:/usr/sbin/nologin
 USERS
 # What holdfastd opens: cameras, lines, serial ports, USB bridges. Members of groups stand behind the last colon.
 for group in video gpio dialout plugdev; do sed -i "s/^\($group:.*:\)\$/\1holdfast/" "$root/etc/group"; done
@@ -62,7 +64,9 @@ ln -sfn /proc/mounts "$root/etc/mtab"
 mkdir -p "$root"/etc/systemd/system/{multi-user.target.wants,sysinit.target.wants,getty.target.wants}
 link() { ln -sfn "$2" "$root/etc/systemd/system/$1"; }
 link default.target /lib/systemd/system/multi-user.target
-# Nobody logs in, there is no D-Bus to do it by, journals live in memory, and disks are as the image says. What is
+# D-Bus is there for RAUC, which starts it when there is something to install: its socket is enough.
+rm -f "$root/lib/systemd/system/multi-user.target.wants/dbus.service"
+# Nobody logs in, journals live in memory, and disks are as the image says. What is
 # not started needs no time: in an emulated machine each unit costs a tenth of a second, each generator as much.
 for unit in systemd-logind.service getty-static.service systemd-journal-flush.service systemd-update-utmp.service \
   systemd-update-utmp-runlevel.service systemd-pstore.service systemd-hwdb-update.service systemd-firstboot.service \

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Fetches Debian's stock arm64 kernel into build/image/kernel: vmlinuz, modules with their index, the Raspberry Pi's
-# device trees, and `version`. Does nothing when it is there. Needs apt, kmod, network, no root; 60 MB are fetched.
+# device trees, `version` and `package`. Does nothing when it is there. Needs apt, kmod, network, no root; 60 MB are fetched.
+# --rt: the kernel with PREEMPT_RT, into build/image/kernel-rt.
 # --force fetches it again, for a newer one.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -11,13 +12,16 @@ source toolchain/say.sh
 source toolchain/apt_arm64.sh
 PATH=$PATH:/usr/sbin:/sbin  # depmod
 
-kernel=build/image/kernel
-case ${1:-} in
-  '') ;;
-  --force) rm -rf "$kernel" ;;
-  *) say "usage: board/image/kernel.sh [--force]" && exit 2 ;;
-esac
-if [[ -f $kernel/version ]]; then
+kernel=build/image/kernel name=linux-image-arm64 pattern='linux-image-[0-9][^ ]*-arm64' force=0
+for word in "$@"; do
+  case $word in
+    --force) force=1 ;;
+    --rt) kernel=build/image/kernel-rt name=linux-image-rt-arm64 pattern='linux-image-[0-9][^ ]*-rt-arm64' ;;
+    *) say "usage: board/image/kernel.sh [--rt] [--force]" && exit 2 ;;
+  esac
+done
+((force == 0)) || rm -rf "$kernel"
+if [[ -f $kernel/version && -f $kernel/package ]]; then
   say "kernel: $(cat "$kernel/version") is here"
   exit 0
 fi
@@ -35,10 +39,10 @@ apt_arm64_in "$work"
 
 # linux-image-arm64 only names the kernel of the day.
 find_kernel() {
-  "${apt_cache_arm64[@]}" depends linux-image-arm64 | sed -n 's/^ *Depends: \(linux-image-[0-9][^ ]*-arm64\)$/\1/p' | head -n 1
+  "${apt_cache_arm64[@]}" depends "$name" | sed -n "s/^ *Depends: \\($pattern\\)\$/\\1/p" | head -n 1
 }
 fetch() { (cd "$work" && "${apt_arm64[@]}" download "$1"); }
-say "kernel: fetching Debian's linux-image-arm64"
+say "kernel: fetching Debian's $name"
 if ! quietly "$work/update.log" "${apt_arm64[@]}" update || ! package=$(find_kernel) || [[ -z $package ]] ||
   ! quietly "$work/download.log" fetch "$package"; then
   complain "cannot fetch a kernel for arm64" "no network, or the package source has no arm64" \
@@ -54,6 +58,9 @@ mv "$work/all/lib/modules" "$work/kernel/lib/"
 mv "$work/all/usr/lib/linux-image-$version/broadcom" "$work/kernel/dtb"
 depmod -b "$work/kernel" "$version"
 printf '%s\n' "$version" >"$work/kernel/version"
+# shellcheck disable=SC2016  # dpkg-deb's own fields
+dpkg-deb -W --showformat='${Package}\t${Version}\t${Architecture}\t${source:Package} ${source:Version}\t${Installed-Size}\n' \
+  "$work"/*.deb >"$work/kernel/package"
 rm -rf "$kernel"
 mv "$work/kernel" "$kernel"
 say "kernel: $version is ready ($(du -sh "$kernel" | cut -f1))"

@@ -145,8 +145,10 @@ Machine::Machine(const Config& config)
   std::filesystem::remove_all(logs_, trouble);
   std::filesystem::create_directories(logs_, trouble);
   events_.open(logs_ / "events.log");
-  for (const std::filesystem::path& file :
-       {config.image / "vmlinuz", config.image / "initrd.gz", config.image / "root.ext4", config.film}) {
+  std::vector<std::filesystem::path> files{config.image / "vmlinuz", config.image / "initrd.gz",
+                                           config.image / "root.ext4", config.film};
+  if (!config.card.empty()) files = {config.image / "u-boot.bin", config.card, config.film};
+  for (const std::filesystem::path& file : files) {
     if (std::filesystem::exists(file, trouble)) continue;
     problem_ = "there is no " + file.string() + " (not built). Next: tests/run.sh --only system";
     return;
@@ -188,20 +190,25 @@ std::vector<std::string> Machine::command_line(const Config& config) const {
     command.emplace_back(option);
     command.push_back(std::move(value));
   };
-  add("-machine", "virt");
+  add("-machine", "virt,acpi=off");  // with ACPI and a boot loader the machine has no PL061
   add("-cpu", "cortex-a72");
   add("-smp", "2");
   add("-m", "768");
   add("-accel", "tcg,thread=multi");
   command.emplace_back("-nodefaults");
   add("-display", "none");
-  add("-kernel", image("vmlinuz"));
-  add("-initrd", image("initrd.gz"));
-  // Page tables of its own for the kernel, against an attack that this is no place for: with them every system call
-  // makes the emulator forget all translations, and the machine takes three times as long to start.
-  add("-append", "console=ttyAMA0 loglevel=4 systemd.show_status=0 nokaslr kpti=off mitigations=off root=/dev/vda " +
-                     config.words);
-  add("-drive", "file=" + image("root.ext4") + ",format=raw,if=none,id=root,snapshot=on");
+  if (!config.card.empty()) {
+    add("-bios", image("u-boot.bin"));
+    add("-drive", "file=" + config.card.string() + ",format=raw,if=none,id=root,snapshot=on");
+  } else {
+    add("-kernel", image("vmlinuz"));
+    add("-initrd", image("initrd.gz"));
+    // Page tables of its own for the kernel, against an attack that this is no place for: with them every system call
+    // makes the emulator forget all translations, and the machine takes three times as long to start.
+    add("-append", "console=ttyAMA0 loglevel=4 systemd.show_status=0 nokaslr kpti=off mitigations=off root=/dev/vda " +
+                       config.words);
+    add("-drive", "file=" + image("root.ext4") + ",format=raw,if=none,id=root,snapshot=on");
+  }
   add("-device", "virtio-blk-device,drive=root");
   add("-serial", "file:" + log("console.log"));
   add("-device", "virtio-serial-device");
@@ -305,6 +312,7 @@ void Machine::hear_monitor() {
       const std::string event = message["event"];
       resets_ += event == "RESET" ? 1 : 0;
       bites_ += event == "WATCHDOG" ? 1 : 0;
+      stick_gone_ = stick_gone_ || (event == "DEVICE_DELETED" && message["data"].value("device", "") == "stick-port");
       note("machine", *line);
     } else if (message.contains("return")) {
       monitor_answers_.push_back(message["return"].is_string() ? message["return"].get<std::string>() : *line);
@@ -404,6 +412,25 @@ bool Machine::run_until(const std::string& command, Span deadline) {
                  "; then met=0; else sleep 0.1; fi; done; ((met == 0))",
              deadline + kToAnswer)
              .status == 0;
+}
+
+void Machine::plug_stick(const std::filesystem::path& bytes) {
+  (void)ask_monitor(R"({"execute":"blockdev-add","arguments":{"driver":"raw","node-name":"stick","read-only":true,)"
+                    R"("file":{"driver":"file","filename":")" +
+                    bytes.string() + R"("}}})");
+  (void)ask_monitor(
+      R"({"execute":"device_add","arguments":{"driver":"usb-storage","id":"stick-port","drive":"stick"}})");
+}
+
+void Machine::unplug_stick() {
+  (void)ask_monitor(R"({"execute":"device_del","arguments":{"id":"stick-port"}})");
+  // It is gone when the system has let it go.
+  (void)wait([this] { return std::exchange(stick_gone_, false); }, kToConnect);
+  (void)ask_monitor(R"({"execute":"blockdev-del","arguments":{"node-name":"stick"}})");
+}
+
+void Machine::cut_power() {
+  (void)ask_monitor(R"({"execute":"system_reset"})");
 }
 
 std::string Machine::camera(std::string_view command) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // An emulated machine with everything that holdfastd has around it: the sensor on USB, GPIO lines that are watched and
 // driven from outside, a Hand-E on one serial port, the text console on another, a hardware watchdog, a root shell.
-// Disks are thrown away: every machine starts from the same image (board/image/build.sh).
+// Disks are thrown away: every machine starts from the same image (board/image/build.sh), either as an appliance does,
+// from the card by U-Boot, or sooner, from a flat disk by the emulator itself.
 //
 // One thread: the machine's surroundings live while wait() or one of the calls that wait runs. Every wait is on a
 // condition and ends at its deadline. What it starts ends with it, also when this program is killed.
@@ -75,7 +76,8 @@ class Machine {
  public:
   struct Config {
     std::string name{};                     // of its logs
-    std::filesystem::path image{};          // has vmlinuz, initrd.gz, root.ext4
+    std::filesystem::path image{};          // has vmlinuz, initrd.gz, root.ext4; or u-boot.bin and the card
+    std::filesystem::path card{};           // starts from this one by U-Boot; empty: from the flat disk
     std::filesystem::path film{};           // what the camera shows
     std::string words{};                    // more of the kernel's command line
     bool plugged = true;                    // the camera, from the start
@@ -124,6 +126,11 @@ class Machine {
   [[nodiscard]] sim::HandE& gripper() { return gripper_; }
   [[nodiscard]] std::string& diagnostics() { return diagnostics_.in; }
   void type(std::string_view text) { diagnostics_.out += text; }
+  // A USB stick with these bytes; one at a time.
+  void plug_stick(const std::filesystem::path& bytes);
+  void unplug_stick();
+  // The power goes and comes back: what was not on the card yet is lost.
+  void cut_power();
   [[nodiscard]] int resets() const { return resets_; }
   [[nodiscard]] int watchdog_bites() const { return bites_; }
   // It runs, and its shell has answered whatever it was asked.
@@ -160,6 +167,7 @@ class Machine {
   std::vector<Edge> edges_;
   std::uint32_t levels_ = 0;
   int resets_ = 0, bites_ = 0;
+  bool stick_gone_ = false;
 
   drivers::MonotonicClock gripper_clock_;
   sim::HandE gripper_{gripper_clock_};

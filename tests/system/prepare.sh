@@ -1,16 +1,76 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Makes the image that the scenarios start from: the board virt as preset rpi4 built it, and tests/system/root over it.
+# Makes what the scenarios start from: the board virt as preset rpi4 built it, and tests/system/root over it.
+#   tests/system/prepare.sh [flat|card]...   both unless named
+# flat: the disk that the emulator starts by itself. card: the card, a release after it as updates on USB sticks - as it
+# should be, and not - and the owner's keys, which are made here and thrown away.
 set -euo pipefail
 PATH=$PATH:/usr/sbin:/sbin  # mke2fs
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+# shellcheck source=toolchain/say.sh
+source toolchain/say.sh
 
 stage=build/image/stage
-rm -rf "$stage"
-cmake --install build/rpi4 --prefix "$stage/usr" --component virt
-# The HAL's contract is run on the machine's real devices, too.
-mkdir -p "$stage/usr/lib/holdfast"
-cp build/rpi4/bin/firmware_tests "$stage/usr/lib/holdfast/"
-# A disk that a scenario makes stand still.
-mke2fs -q -F -t ext4 -O ^has_journal "$stage/usr/lib/holdfast/disk.ext4" 2M
-board/image/build.sh --install "$stage" --install tests/system/root
+out=build/image/virt
+
+flat() {
+  rm -rf "$stage"
+  # The HAL's contract is run on the machine's real devices, too.
+  mkdir -p "$stage/usr/lib/holdfast"
+  cp build/rpi4/bin/firmware_tests "$stage/usr/lib/holdfast/"
+  # A disk that a scenario makes stand still.
+  mke2fs -q -F -t ext4 -O ^has_journal "$stage/usr/lib/holdfast/disk.ext4" 2M
+  board/image/build.sh virt --flat --install "$stage" --install tests/system/root
+}
+
+# stick NAME BUNDLE: a USB stick with it.
+stick() {
+  local image=$out/sticks/$1.img
+  truncate -s $(($(stat -c %s "$2") + 8000000)) "$image"
+  mkfs.vfat "$image" >/dev/null
+  mcopy -i "$image" "$2" ::holdfast-virt.raucb
+}
+
+card() {
+  local keys=$out/keys work=$out/work later=$out/later
+  rm -rf "$keys" "$work" "$later" "$out/sticks"
+  mkdir -p "$work" "$out/sticks"
+  board/image/keys.sh "$keys"
+  board/image/keys.sh "$work/other"
+  printf 'version=0.1.1-test\nrelease=2\nfloor=1\n' >"$work/release"
+  board/image/build.sh virt --install tests/system/root --keyring "$keys/owner.cert.pem" --release "$work/release" \
+    --out "$later" >/dev/null
+  board/image/build.sh virt --install tests/system/root --keyring "$keys/owner.cert.pem" | grep -v '^   '
+  board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/good"
+  board/image/bundle.sh virt --keys "$work/other" --slot "$later/slot" --out "$work/wrong_key"
+  sed -i 's/^release=.*/release=0/' "$later/slot/release"
+  board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/older"
+  head -c $(($(stat -c %s "$work/good") * 2 / 3)) "$work/good" >"$work/truncated"
+  # A byte of the signature, which is the file's end but for its length; and one of the pictures of the partitions.
+  cp "$work/good" "$work/bad_signature"
+  flip "$work/bad_signature" $(($(stat -c %s "$work/good") - 300))
+  cp "$work/good" "$work/damaged"
+  flip "$work/damaged" 20000000
+  local name
+  for name in good wrong_key older truncated bad_signature damaged; do stick "$name" "$work/$name"; done
+  rm -rf "$work" "$later"
+}
+
+# flip FILE OFFSET: every bit of that byte.
+flip() {
+  local byte
+  byte=$(od -An -tu1 -j "$2" -N 1 "$1")
+  # shellcheck disable=SC2059  # a byte by its number
+  printf "\\x$(printf %02x $((byte ^ 255)))" | dd of="$1" bs=1 seek="$2" conv=notrunc status=none
+}
+
+(($# > 0)) || set -- flat card
+for what in "$@"; do
+  case $what in
+    flat | card) "$what" ;;
+    *)
+      complain "'$what' is nothing to prepare" "a typing error" "tests/system/prepare.sh flat, or card"
+      exit 2
+      ;;
+  esac
+done
