@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -148,10 +149,38 @@ class Appliance {
 
 std::unique_ptr<Appliance> appliance;
 
+// After a process that did not end in order: what it drove goes LOW. With that process's own command line, of which
+// only --gpio counts, and whose errors are not this one's. Nothing that is held is touched, so it may be called by
+// hand. 0: no output that nobody holds is HIGH; 1: one may be.
+int lower(int argc, char** argv) {
+  Options options;
+  CLI::App cli{"", "holdfastd"};
+  bool ignored = false;
+  cli.allow_extras();
+  cli.add_flag("--lower", ignored);
+  cli.add_option("--gpio", options.gpio);
+  if (const std::optional<int> status = parse_command_line(cli, argc, argv)) return *status;
+  if (options.gpio == "mcp2221") {
+    drivers::HidapiPort usb;
+    drivers::Mcp2221Gpio bridge(usb);
+    std::string problem = usb.open(drivers::kMcp2221Vendor, drivers::kMcp2221Product, {});
+    if (problem.empty()) problem = bridge.open({.wiring = drivers::kMcp2221Desk});
+    if (!problem.empty()) say(problem);
+    return problem.empty() ? 0 : 1;
+  }
+  const drivers::GpiodGpio::Lowered lowered =
+      drivers::GpiodGpio::lower({.wiring = hardware().wiring, .consumer = "holdfastd"});
+  if (!lowered.problems.empty()) say("--lower: " + lowered.problems.substr(0, lowered.problems.size() - 1));
+  return lowered.all ? 0 : 1;
+}
+
 }  // namespace
 
 std::optional<int> make(int argc, char** argv) {
+  constexpr std::string_view kLower = "--lower";
+  if (std::find(argv + 1, argv + argc, kLower) != argv + argc) return lower(argc, argv);
   Options options;
+  bool asked_to_lower = false;  // for the help alone
   CLI::App cli{"The firmware with real devices, board " + std::string(hardware().name), "holdfastd"};
   cli.add_option("--sensor", options.sensor, "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one there");
   cli.add_option("--backend", options.backend, "camera by v4l2 or libcamera")
@@ -172,6 +201,8 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--code-file", options.code_file,
                  "the code that unlocks the console, one line; without it the console changes nothing");
   add_settings(cli, options.settings);
+  cli.add_flag("--lower", asked_to_lower,
+               "drive the outputs of a holdfastd that is gone LOW, and end; of the other options --gpio counts");
   cli.footer(
       "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
       "  holdfastd --sensor 2BNN4ZE7 --link /dev/ttyAMA0 --keep /run/holdfast/reference --set gripper=1 "

@@ -258,6 +258,27 @@ TEST(Holdfastd, IsBackAfterAKill) {
   CHECK(killed != pid());
 }
 
+// Without a successor that would take the lines: they are lowered all the same. (This chip keeps its levels.)
+TEST(Holdfastd, LeavesNoLineHighWhenItIsKilled) {
+  change_unit("Restart=no\\n");
+  const auto low = [this] { return !machine.level(kGripOk) && !machine.level(kAlive); };
+  for (int tries = 0; tries < 2; ++tries) {
+    become_fine();
+    said("kill -KILL " + pid());
+    const Moment since = std::chrono::steady_clock::now();
+    CHECK_TEXT(machine.wait(low, 1min), journal().c_str());
+    std::printf(" LOW after %.1f s;", seconds_since(since));
+    CHECK(machine.run_until("[[ $(systemctl show -P ActiveState holdfastd) == failed ]]", 60s));
+    CHECK(low());
+    said("systemctl start holdfastd");
+  }
+  change_unit("");
+  become_fine();
+  // What lives keeps its lines.
+  STRCMP_CONTAINS("is used by 'holdfastd:GRIP_OK'", said("holdfastd --lower --set nonsense 2>&1").c_str());
+  CHECK(fine());
+}
+
 // Only systemd can see it: its watchdog kills it, and it starts anew.
 TEST(Holdfastd, IsKilledAndBackWhenItHangs) {
   become_fine();
