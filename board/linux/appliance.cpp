@@ -80,6 +80,16 @@ class Appliance {
     tell_of_camera();
     return asked_to_end();
   }
+  // Into the log, once, without memory: the kernel's clock begins with it, and one of the firmware's seconds is
+  // `time_scale` of its.
+  void tell(const App& app) {
+    if (told_first_ || !app.first_accepted()) return;
+    told_first_ = true;
+    const std::int64_t tenths = *app.first_accepted() * options.time_scale / std::chrono::milliseconds{100};
+    drivers::FixedText<120> line;
+    line << "holdfastd: first frame fine " << tenths / 10 << "." << tenths % 10 << " s after the kernel started\n";
+    (void)!::write(STDERR_FILENO, line.c_str(), line.view().size());
+  }
   [[nodiscard]] hal::Serial& host() { return host_ ? static_cast<hal::Serial&>(*host_) : standard_output_; }
 
   const Options options;
@@ -124,6 +134,7 @@ class Appliance {
   drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
+  bool told_first_ = false;
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};
@@ -254,6 +265,9 @@ Params params() {
 }
 bool watch(OutputWatchdog& watchdog) {
   return appliance->watch(watchdog);
+}
+void tell(const App& app) {
+  appliance->tell(app);
 }
 bool over() {
   return appliance->over();

@@ -145,6 +145,8 @@ TEST(Holdfastd, StartsAndBecomesFineOnAnEmptyGel) {
   camera("play 0 11");
   become_fine();
   STRCMP_EQUAL("active", said("systemctl is-active holdfastd").c_str());
+  STRCMP_CONTAINS(" s after the kernel started",
+                  said("journalctl -u holdfastd -o cat | grep 'first frame fine '").c_str());
   // As the vendor's script sets them.
   const std::string settings = machine.camera("status");
   STRCMP_CONTAINS(" exposure_auto=1 exposure_absolute=180 ", settings.c_str());
@@ -375,6 +377,7 @@ TEST(Holdfastd, AnswersOnItsConsole) {
   asks("\x03\r", "holdfast> ");
   asks("version json\r", R"("board":"virt")");
   asks("status json\r", R"({"state":"OK")");
+  asks("tasks json\r", R"({"first_frame_ms":)");
   asks("set raise_frames 3\r", "ERR 10 locked");
   asks("devi\t\r", "2BNN4ZE7");
   asks("log frames json\r", "]}\r\nOK\r\n");
