@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
   while (!board::over() && !console.asked_to_restart()) {
     daemon.poll();
     console.poll();
+    board::tell(daemon.app());
   }
   daemon.stop();
   console.end();

@@ -40,6 +40,9 @@ test valgrind 1:3.19.0-1
 test gcovr 5.2-1
 test tmux 3.3a-3
 test picocom 3.1-4
+test fdisk 2.38.1-5+deb12u3
+test xz-utils 5.4.1-1
+test zstd 1.5.4+dfsg2-5
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -79,6 +80,16 @@ class Appliance {
     tell_of_camera();
     return asked_to_end();
   }
+  // Into the log, once, without memory: the kernel's clock begins with it, and one of the firmware's seconds is
+  // `time_scale` of its.
+  void tell(const App& app) {
+    if (told_first_ || !app.first_accepted()) return;
+    told_first_ = true;
+    const std::int64_t tenths = *app.first_accepted() * options.time_scale / std::chrono::milliseconds{100};
+    drivers::FixedText<120> line;
+    line << "holdfastd: first frame fine " << tenths / 10 << "." << tenths % 10 << " s after the kernel started\n";
+    (void)!::write(STDERR_FILENO, line.c_str(), line.view().size());
+  }
   [[nodiscard]] hal::Serial& host() { return host_ ? static_cast<hal::Serial&>(*host_) : standard_output_; }
 
   const Options options;
@@ -123,6 +134,7 @@ class Appliance {
   drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
+  bool told_first_ = false;
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};
@@ -148,10 +160,38 @@ class Appliance {
 
 std::unique_ptr<Appliance> appliance;
 
+// After a process that did not end in order: what it drove goes LOW. With that process's own command line, of which
+// only --gpio counts, and whose errors are not this one's. Nothing that is held is touched, so it may be called by
+// hand. 0: no output that nobody holds is HIGH; 1: one may be.
+int lower(int argc, char** argv) {
+  Options options;
+  CLI::App cli{"", "holdfastd"};
+  bool ignored = false;
+  cli.allow_extras();
+  cli.add_flag("--lower", ignored);
+  cli.add_option("--gpio", options.gpio);
+  if (const std::optional<int> status = parse_command_line(cli, argc, argv)) return *status;
+  if (options.gpio == "mcp2221") {
+    drivers::HidapiPort usb;
+    drivers::Mcp2221Gpio bridge(usb);
+    std::string problem = usb.open(drivers::kMcp2221Vendor, drivers::kMcp2221Product, {});
+    if (problem.empty()) problem = bridge.open({.wiring = drivers::kMcp2221Desk});
+    if (!problem.empty()) say(problem);
+    return problem.empty() ? 0 : 1;
+  }
+  const drivers::GpiodGpio::Lowered lowered =
+      drivers::GpiodGpio::lower({.wiring = hardware().wiring, .consumer = "holdfastd"});
+  if (!lowered.problems.empty()) say("--lower: " + lowered.problems.substr(0, lowered.problems.size() - 1));
+  return lowered.all ? 0 : 1;
+}
+
 }  // namespace
 
 std::optional<int> make(int argc, char** argv) {
+  constexpr std::string_view kLower = "--lower";
+  if (std::find(argv + 1, argv + argc, kLower) != argv + argc) return lower(argc, argv);
   Options options;
+  bool asked_to_lower = false;  // for the help alone
   CLI::App cli{"The firmware with real devices, board " + std::string(hardware().name), "holdfastd"};
   cli.add_option("--sensor", options.sensor, "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one there");
   cli.add_option("--backend", options.backend, "camera by v4l2 or libcamera")
@@ -172,6 +212,8 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--code-file", options.code_file,
                  "the code that unlocks the console, one line; without it the console changes nothing");
   add_settings(cli, options.settings);
+  cli.add_flag("--lower", asked_to_lower,
+               "drive the outputs of a holdfastd that is gone LOW, and end; of the other options --gpio counts");
   cli.footer(
       "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
       "  holdfastd --sensor 2BNN4ZE7 --link /dev/ttyAMA0 --keep /run/holdfast/reference --set gripper=1 "
@@ -223,6 +265,9 @@ Params params() {
 }
 bool watch(OutputWatchdog& watchdog) {
   return appliance->watch(watchdog);
+}
+void tell(const App& app) {
+  appliance->tell(app);
 }
 bool over() {
   return appliance->over();

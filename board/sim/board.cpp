@@ -365,6 +365,7 @@ Params params() {
 bool watch(OutputWatchdog& watchdog) {
   return desk->watch(watchdog);
 }
+void tell(const App&) {}  // virtual time begins with the program
 bool over() {
   return desk->over();
 }

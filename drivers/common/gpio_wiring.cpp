@@ -135,11 +135,13 @@ Found find(std::span<const ChipInfo> chips, const Wiring& wiring) {
   const Place place = places.front();
   const LineInfo& line = chips[place.chip].lines[place.offset];
   if (line.used) {
-    return refusal(wiring,
-                   "line " + std::to_string(place.offset) + " of " + told(chips[place.chip]) + " is used by " +
-                       (line.user.empty() ? "someone whom the kernel does not name" : quoted(line.user)),
-                   "another process holds the line, or a device of the kernel is on this pin",
-                   "end that process, take its dtoverlay out of config.txt, or wire another pin");
+    Found found = refusal(wiring,
+                          "line " + std::to_string(place.offset) + " of " + told(chips[place.chip]) + " is used by " +
+                              (line.user.empty() ? "someone whom the kernel does not name" : quoted(line.user)),
+                          "another process holds the line, or a device of the kernel is on this pin",
+                          "end that process, take its dtoverlay out of config.txt, or wire another pin");
+    found.held = true;
+    return found;
   }
   return {place, ""};
 }

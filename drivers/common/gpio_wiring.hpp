@@ -55,6 +55,7 @@ struct Place {
 struct [[nodiscard]] Found {
   Place place;
   std::string error;  // one line: what, likely cause, next step; empty: found, and free
+  bool held = false;  // the error is that somebody else has it
   [[nodiscard]] bool ok() const { return error.empty(); }
 };
 

@@ -78,6 +78,24 @@ std::string told(const Wiring& wiring, const Place& place, const Census& census,
               "compare with `gpioinfo " + chip.name + "` and the kernel log, or wire another pin");
 }
 
+// Requests a line, an output LOW. Returns the kernel's errno, and says in `error` why the line is not what it should
+// be.
+int take(const Census& census, const Wiring& wiring, const Place& place, const std::string& consumer,
+         gpiod::HeldLine& slot, std::string& error) {
+  const bool output = std::holds_alternative<hal::Line>(wiring.role);
+  const gpiod::Wish wish{place.offset, consumer + ":" + std::string(name_of(wiring.role)), output, wiring.active_low,
+                         !output};
+  const int failed = gpiod::request(census.chips[place.chip].path, wish, slot);
+  if (failed != 0) {
+    error = told(wiring, place, census, failed);
+  } else if (output && gpiod::read(*slot) != 0) {
+    error = told(std::string(name_of(wiring.role)) + ": told LOW, and does not read LOW",
+                 "the wire is shorted or driven from outside, or the chip cannot read its outputs back",
+                 "measure the pin with the wire off");
+  }
+  return failed;
+}
+
 }  // namespace
 
 gpiod::HeldLine& GpiodGpio::slot_of(const Role& role) {
@@ -93,22 +111,12 @@ std::string GpiodGpio::open(const Config& config) {
   if (!error.empty()) return with_refusal(std::move(error), census);
   for (std::size_t i = 0; i < config.wiring.size(); ++i) {
     const Wiring& wiring = config.wiring[i];
-    const bool output = std::holds_alternative<hal::Line>(wiring.role);
     gpiod::HeldLine& slot = slot_of(wiring.role);
     if (slot != nullptr) {
       error = told(std::string(name_of(wiring.role)) + ": two rows of the table", "a typing error in the wiring table",
                    "leave one row for each role");
     } else {
-      const gpiod::Wish wish{places[i].offset, config.consumer + ":" + std::string(name_of(wiring.role)), output,
-                             wiring.active_low, !output};
-      const int failed = gpiod::request(census.chips[places[i].chip].path, wish, slot);
-      if (failed != 0) {
-        error = told(wiring, places[i], census, failed);
-      } else if (output && gpiod::read(*slot) != 0) {
-        error = told(std::string(name_of(wiring.role)) + ": told LOW, and does not read LOW",
-                     "the wire is shorted or driven from outside, or the chip cannot read its outputs back",
-                     "measure the pin with the wire off");
-      }
+      (void)take(census, wiring, places[i], config.consumer, slot, error);
     }
     if (!error.empty()) {
       close();
@@ -124,6 +132,22 @@ void GpiodGpio::close() {
     line.reset();
   }
   for (gpiod::HeldLine& line : inputs_) line.reset();
+}
+
+GpiodGpio::Lowered GpiodGpio::lower(const Config& config) {
+  const Census census = take_census(config.devices);
+  Lowered lowered;
+  for (const Wiring& wiring : config.wiring) {
+    if (!std::holds_alternative<hal::Line>(wiring.role)) continue;
+    gpiod::HeldLine line;
+    const Found found = find(census.infos, wiring);
+    std::string error = found.ok() ? "" : with_refusal(found.error, census);
+    const int failed = found.ok() ? take(census, wiring, found.place, config.consumer, line, error) : 0;
+    if (error.empty()) continue;
+    lowered.all = lowered.all && (found.held || failed == EBUSY);
+    lowered.problems += error + "\n";
+  }
+  return lowered;
 }
 
 bool GpiodGpio::do_set(hal::Line line, hal::Level level) {

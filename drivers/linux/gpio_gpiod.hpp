@@ -17,7 +17,8 @@
 //   controller others             nothing is promised: "reverts to default when the last process [...] exits"
 //   (gpioset's help)
 // So neither a killed process nor its end lowers GRIP_OK by itself; the receiver's rule (GRIP_OK counts while ALIVE
-// toggles) and a pull-down at the wire do. An orderly close() drives every output LOW first.
+// toggles) and a pull-down at the wire do. An orderly close() drives every output LOW first. After any other end
+// somebody has to call lower(): the unit does (holdfastd --lower).
 #pragma once
 
 #include <array>
@@ -50,6 +51,14 @@ class GpiodGpio final : public hal::Gpio {
   // Otherwise one line: what, likely cause, next step; nothing is held then. Uses the heap.
   [[nodiscard]] std::string open(const Config& config);
   void close();
+
+  // For the lines of a process that is gone: takes each output of the table LOW and lets go of it, each by itself; an
+  // input stays as it is, and so does a line that somebody else holds, who may be alive.
+  struct Lowered {
+    bool all = true;       // that nobody else holds
+    std::string problems;  // one line each: what, likely cause, next step
+  };
+  [[nodiscard]] static Lowered lower(const Config& config);
 
  private:
   // A line that the table does not name takes no level.

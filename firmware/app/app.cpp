@@ -59,6 +59,7 @@ Status App::start(const Params& params, bool auto_size) {
   }
   alive_high_ = false;
   distrusted_ = 0;
+  first_accepted_.reset();
   last_rejection_ = Reason::kNone;
   supervisor_ = {};  // what held before the restart vouches for nothing now
   outputs_ = {};
@@ -280,13 +281,19 @@ void App::signal(const supervisor::Outputs& outputs) {
     if (obeyed) alive_high_ = !alive_high_;
     // Stopped between the look at the clock and the edge (30 ns wide): what the edge says is taken back at once.
     if (obeyed && is_stale()) return (void)give_up(outputs, Reason::kFrameStale);
-    if (obeyed) watchdog_.vouch(devices_.clock.now());
+    if (obeyed) vouch();
   }
   if (obeyed && rises) obeyed = devices_.gpio.set(hal::Line::kGripOk, hal::Level::kHigh);
   outputs_ = outputs;
   if (obeyed) return;
   distrusted_ = kLineTrust;
   (void)give_up(outputs, Reason::kGpioFailed);
+}
+
+void App::vouch() {
+  const Micros now = devices_.clock.now();
+  watchdog_.vouch(now);
+  if (!first_accepted_) first_accepted_ = now;
 }
 
 bool App::give_up(const supervisor::Outputs& outputs, Reason why) {

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "app/health.hpp"
 #include "app/params.hpp"
@@ -89,6 +90,8 @@ class App {
   [[nodiscard]] const pipeline::Result& result() const { return result_; }
   [[nodiscard]] const supervisor::Outputs& outputs() const { return outputs_; }
   [[nodiscard]] const pipeline::State& state() const { return state_; }
+  // When ALIVE vouched for a frame first since start(). The clock of a board with real devices begins with its kernel.
+  [[nodiscard]] std::optional<Micros> first_accepted() const { return first_accepted_; }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor() const { return supervisor_; }
   [[nodiscard]] const health::State& health() const { return health_; }
@@ -118,6 +121,7 @@ class App {
   void signal(const supervisor::Outputs& outputs);
   bool give_up(const supervisor::Outputs& outputs, Reason why);
   [[nodiscard]] bool distrusts(const supervisor::Outputs& outputs);
+  void vouch();
   void report();
   void configure(const Params& params);
   void time_frame();
@@ -134,6 +138,7 @@ class App {
   std::uint32_t trips_seen_ = 0;
   keepsake::Identity sensor_{};  // that this run began with
   Micros waiting_since_{};
+  std::optional<Micros> first_accepted_;
   Micros arrived_{};                       // the frame that is worked on
   Reason last_rejection_ = Reason::kNone;  // of the frame seen last
   Reason strain_ = Reason::kNone;

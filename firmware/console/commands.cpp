@@ -211,7 +211,14 @@ Answer tasks(Console& console, const Words& words, std::int32_t step) {
   }
   if (words.count != 1) return error(Error::kArguments);
   Page& page = console.page();
-  if (step == 0) page.open(words.json);
+  if (step == 0) {
+    page.open(words.json);
+    if (const auto first = console.daemon().app().first_accepted(); first) {
+      page.integer("first_frame_ms", *first / Micros{1000}, "after the kernel started");
+    } else {
+      page.nothing("first_frame_ms");
+    }
+  }
   return list_step(page, "tasks", kTaskColumns, step, static_cast<std::int32_t>(kTasks.size()), [&](std::int32_t k) {
     const TaskInfo& task = kTasks[idx(k)];
     const laps::Histogram& histogram = laps.of(task.task);
@@ -713,7 +720,7 @@ constexpr std::array<CommandInfo, 24> kCommands{{
     {"help", "[COMMAND|PARAMETER] [json]", "what can be said, or one thing in detail", false, help},
     {"version", "[json]", "firmware, board, model", false, version},
     {"status", "[json]", "state, reason, age, rate, markers, last slip", false, status},
-    {"tasks", "[clear] [json]", "how long each stage takes: p50, p99.9, longest, late", false, tasks},
+    {"tasks", "[clear] [json]", "start, and each stage: p50, p99.9, longest, late", false, tasks},
     {"devices", "[json]", "camera, lines, link, gripper: what is there and how it is", false, devices},
     {"get", "[PARAMETER] [json]", "parameters, all or those whose name holds the word", false, get},
     {"set", "PARAMETER VALUE", "change a parameter, until the next start or save", true, set},

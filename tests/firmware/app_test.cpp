@@ -875,6 +875,26 @@ TEST(App, VouchesForNothingAfterARestartUntilAFrameIsAccepted) {
   state_is(DeviceState::kOk, app->outputs().state);  // the lattice and the rest positions are still known
 }
 
+TEST(App, KnowsWhenItVouchedFirst) {
+  film(14);
+  build({{0, 2, sim::CameraFault::kBad, {}}, {6, 1, sim::CameraFault::kBad, {}}});
+  start();
+  for (int bad = 0; bad < 2; ++bad) {
+    CHECK_FALSE(app->first_accepted().has_value());
+    CHECK_TRUE(step());
+  }
+  CHECK_FALSE(app->first_accepted().has_value());
+  (void)new_events();
+  CHECK_TRUE(step());
+  const Micros edge = new_events().back().time;
+  CHECK_TRUE(edge > Micros{0} && app->first_accepted() == edge);
+  run(6);
+  CHECK_TRUE(app->first_accepted() == edge);
+  app->stop();
+  CHECK_TRUE(app->start(Params{}).ok());
+  CHECK_FALSE(app->first_accepted().has_value());
+}
+
 TEST(App, FaultsWhileALineRefusesAndComesBack) {
   film(12);
   build({}, 6);

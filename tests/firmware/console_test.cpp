@@ -422,7 +422,8 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   }
   CHECK(std::count(status.begin(), status.end(), '\n') <= 23);  // one screen
   check_says("tasks", "decode");
-  check_says("tasks json", R"({"tasks":[{"task":"decode","count":)");
+  check_says("tasks", "first_frame_ms        40 after the kernel started\r\n");
+  check_says("tasks json", R"({"first_frame_ms":40,"tasks":[{"task":"decode","count":)");
   check_ok("tasks clear");
   const std::string devices = desk.say("devices json");
   STRCMP_CONTAINS("{\"device\":\"camera\",\"is\":\"28D1-D7C6\",\"well\":\"yes\",\"more\":\"started 1 times\"}",
@@ -475,6 +476,16 @@ TEST(Console, ShowsMarkersThatAreLost) {
 TEST(Console, KnowsNoRateBeforeTheSecondFrame) {
   desk.start();
   check_says("status", "fps                   0.00");
+}
+
+TEST(Console, KnowsNoFirstFrameBeforeItCame) {
+  desk.start();
+  desk.camera->set(sim::CameraSwitch::kGone);
+  check_says("tasks", "first_frame_ms        -");
+  check_says("tasks json", R"({"first_frame_ms":null,"tasks":[)");
+  desk.camera->set(sim::CameraSwitch::kNone);
+  desk.run(3s);
+  CHECK(desk.say("tasks json").find("null") == std::string::npos);
 }
 
 // The object slips, and a second later it shows.

@@ -177,6 +177,62 @@ TEST(GpiodGpio, AllLinesOrNone) {
   STRCMP_EQUAL("", open(table()).c_str());
 }
 
+// Left behind by a process that was killed: HIGH on the wire, and nobody's.
+TEST(GpiodGpio, TheLinesOfAProcessThatIsGoneAreLowered) {
+  for (const bool active_low : {false, true}) {
+    const std::vector<Wiring> wiring = table(active_low);
+    for (const std::size_t pin : {kGripPin, kAlivePin, kTarePin}) {
+      wire(pin).high = !active_low;
+      wire(pin).levels.clear();
+    }
+    const GpiodGpio::Lowered lowered = GpiodGpio::lower({.wiring = wiring, .devices = dev.path().string()});
+    STRCMP_EQUAL("", lowered.problems.c_str());
+    CHECK_TRUE(lowered.all);
+    for (const std::size_t pin : {kGripPin, kAlivePin}) {
+      CHECK_TRUE((wire(pin).levels == std::vector<bool>{active_low}));
+      CHECK_FALSE(wire(pin).used);
+    }
+    CHECK_EQUAL(!active_low, wire(kTarePin).high);
+    LONGS_EQUAL(0, GpioKernel::get().opened);
+  }
+}
+
+TEST(GpiodGpio, LinesOfAProcessThatLivesAreNotLowered) {
+  STRCMP_EQUAL("", open(table()).c_str());
+  CHECK_TRUE(gpio.set(Line::kGripOk, Level::kHigh));
+  const std::vector<Wiring> wiring = table();
+  const GpiodGpio::Config config{.wiring = wiring, .devices = dev.path().string()};
+  GpiodGpio::Lowered lowered = GpiodGpio::lower(config);
+  CHECK_TRUE(lowered.all);  // of those that are nobody's: none
+  STRCMP_CONTAINS("GRIP_OK: line 'GPIO17'", lowered.problems.c_str());
+  STRCMP_CONTAINS("is used by 'holdfastd:ALIVE'", lowered.problems.c_str());
+  CHECK_TRUE(wire(kGripPin).high && wire(kGripPin).used);
+  gpio.close();
+
+  wire(kGripPin).refuse = EBUSY;  // taken after the look
+  wire(kAlivePin).high = true;
+  lowered = GpiodGpio::lower(config);
+  CHECK_TRUE(lowered.all);
+  CHECK_FALSE(wire(kAlivePin).high);  // one that is refused keeps none of the others
+}
+
+TEST(GpiodGpio, ALineThatCannotBeLoweredIsTold) {
+  const std::vector<Wiring> wiring = table();
+  const GpiodGpio::Config config{.wiring = wiring, .devices = dev.path().string()};
+  wire(kGripPin).stuck = wire(kGripPin).high = true;
+  wire(kAlivePin).high = true;
+  GpiodGpio::Lowered lowered = GpiodGpio::lower(config);
+  CHECK_FALSE(lowered.all);
+  check_says(lowered.problems.substr(0, lowered.problems.find('\n')), {"GRIP_OK: told LOW, and does not read LOW"});
+  CHECK_FALSE(wire(kAlivePin).high);
+  wire(kGripPin).stuck = false;
+  wire(kGripPin).refuse = EIO;
+  CHECK_FALSE(GpiodGpio::lower(config).all);
+  lowered = GpiodGpio::lower({.wiring = wiring, .devices = "/nonexistent"});
+  CHECK_FALSE(lowered.all);
+  STRCMP_CONTAINS("no GPIO chip", lowered.problems.c_str());
+}
+
 TEST(GpiodGpio, WhatMayNotBeOpenedIsToldWithTheGroup) {
   GpioKernel::get().unopenable["gpiochip0"] = EACCES;
   check_says(open(table()), {"gpiochip0: Permission denied", "group gpio", "usermod -aG gpio", "GPIO17"});

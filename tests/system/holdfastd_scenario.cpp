@@ -74,6 +74,18 @@ TEST_GROUP(Holdfastd) {
   std::string pid() {
     return said("systemctl show -P MainPID holdfastd");
   }
+  // Beside the unit's own lines, these; none: as it is shipped. Counts from the next start on.
+  void change_unit(const std::string& lines) {
+    const std::string folder = "/run/systemd/system/holdfastd.service.d";
+    said("rm -rf " + folder + " && mkdir -p " + folder);
+    if (!lines.empty()) said("printf '[Service]\\n" + lines + "' > " + folder + "/test.conf");
+    said("systemctl daemon-reload");
+  }
+  void use_libcamera(const std::string& options) {
+    change_unit("ExecStart=\\nExecStart=/usr/bin/holdfastd --backend libcamera " + options + " $HOLDFASTD_OPTIONS\\n");
+    said("cp /usr/share/holdfast/libcamera.conf /run/systemd/system/holdfastd.service.d/ && systemctl daemon-reload");
+    said("systemctl restart holdfastd");
+  }
   // Nothing that the receiver may call fine, as soon as the rule demands.
   void stop_being_fine() {
     const Moment since = std::chrono::steady_clock::now();
@@ -133,6 +145,8 @@ TEST(Holdfastd, StartsAndBecomesFineOnAnEmptyGel) {
   camera("play 0 11");
   become_fine();
   STRCMP_EQUAL("active", said("systemctl is-active holdfastd").c_str());
+  STRCMP_CONTAINS(" s after the kernel started",
+                  said("journalctl -u holdfastd -o cat | grep 'first frame fine '").c_str());
   // As the vendor's script sets them.
   const std::string settings = machine.camera("status");
   STRCMP_CONTAINS(" exposure_auto=1 exposure_absolute=180 ", settings.c_str());
@@ -246,6 +260,27 @@ TEST(Holdfastd, IsBackAfterAKill) {
   CHECK(killed != pid());
 }
 
+// Without a successor that would take the lines: they are lowered all the same. (This chip keeps its levels.)
+TEST(Holdfastd, LeavesNoLineHighWhenItIsKilled) {
+  change_unit("Restart=no\\n");
+  const auto low = [this] { return !machine.level(kGripOk) && !machine.level(kAlive); };
+  for (int tries = 0; tries < 2; ++tries) {
+    become_fine();
+    said("kill -KILL " + pid());
+    const Moment since = std::chrono::steady_clock::now();
+    CHECK_TEXT(machine.wait(low, 1min), journal().c_str());
+    std::printf(" LOW after %.1f s;", seconds_since(since));
+    CHECK(machine.run_until("[[ $(systemctl show -P ActiveState holdfastd) == failed ]]", 60s));
+    CHECK(low());
+    said("systemctl start holdfastd");
+  }
+  change_unit("");
+  become_fine();
+  // What lives keeps its lines.
+  STRCMP_CONTAINS("is used by 'holdfastd:GRIP_OK'", said("holdfastd --lower --set nonsense 2>&1").c_str());
+  CHECK(fine());
+}
+
 // Only systemd can see it: its watchdog kills it, and it starts anew.
 TEST(Holdfastd, IsKilledAndBackWhenItHangs) {
   become_fine();
@@ -342,6 +377,7 @@ TEST(Holdfastd, AnswersOnItsConsole) {
   asks("\x03\r", "holdfast> ");
   asks("version json\r", R"("board":"virt")");
   asks("status json\r", R"({"state":"OK")");
+  asks("tasks json\r", R"({"first_frame_ms":)");
   asks("set raise_frames 3\r", "ERR 10 locked");
   asks("devi\t\r", "2BNN4ZE7");
   asks("log frames json\r", "]}\r\nOK\r\n");
@@ -364,19 +400,14 @@ TEST(Holdfastd, LeavesItsDevicesToTheContract) {
 // As through V4L2, and again after a replug.
 TEST(Holdfastd, SeesThroughLibcameraAsWell) {
   become_fine();
-  said("mkdir -p /run/systemd/system/holdfastd.service.d");
-  said(
-      "printf '[Service]\\nExecStart=\\nExecStart=/usr/bin/holdfastd --backend libcamera --keep "
-      "/run/holdfast/reference "
-      "$HOLDFASTD_OPTIONS\\n' > /run/systemd/system/holdfastd.service.d/libcamera.conf");
-  said("systemctl daemon-reload && systemctl restart holdfastd");
+  use_libcamera("--keep /run/holdfast/reference");
   stop_being_fine();
   become_fine();
   camera("unplug");
   stop_being_fine();
   camera("plug");
   become_fine();
-  said("rm /run/systemd/system/holdfastd.service.d/libcamera.conf && systemctl daemon-reload");
+  change_unit("");
   said("systemctl restart holdfastd");
   stop_being_fine();
   become_fine();
@@ -392,11 +423,7 @@ TEST(Holdfastd, TakesNoMemoryOnceItRuns) {
   const long taken = heap_calls(machine, pid(), frames);
   std::printf(" V4L2: %ld calls in %ld frames;", taken, frames);
   LONGS_EQUAL(0, taken);
-  said("mkdir -p /run/systemd/system/holdfastd.service.d");
-  said(
-      "printf '[Service]\\nExecStart=\\nExecStart=/usr/bin/holdfastd --backend libcamera $HOLDFASTD_OPTIONS\\n' > "
-      "/run/systemd/system/holdfastd.service.d/libcamera.conf");
-  said("systemctl daemon-reload && systemctl restart holdfastd");
+  use_libcamera("");
   camera("period 800");
   stop_being_fine();
   become_fine();
@@ -405,9 +432,72 @@ TEST(Holdfastd, TakesNoMemoryOnceItRuns) {
   std::printf(" libcamera: %ld calls in 50 frames;", calls);
   CHECK(calls > 0);
   camera("period 800");
-  said("rm /run/systemd/system/holdfastd.service.d/libcamera.conf && systemctl daemon-reload");
+  change_unit("");
   said("systemctl restart holdfastd");
   stop_being_fine();
+  become_fine();
+}
+
+// The process as it runs, and what its sandbox refuses: a shell in a copy of its unit, and a shell of root's in its
+// group, to whom files' modes are no hindrance.
+TEST(Holdfastd, MayDoNoMoreThanItNeeds) {
+  become_fine();
+  const std::string proc = "/proc/" + pid();
+  const std::string status = said("cat " + proc + "/status");
+  const auto value = [&](const char* name) {
+    const std::size_t at = status.find(name);
+    CHECK_TEXT(at != std::string::npos, name);
+    return status.substr(status.find_first_not_of(" \t", at + std::string_view(name).size()), 16);
+  };
+  STRCMP_CONTAINS("0000000000000000", value("\nCapEff:").c_str());
+  STRCMP_CONTAINS("0000000000000000", value("\nCapBnd:").c_str());
+  CHECK(value("\nNoNewPrivs:").starts_with('1'));
+  CHECK(value("\nSeccomp:").starts_with('2'));
+  // All of it stays in memory, beyond what a process may lock without LimitMEMLOCK.
+  const long locked = std::atol(value("\nVmLck:").c_str()), resident = std::atol(value("\nVmRSS:").c_str());
+  std::printf(" %ld kB locked, %ld resident;", locked, resident);
+  CHECK(locked > 8 * 1024);
+  STRCMP_CONTAINS("unlimited", said("grep 'Max locked memory' " + proc + "/limits").c_str());
+  // FIFO (1), all threads. (Fields 40 and 41 of stat: priority and policy.)
+  STRCMP_EQUAL("50 1", said("cut -d ' ' -f 40,41 " + proc + "/task/*/stat | sort -u").c_str());
+  STRCMP_EQUAL("apart",
+               said("[[ $(readlink " + proc + "/ns/net) != $(readlink /proc/1/ns/net) ]] && echo apart").c_str());
+
+  const auto says = [this](const std::string& shell, const char* what, const char* why) {
+    const std::string told = machine.run(shell + " '" + what + "' 2>&1").text;
+    CHECK_TEXT(told.find(why) != std::string::npos, (std::string(what) + ": " + told).c_str());
+  };
+  said("mkdir -p /run/systemd/system/holdfast-probe.service.d /run/probe && chmod 755 /run/probe");
+  said("cp /lib/systemd/system/holdfastd.service /run/systemd/system/holdfast-probe.service");
+  said(
+      "printf '[Service]\\nType=oneshot\\nRestart=no\\nWatchdogSec=0\\nExecStopPost=\\nExecStart=\\n"
+      "ExecStart=-/bin/bash /run/probe/script\\nStandardOutput=truncate:/run/probe/out\\nStandardError=inherit\\n' > "
+      "/run/systemd/system/holdfast-probe.service.d/probe.conf");
+  said(
+      "printf 'echo \"$1\" >/run/probe/script && systemctl start holdfast-probe && cat /run/probe/out' "
+      ">/run/probe/inside");
+  said(
+      "printf 'echo $$ >/sys/fs/cgroup/system.slice/holdfastd.service/cgroup.procs && eval \"$1\"' "
+      ">/run/probe/group");
+  said("systemctl daemon-reload");
+  const std::string outside = "bash -c", inside = "bash /run/probe/inside", group = "bash /run/probe/group";
+
+  says(outside, "exec 3<>/dev/tcp/127.0.0.1/1", "Connection refused");
+  says(inside, "exec 3<>/dev/tcp/127.0.0.1/1", "Address family not supported");
+  says(inside, "echo >/var/lib/other", "Read-only file system");
+  says(inside, "ls /proc/1", "No such file");
+  says(inside, "cat /proc/kallsyms", "No such file");
+  says(inside, "cat /dev/vda", "denied");
+  says(inside, "chrt -f 60 true", "Operation not permitted");
+  says(inside, "unshare -U true", "Operation not permitted");
+  for (const char* const device : {"</dev/vda", "</dev/mem", "</dev/kmsg", "</dev/hwrng"}) {
+    says(outside, (std::string(": ") + device + " && echo opened").c_str(), "opened");
+    says(group, (std::string(": ") + device + " && echo opened").c_str(), "Operation not permitted");
+  }
+  for (const char* const device : {"</dev/gpiochip0", "</dev/video0", "</dev/ttyS0", "</dev/null"}) {
+    says(group, (std::string(": ") + device + " && echo opened").c_str(), "opened");
+  }
+  said("rm -r /run/probe /run/systemd/system/holdfast-probe.service* && systemctl daemon-reload");
   become_fine();
 }
 

@@ -283,7 +283,7 @@ std::vector<Item> system_state(const Places& places) {
     }
   };
   limit("lock memory", RLIMIT_MEMLOCK, 128U * 1024 * 1024, "the unit holdfastd.service has LimitMEMLOCK=infinity");
-  limit("run first", RLIMIT_RTPRIO, 50, "the unit holdfastd.service has LimitRTPRIO=50");
+  limit("run first", RLIMIT_RTPRIO, 50, "the unit holdfastd.service has CPUSchedulingPolicy=fifo");
   return items;
 }
 
