@@ -5,7 +5,8 @@
 # gives it its three attempts back.
 # The variables are one sector of 512 bytes in the partition env: a sector is written or it is not. U-Boot's own
 # environment, which would be a file on a FAT, is never written.
-# Given: devtype, devnum (where this script came from), board_words, kernel_at, ramdisk_at, words_at, and fdt_addr.
+# Given, by build.sh and, more_words, by whoever writes uboot.env: devtype, devnum (where this script came from), board_words, kernel_at, ramdisk_at, words_at; and fdtcontroladdr,
+# U-Boot's own copy of the device tree that it was started with: what a first stage left may lie where the initrd goes.
 
 part start ${devtype} ${devnum} env env_at
 setenv known 0
@@ -42,8 +43,8 @@ if test -n "${slot}"; then
     env import -t ${words_at} ${filesize} slot_words
     if load ${devtype} ${devnum}:${number} ${kernel_at} vmlinuz; then
       if load ${devtype} ${devnum}:${number} ${ramdisk_at} initrd.gz; then
-        setenv bootargs "${board_words} holdfast.slot=${slot} rauc.slot=${name} ${slot_words}"
-        booti ${kernel_at} ${ramdisk_at}:${filesize} ${fdt_addr}
+        setenv bootargs "${board_words} ${more_words} holdfast.slot=${slot} rauc.slot=${name} ${slot_words}"
+        booti ${kernel_at} ${ramdisk_at}:${filesize} ${fdtcontroladdr}
       fi
     fi
   fi

@@ -12,6 +12,7 @@ source board/image/tree.sh
 # shellcheck source=board/image/card.sh
 source board/image/card.sh
 PATH=$PATH:/usr/sbin:/sbin  # depmod, modprobe, mke2fs, mkfs.vfat, sfdisk, veritysetup
+umask 022
 
 usage() {
   cat <<'USAGE'

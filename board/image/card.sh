@@ -77,7 +77,7 @@ make_boot_script() {
   local to=$1 at
   case $board in
     virt) at="kernel_at 0x40400000 ramdisk_at 0x48000000 words_at 0x40300000" ;;
-    rpi4) at="kernel_at 0x00080000 ramdisk_at 0x08000000 words_at 0x07f00000" ;;
+    rpi4) at="kernel_at 0x00200000 ramdisk_at 0x08000000 words_at 0x07f00000" ;;
   esac
   {
     # shellcheck disable=SC2086  # pairs
@@ -94,7 +94,7 @@ header_uart() {
   local pl011=/soc/serial@7e201000 mini=/soc/serial@7e215040 pins=/soc/gpio@7e200000/uart0_gpio14 handle=0x7000
   fdtput -t x "$1" "$pins" phandle "$handle" &&
     fdtput -t x "$1" "$pl011" pinctrl-0 "$handle" &&
-    fdtput -d "$1" "$pl011" uart-has-rtscts &&
+    { fdtput -d "$1" "$pl011" uart-has-rtscts 2>/dev/null || true; } &&
     fdtput -r "$1" "$pl011/bluetooth" &&
     fdtput -t s "$1" "$mini" status disabled &&
     fdtput -t s "$1" /chosen stdout-path serial0:115200n8
@@ -117,13 +117,19 @@ make_firmware_image() {
   make_fat "$work/firmware.img" 48 48464657 HOLDFAST "$dir"
 }
 
+# Its folders are made in it, because mke2fs would copy the moment at which they were made here.
 make_data_image() {
-  mkdir -p "$work/data_files/holdfast" "$work/data_files/rauc"
-  chown 989:989 "$work/data_files/holdfast"
-  find "$work/data_files" -exec touch --no-dereference --date="@$SOURCE_DATE_EPOCH" {} +
   truncate -s 64M "$work/data.img"
-  E2FSPROGS_FAKE_TIME=$SOURCE_DATE_EPOCH mke2fs -q -F -t ext4 -L holdfast-data -m 0 -U "${card_uuid}d0" \
-    -E "hash_seed=${card_uuid}d1,lazy_itable_init=0,lazy_journal_init=0" -d "$work/data_files" "$work/data.img"
+  export E2FSPROGS_FAKE_TIME=$SOURCE_DATE_EPOCH
+  mke2fs -q -F -t ext4 -L holdfast-data -m 0 -U "${card_uuid}d0" \
+    -E "hash_seed=${card_uuid}d1,lazy_itable_init=0,lazy_journal_init=0" "$work/data.img"
+  debugfs -w -f - "$work/data.img" >"$work/debugfs.log" 2>&1 <<'FOLDERS'
+mkdir holdfast
+sif holdfast uid 989
+sif holdfast gid 989
+mkdir rauc
+FOLDERS
+  unset E2FSPROGS_FAKE_TIME
 }
 
 # Puts the parts where the table says. Sparse: what is zero takes no room.

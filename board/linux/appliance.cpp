@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "board/linux/appliance.hpp"
 
+#include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
@@ -41,7 +42,8 @@ struct Options {
   std::string backend = "v4l2";
   std::string gpio = "header";
   std::string host, link, gripper;
-  std::filesystem::path keep, code_file;
+  std::filesystem::path keep, code_file, accepted_file;
+  std::uint32_t accepted_frames = 250;  // 10 s at 25 fps
   std::string code;
   std::int32_t time_scale = hardware().time_scale;
   Settings settings;
@@ -80,9 +82,20 @@ class Appliance {
     tell_of_camera();
     return asked_to_end();
   }
+  void tell(const App& app) {
+    prove(app);
+    tell_of_first_frame(app);
+  }
+  // Whoever has to know that this release works on this board - an update is kept by it - looks for the file.
+  void prove(const App& app) {
+    if (proved_ || options.accepted_file.empty() || app.accepted() < options.accepted_frames) return;
+    proved_ = true;
+    const int fd = ::open(options.accepted_file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
+    if (fd >= 0) ::close(fd);
+  }
   // Into the log, once, without memory: the kernel's clock begins with it, and one of the firmware's seconds is
   // `time_scale` of its.
-  void tell(const App& app) {
+  void tell_of_first_frame(const App& app) {
     if (told_first_ || !app.first_accepted()) return;
     told_first_ = true;
     const std::int64_t tenths = *app.first_accepted() * options.time_scale / std::chrono::milliseconds{100};
@@ -134,7 +147,7 @@ class Appliance {
   drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
-  bool told_first_ = false;
+  bool told_first_ = false, proved_ = false;
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};
@@ -211,6 +224,8 @@ std::optional<int> make(int argc, char** argv) {
   }
   cli.add_option("--code-file", options.code_file,
                  "the code that unlocks the console, one line; without it the console changes nothing");
+  cli.add_option("--accepted-file", options.accepted_file, "make this file once so many frames were accepted:");
+  cli.add_option("--accepted-frames", options.accepted_frames)->check(CLI::PositiveNumber)->capture_default_str();
   add_settings(cli, options.settings);
   cli.add_flag("--lower", asked_to_lower,
                "drive the outputs of a holdfastd that is gone LOW, and end; of the other options --gpio counts");

@@ -2,6 +2,7 @@
 #include "app/app.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "app/modes.hpp"
 #include "base/math.hpp"
@@ -60,6 +61,7 @@ Status App::start(const Params& params, bool auto_size) {
   alive_high_ = false;
   distrusted_ = 0;
   first_accepted_.reset();
+  accepted_ = 0;
   last_rejection_ = Reason::kNone;
   supervisor_ = {};  // what held before the restart vouches for nothing now
   outputs_ = {};
@@ -294,6 +296,7 @@ void App::vouch() {
   const Micros now = devices_.clock.now();
   watchdog_.vouch(now);
   if (!first_accepted_) first_accepted_ = now;
+  if (accepted_ < std::numeric_limits<std::uint32_t>::max()) ++accepted_;
 }
 
 bool App::give_up(const supervisor::Outputs& outputs, Reason why) {

@@ -890,6 +890,7 @@ TEST(App, KnowsWhenItVouchedFirst) {
   CHECK_TRUE(edge > Micros{0} && app->first_accepted() == edge);
   run(6);
   CHECK_TRUE(app->first_accepted() == edge);
+  LONGS_EQUAL(gpio.edges(Line::kAlive), app->accepted());
   app->stop();
   CHECK_TRUE(app->start(Params{}).ok());
   CHECK_FALSE(app->first_accepted().has_value());
