@@ -8,7 +8,7 @@
 //   offset  bytes  what
 //        0      4  magic: "HDSR"
 //        4      1  version of this table: 1
-//        5      1  kind: 1 settings (settings.hpp), 2 model (slip/model_file.hpp)
+//        5      1  kind: 1 settings (settings.hpp), 2 model: kept free for it, nothing takes one yet
 //        6      2  zero
 //        8      4  sequence, 1 to 2^32 - 1; the larger is the newer. The host takes the seconds since 1970, a device
 //                  that stores by itself the next number

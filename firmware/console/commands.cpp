@@ -435,7 +435,7 @@ Answer save(Console& console, const Words& words, std::int32_t step) {
 Answer load(Console& console, const Words& words, std::int32_t step) {
   Loading& loading = console.loading();
   if (words.count == 2 && words[1] == "settings") {
-    loading.begin(sealed::Kind::kSettings);
+    loading.begin();
     return kDone;
   }
   if (words.count == 2 && words[1] == "off") {

@@ -90,7 +90,7 @@ inline constexpr std::array<ErrorInfo, 25> kErrors{{
     {Error::kInterrupted, "interrupted", "the command was ended by Ctrl-C", "somebody pressed it", "give it again"},
     {Error::kBroken, "broken", "what was loaded is not whole",
      "a line was lost or damaged on the way, or load was not begun",
-     "begin again with load settings or load model; holdfast console --load sends all of it"},
+     "begin again with load settings; holdfast console --load sends all of it"},
     {Error::kWrongRecord, "wrong_record", "these bytes are no record of this kind and version",
      "another file, or made for another firmware",
      "give what holdfast settings wrote, with the holdfast of this firmware"},
