@@ -12,8 +12,8 @@ source toolchain/say.sh
 # shellcheck source=toolchain/apt_arm64.sh
 source toolchain/apt_arm64.sh
 
-packages=(libcpputest-dev libjpeg62-turbo-dev libcamera-dev libgpiod-dev libusb-1.0-0-dev libhidapi-dev libcli11-dev
-  libfmt-dev nlohmann-json3-dev)
+packages=(libcpputest-dev libjpeg62-turbo-dev libcamera-dev libgpiod-dev libusb-1.0-0-dev libhidapi-dev libsodium-dev
+  libcli11-dev libfmt-dev nlohmann-json3-dev)
 # Of these the headers alone, which need no other package: 1.6 MB to fetch. With its library core would bring 78
 # packages, 63 MB, and the firmware links none of them (firmware/CMakeLists.txt).
 headers=(libopencv-core-dev)

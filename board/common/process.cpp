@@ -12,6 +12,8 @@
 #include <vector>
 
 #include "app/settings.hpp"
+#include "app/shelf.hpp"
+#include "drivers/common/ed25519.hpp"
 
 namespace holdfast::board {
 namespace {
@@ -31,6 +33,24 @@ std::string set(Params& params, const std::string& setting) {
     text += problem.row->unit.empty() ? ")" : " " + std::string(problem.row->unit) + ")";
   }
   return text;
+}
+
+// A key that is there and cannot be read must not open the device: nothing stored is taken then. Empty, or what is
+// wrong.
+std::string read_owner(Settings& settings) {
+  settings.owner.reset();
+  std::error_code error;
+  if (settings.development || settings.owner_key.empty()) return {};
+  if (!std::filesystem::exists(settings.owner_key, error) && !error) return {};
+  drivers::Ed25519::Key key{};
+  std::string wrong = drivers::read_public_key(settings.owner_key, key);
+  if (wrong.empty()) {
+    settings.owner = std::make_unique<drivers::Ed25519>(key);
+  } else {
+    settings.owner = std::make_unique<hal::NoOwner>();
+    wrong += "; no stored settings are taken";
+  }
+  return wrong;
 }
 
 }  // namespace
@@ -56,16 +76,21 @@ void add_settings(CLI::App& cli, Settings& settings) {
          "set a parameter: name=value; may be given again. Goes before what is stored")
       ->allow_extra_args(false);
   cli.add_option("--settings", settings.path, "keep the parameters that the console saves in this file");
+  cli.add_option("--owner-key", settings.owner_key,
+                 "take only what is signed with the other half of this key (holdfast settings keygen); when there is "
+                 "no such file the device is in development mode");
+  cli.add_flag("--development", settings.development, "development mode: take unsigned settings, too");
 }
 
 std::string read_settings(Settings& settings) {
   settings.params = {};
+  settings.trouble = read_owner(settings);
   if (!settings.path.empty()) {
-    settings.keep = std::make_unique<drivers::FileKeep>(settings.path, settings::kBytes);
-    settings.trouble = settings.keep->error();
-    if (!settings.trouble.empty()) settings.keep.reset();
-    settings::State state;
-    if (settings.keep) (void)settings::load(state, settings.keep->memory(), settings.params);
+    settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes);
+    const std::string& wrong = settings.store->trouble();
+    if (!wrong.empty()) settings.trouble += (settings.trouble.empty() ? "cannot use " : "; cannot use ") + wrong;
+    const Shelf shelf(sealed::Kind::kSettings, settings::good, settings.store.get(), settings.owner.get());
+    (void)settings::read(shelf.payload(), settings.params);
   }
   for (const std::string& setting : settings.given) (void)set(settings.params, setting);
   if (ParamProblem problem; !validate(settings.params, &problem).ok()) {

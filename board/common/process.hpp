@@ -10,8 +10,9 @@
 #include <vector>
 
 #include "app/params.hpp"
-#include "drivers/common/file_keep.hpp"
+#include "drivers/common/file_store.hpp"
 #include "hal/serial.hpp"
+#include "hal/verifier.hpp"
 
 namespace CLI {
 class App;
@@ -24,14 +25,18 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
 
 // The parameters of a process: those that are stored, and over them those of the command line.
 struct Settings {
-  std::filesystem::path path;      // --settings; empty: nothing is stored
-  std::vector<std::string> given;  // --set, each name=value
-  Params params;                   // after read_settings()
-  std::string trouble;             // likewise: why nothing can be stored; empty: it can
-  std::unique_ptr<drivers::FileKeep> keep;
+  std::filesystem::path path;       // --settings; empty: nothing is stored
+  std::vector<std::string> given;   // --set, each name=value
+  Params params;                    // after read_settings()
+  std::filesystem::path owner_key;  // --owner-key; empty, or no such file: development mode
+  bool development = false;         // --development
+  // After read_settings() as well:
+  std::string trouble;                        // why nothing can be stored, or nothing is taken; empty: all is well
+  std::unique_ptr<hal::Verifier> owner;       // null: development mode
+  std::unique_ptr<drivers::FileStore> store;  // null: there is no place
 };
 
-// The options --set and --settings.
+// The options --set, --settings, --owner-key and --development.
 void add_settings(CLI::App& cli, Settings& settings);
 // After the command line was parsed. Empty, or what is wrong.
 [[nodiscard]] std::string read_settings(Settings& settings);

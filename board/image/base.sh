@@ -13,7 +13,7 @@ packages=(
   base-files base-passwd bash coreutils dash findutils grep gzip hostname libc-bin login mawk mount procps sed tar util-linux
   init-system-helpers kmod systemd-sysv udev                                # starts and finds devices
   libcamera0.0.3 libcamera-ipa libgpiod2 libhidapi-hidraw0 libjpeg62-turbo  # what holdfastd links
-  libstdc++6 libusb-1.0-0
+  libsodium23 libstdc++6 libusb-1.0-0
   gpiod usbutils v4l-utils  # for a person who looks for a fault
   busybox-static dmsetup    # for the initrd
   dbus libubootenv-tool rauc rauc-service  # updates: RAUC, which is asked by D-Bus and tells U-Boot

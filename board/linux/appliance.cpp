@@ -240,7 +240,8 @@ std::optional<int> make(int argc, char** argv) {
   }
   // Without a place for settings, or a code, it works all the same: nothing can be saved, or nobody can change
   // anything.
-  if (!options.settings.trouble.empty()) say("cannot use " + options.settings.trouble);
+  if (!options.settings.trouble.empty()) say(options.settings.trouble);
+  if (options.settings.owner == nullptr) say("development mode: settings are taken without a signature");
   if (!options.code_file.empty()) {
     if (const std::string wrong = read_code(options.code_file, options.code); !wrong.empty()) {
       say(wrong + ": the console stays locked");
@@ -271,7 +272,8 @@ hal::Serial& host() {
 console::Place place() {
   return {.board = hardware().name,
           .code = appliance->options.code,
-          .settings = appliance->options.settings.keep.get(),
+          .settings = appliance->options.settings.store.get(),
+          .owner = appliance->options.settings.owner.get(),
           .faults = nullptr,
           .prompts = !appliance->options.host.empty()};
 }

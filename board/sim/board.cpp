@@ -286,7 +286,8 @@ class Desk {
   Periphery periphery{port_or(gripper_, hand_), keep()};
   console::Place place{.board = "sim",
                        .code = options.code,
-                       .settings = options.settings.keep.get(),
+                       .settings = options.settings.store.get(),
+                       .owner = options.settings.owner.get(),
                        .faults = &faults_,
                        .prompts = host_ != nullptr};
 };
@@ -329,7 +330,7 @@ std::optional<int> make(int argc, char** argv) {
     return fail(2, wrong, "two settings that contradict each other, or a file that is not yours", "change one of them");
   }
   if (!options.settings.trouble.empty()) {
-    return fail(1, "cannot use " + options.settings.trouble, "a folder that is not there or not yours",
+    return fail(1, options.settings.trouble, "a folder that is not there or not yours, or another file was meant",
                 "give another path");
   }
   options.code = kDeskCode;

@@ -10,6 +10,7 @@
 #include "app/command_frame.hpp"
 #include "app/mode_prices.gen.hpp"
 #include "app/modes.hpp"
+#include "base/crc32.hpp"
 #include "base/math.hpp"
 #include "console/console.hpp"
 #include "slip/classifier.hpp"
@@ -108,6 +109,12 @@ Answer version(Console& console, const Words& words, std::int32_t /*step*/) {
   page.integer("link_version", link::kVersion);
   page.text("model", slip_tree::kName);
   page.integer("model_crc32", slip_tree::kModelCrc32);
+  page.text("takes", console.settings().development() ? "anything: development mode" : "what its owner signed");
+  if (console.settings().sequence() != 0) {
+    page.integer("settings_sequence", console.settings().sequence());
+  } else {
+    page.nothing("settings_sequence");
+  }
   page.close();
   return kDone;
 }
@@ -190,6 +197,7 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   page.integer("faults_since_start", app.supervisor().faults);
   page.decimal("uptime_s", (console.now() - console.started()).count(), 1'000'000, 0);
   page.yes_no("unlocked", console.unlocked());
+  if (words.json) page.yes_no("development", console.settings().development());  // a screen has no line left
   page.close();
   return kDone;
 }
@@ -413,10 +421,54 @@ Answer set(Console& console, const Words& words, std::int32_t /*step*/) {
   return result == Error::kNone ? kDone : error(result);
 }
 
-Answer save(Console& console, const Words& words, std::int32_t /*step*/) {
+// Until the bytes are durable; a card may take seconds.
+Answer begun_or_stored(Console& console, std::int32_t step, Error (Console::*begin)()) {
+  if (step == 0) {
+    const Error result = (console.*begin)();
+    return result == Error::kNone ? kMore : error(result);
+  }
+  const std::optional<Error> result = console.stored();
+  if (!result) return kMore;
+  return *result == Error::kNone ? kDone : error(*result);
+}
+
+Answer save(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
-  const Error result = console.save();
-  return result == Error::kNone ? kDone : error(result);
+  return begun_or_stored(console, step, &Console::save);
+}
+
+// A record, as lines: `load settings`, then `load AT HEX` with the bytes from AT on, two digits each, and `load end
+// CRC32` with the check sum of all of them. Nothing is stored before that, and nothing but a whole record.
+Answer load(Console& console, const Words& words, std::int32_t step) {
+  Loading& loading = console.loading();
+  if (words.count == 2 && words[1] == "settings") {
+    loading.begin();
+    return kDone;
+  }
+  if (words.count == 2 && words[1] == "off") {
+    loading.end();
+    return kDone;
+  }
+  if (words.count != 3) return error(Error::kArguments);
+  if (words[1] == "end") {
+    if (step == 0) {
+      std::uint32_t sum = 0;
+      const std::string_view text = words[2];
+      const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), sum, 16);
+      if (wrong != std::errc{} || end != text.data() + text.size()) return error(Error::kArguments);
+      const bool whole = loading.under_way() && crc32(loading.bytes()) == sum;
+      loading.end();
+      if (!whole) return error(Error::kBroken);
+    }
+    return begun_or_stored(console, step, &Console::store_loaded);
+  }
+  std::size_t at = 0;
+  const std::string_view text = words[1];
+  const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), at);
+  if (wrong != std::errc{} || end != text.data() + text.size()) return error(Error::kArguments);
+  if (loading.add(at, words[2])) return kDone;
+  console.detail() << static_cast<std::int64_t>(loading.bytes().size()) << " bytes are here";
+  return error(Error::kBroken);
 }
 
 Answer defaults(Console& console, const Words& words, std::int32_t /*step*/) {
@@ -716,7 +768,7 @@ Answer fault(Console& console, const Words& words, std::int32_t step) {
   return error(Error::kArguments);
 }
 
-constexpr std::array<CommandInfo, 24> kCommands{{
+constexpr std::array<CommandInfo, 25> kCommands{{
     {"help", "[COMMAND|PARAMETER] [json]", "what can be said, or one thing in detail", false, help},
     {"version", "[json]", "firmware, board, model", false, version},
     {"status", "[json]", "state, reason, age, rate, markers, last slip", false, status},
@@ -727,6 +779,7 @@ constexpr std::array<CommandInfo, 24> kCommands{{
     {"diff", "[json]", "what differs from the defaults, as lines to paste back", false, diff},
     {"dump", "[json]", "all parameters, as lines to paste back", false, dump},
     {"save", "", "store the parameters for the next start", true, save},
+    {"load", "settings|end|off|AT [HEX|CRC32]", "store a signed record; holdfast console --load says it", true, load},
     {"defaults", "[PARAMETER]", "back to the default, all or one", true, defaults},
     {"model", "[json]", "what decides slip", false, model},
     {"reference", "[learn] [json]", "rest position of the markers; learn it anew", false, reference},

@@ -102,10 +102,6 @@ void candidates(std::size_t index, std::string_view first, Take take) {
 
 void Console::start(const Params& params) {
   params_ = params;
-  if (place_.settings != nullptr) {
-    Params ignored = params;
-    (void)settings::load(settings_, place_.settings->memory(), ignored);
-  }
   started_ = last_line_ = clock_.now();
   editor_.set_echo(place_.prompts);
   // Whoever types here begins in the middle of text: the first key is not held back as what may begin a frame.
@@ -128,7 +124,7 @@ void Console::end() {
 
 void Console::poll() {
   const Micros begun = clock_.now();
-  if (unlocked_ && begun - last_line_ > kStaysUnlocked) unlocked_ = false;
+  if (unlocked_ && begun - last_line_ > kStaysUnlocked) lock();
   read();
   run();
   say_state();
@@ -247,7 +243,7 @@ void Console::begin(std::string_view line) {
     line.remove_prefix(size);
   }
   if (words_.count == 0 || words_[0].front() == '#') return;  // a comment of a pasted file
-  if (words_[0] != "unlock") editor_.remember_line();
+  if (words_[0] != "unlock" && words_[0] != "load") editor_.remember_line();
   const CommandInfo* const command = find(words_[0]);
   if (command == nullptr) {
     detail_ << words_[0].substr(0, kLongest);
@@ -455,7 +451,57 @@ Error Console::change(const Params& params) {
 
 Error Console::save() {
   if (place_.settings == nullptr) return Error::kNotStored;
-  return settings::save(settings_, place_.settings->memory(), params_) ? Error::kNone : Error::kNotStored;
+  if (!settings_.development()) return Error::kNotSigned;
+  if (settings_.settle() == hal::Store::State::kBusy) return Error::kStillWriting;  // and then its number is the next
+  std::array<std::uint8_t, settings::kMostBytes> record;
+  const std::size_t size = settings::write(params_, std::span(record).subspan(sealed::kPayloadAt));
+  const std::size_t bytes = sealed::write(sealed::Kind::kSettings, settings_.next_sequence(),
+                                          std::span(record).subspan(sealed::kPayloadAt, size), record);
+  return begun(settings_.put(std::span(record).first(bytes), settings::good));
+}
+
+Error Console::store_loaded() {
+  return begun(settings_.put(loading_.bytes(), settings::fits));
+}
+
+Error Console::begun(Shelf::Put put) {
+  switch (put) {
+    case Shelf::Put::kBegun:
+      return Error::kNone;
+    case Shelf::Put::kNoPlace:
+      return Error::kNotStored;
+    case Shelf::Put::kStillBusy:
+      return Error::kStillWriting;
+    case Shelf::Put::kOld:
+      detail_ << "the one in force has number " << settings_.sequence();
+      return Error::kTooOld;
+    case Shelf::Put::kNotGood:
+      return Error::kNotUsable;
+    case Shelf::Put::kRefused:
+      break;
+  }
+  switch (settings_.refusal()) {
+    case sealed::Refusal::kDamaged:
+      return Error::kBroken;
+    case sealed::Refusal::kUnsigned:
+      return Error::kNotSigned;
+    case sealed::Refusal::kSignature:
+      return Error::kWrongSignature;
+    default:
+      return Error::kWrongRecord;
+  }
+}
+
+std::optional<Error> Console::stored() {
+  switch (settings_.settle()) {
+    case hal::Store::State::kBusy:
+      return std::nullopt;
+    case hal::Store::State::kFailed:
+      detail_ << "error " << settings_.error() << " of the system";
+      return Error::kWriteFailed;
+    default:
+      return Error::kNone;
+  }
 }
 
 // The first wrong code costs a second, each one after it twice as long, up to a minute.

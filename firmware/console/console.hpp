@@ -13,31 +13,36 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string_view>
 
 #include "app/daemon.hpp"
 #include "app/params.hpp"
 #include "app/settings.hpp"
+#include "app/shelf.hpp"
 #include "console/errors.hpp"
 #include "console/line_editor.hpp"
+#include "console/loading.hpp"
 #include "console/output.hpp"
 #include "console/page.hpp"
 #include "console/text.hpp"
 #include "hal/clock.hpp"
 #include "hal/faults.hpp"
-#include "hal/keep.hpp"
 #include "hal/serial.hpp"
+#include "hal/store.hpp"
+#include "hal/verifier.hpp"
 
 namespace holdfast::console {
 
 // What a board tells about itself.
 struct Place {
-  std::string_view board{};       // sim, rpi4, virt
-  std::string_view code{};        // that unlocks; empty: nothing does
-  hal::Keep* settings = nullptr;  // null, or empty memory: nothing can be saved
-  hal::Faults* faults = nullptr;  // simulated boards only
-  bool prompts = true;            // somebody can type here
+  std::string_view board{};              // sim, rpi4, virt
+  std::string_view code{};               // that unlocks; empty: nothing does
+  hal::Store* settings = nullptr;        // null: nothing can be saved
+  const hal::Verifier* owner = nullptr;  // null: development mode, where nothing has to be signed
+  hal::Faults* faults = nullptr;         // simulated boards only
+  bool prompts = true;                   // somebody can type here
 };
 
 class Console;
@@ -69,7 +74,11 @@ struct CommandInfo {
 class Console {
  public:
   Console(hal::Serial& port, Daemon& daemon, const hal::Clock& clock, const Place& place)
-      : port_(port), daemon_(daemon), clock_(clock), place_(place) {}
+      : port_(port),
+        daemon_(daemon),
+        clock_(clock),
+        place_(place),
+        settings_(sealed::Kind::kSettings, settings::good, place.settings, place.owner) {}
 
   // After Daemon::start().
   void start(const Params& params);
@@ -101,9 +110,18 @@ class Console {
   [[nodiscard]] Text<200>& detail() { return detail_; }
   [[nodiscard]] const Params& params() const { return params_; }
   [[nodiscard]] Error change(const Params& params);
+  // The parameters, and what `load` put together: kNone when the writing has begun. stored() tells of its end: nothing
+  // yet, or how it went.
   [[nodiscard]] Error save();
+  [[nodiscard]] Error store_loaded();
+  [[nodiscard]] std::optional<Error> stored();
+  [[nodiscard]] Loading& loading() { return loading_; }
+  [[nodiscard]] const Shelf& settings() const { return settings_; }
   [[nodiscard]] Error unlock(std::string_view code);
-  void lock() { unlocked_ = false; }
+  void lock() {
+    unlocked_ = false;
+    loading_.end();
+  }
   [[nodiscard]] bool unlocked() const { return unlocked_; }
   void set_echo(bool echo) { editor_.set_echo(echo); }
   enum class Stream : std::uint8_t { kNone, kFrames, kScreen, kTrace };
@@ -127,6 +145,7 @@ class Console {
   void send_frame(std::span<const std::uint8_t> wire);
   void send_markers();
   void trace_line();
+  [[nodiscard]] Error begun(Shelf::Put put);
   [[nodiscard]] bool idle() const { return running_ == nullptr; }
 
   hal::Serial& port_;
@@ -150,7 +169,8 @@ class Console {
   Text<200> detail_;
 
   Params params_{};
-  settings::State settings_;
+  Shelf settings_;
+  Loading loading_;
   bool unlocked_ = false;
   int wrong_codes_ = 0;
   Micros try_at_{};

@@ -24,10 +24,18 @@ enum class Error : std::uint8_t {
   kRange = 22,
   kContradiction = 23,
   kNotStored = 24,
+  kWriteFailed = 25,
+  kStillWriting = 26,
+  kNotSigned = 27,
+  kWrongSignature = 28,
+  kTooOld = 29,
   kNotHere = 30,
   kNothingYet = 31,
   kRefused = 32,
   kInterrupted = 33,
+  kBroken = 34,
+  kWrongRecord = 35,
+  kNotUsable = 36,
 };
 
 struct ErrorInfo {
@@ -38,7 +46,7 @@ struct ErrorInfo {
   std::string_view next;
 };
 
-inline constexpr std::array<ErrorInfo, 17> kErrors{{
+inline constexpr std::array<ErrorInfo, 25> kErrors{{
     {Error::kUnknownCommand, "unknown_command", "there is no such command", "a typing error", "help lists them"},
     {Error::kTooLong, "line_too_long", "the line has more than 255 characters", "two lines run together, or noise",
      "send it again, shorter"},
@@ -61,14 +69,33 @@ inline constexpr std::array<ErrorInfo, 17> kErrors{{
      "give a value in the range"},
     {Error::kContradiction, "contradiction", "two settings contradict each other", "one was changed without the other",
      "change the other one first"},
-    {Error::kNotStored, "not_stored", "the settings could not be stored", "this board was given no place for them",
-     "start holdfastd with --settings"},
+    {Error::kNotStored, "not_stored", "there is no place to store this", "this board was given none, or cannot use it",
+     "start holdfastd with --settings, and look at what it says when it starts"},
+    {Error::kWriteFailed, "write_failed", "it could not be written, so that what was stored before stays",
+     "the card is full, worn out, or can only be read", "make room or change the card, then say it again"},
+    {Error::kStillWriting, "still_writing", "an earlier record is still being written", "a slow card",
+     "say it again in some seconds"},
+    {Error::kNotSigned, "not_signed", "this device stores only what its owner signed", "it was given its owner's key",
+     "make it with holdfast settings compile --sign and load it, or start holdfastd with --development"},
+    {Error::kWrongSignature, "wrong_signature", "the signature is not the owner's, or not of these bytes",
+     "signed with another key, or changed afterwards", "sign it with the key whose other half this device has"},
+    {Error::kTooOld, "too_old", "the device has this record or a newer one",
+     "an older file, or a wrong clock when it was made",
+     "make it again on the host, with a right clock or a larger --sequence"},
     {Error::kNotHere, "not_here", "this board cannot do that", "it needs a simulation build", "use a simulated board"},
     {Error::kNothingYet, "nothing_yet", "there is nothing to show yet", "no frame was accepted, or no fault happened",
      "wait for it; status says what the device is doing"},
     {Error::kRefused, "refused", "the device refuses this in its present state",
      "something touches the gel, or no gripper is set up", "status says the state; take the object away"},
     {Error::kInterrupted, "interrupted", "the command was ended by Ctrl-C", "somebody pressed it", "give it again"},
+    {Error::kBroken, "broken", "what was loaded is not whole",
+     "a line was lost or damaged on the way, or load was not begun",
+     "begin again with load settings; holdfast console --load sends all of it"},
+    {Error::kWrongRecord, "wrong_record", "these bytes are no record of this kind and version",
+     "another file, or made for another firmware",
+     "give what holdfast settings wrote, with the holdfast of this firmware"},
+    {Error::kNotUsable, "not_usable", "the record holds what this firmware does not know or allow",
+     "made for another firmware", "make it again with the holdfast of this firmware"},
 }};
 
 // Range: any but kNone.

@@ -62,6 +62,7 @@ bool until(const Condition& condition, std::chrono::seconds deadline = kDeadline
 TEST_GROUP(ConsoleTool) {
   test::TempDir dir;
   std::unique_ptr<HostProcess> firmware;
+  std::string owner_key;
 
   void setup() override {
     ::setenv("XDG_STATE_HOME", dir.path().c_str(), 1);
@@ -76,9 +77,15 @@ TEST_GROUP(ConsoleTool) {
     return (dir / name).string();
   }
   std::unique_ptr<HostProcess> device(const char* name) const {
-    return std::make_unique<HostProcess>(std::vector<std::string>{kFirmware, "--real-time", "--held", "--host",
-                                                                  at(name), "--settings",
-                                                                  at((std::string(name) + ".settings").c_str())});
+    std::vector<std::string> words{kFirmware,
+                                   "--real-time",
+                                   "--held",
+                                   "--host",
+                                   at(name),
+                                   "--settings",
+                                   at((std::string(name) + ".settings").c_str())};
+    if (!owner_key.empty()) words.insert(words.end(), {"--owner-key", owner_key});
+    return std::make_unique<HostProcess>(words);
   }
   void start(const char* name) {
     std::error_code ignored;
@@ -183,6 +190,46 @@ TEST(ConsoleTool, RestoresWhatItBackedUp) {
   (void)firmware->finish(kDeadline);
   start("port");
   STRCMP_EQUAL(before.out.c_str(), tool({"--run", "dump"}).out.c_str());
+}
+
+// From a pair of keys to a device that goes by what its owner signed, and by nothing else.
+TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
+  const auto settings = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), {kTool, "settings"});
+    return HostProcess(words).finish(60s);
+  };
+  check_fine(settings({"keygen", at("keys")}));
+  LONGS_EQUAL(1, settings({"keygen", at("keys")}).status);
+  write_file(dir / "robot.toml", "hold_ms = 444\n");
+  check_fine(settings({"compile", at("robot.toml"), "-o", at("plain")}));
+  check_fine(
+      settings({"compile", at("robot.toml"), "-o", at("one"), "--sign", at("keys/owner.key"), "--sequence", "5"}));
+  write_file(dir / "robot.toml", "hold_ms = 555\n");
+  check_fine(
+      settings({"compile", at("robot.toml"), "-o", at("two"), "--sign", at("keys/owner.key"), "--sequence", "6"}));
+  const Finished shown = settings({"show", at("two"), "--owner-key", at("keys/owner.pub")});
+  check_fine(shown);
+  STRCMP_CONTAINS("# number 6, signed by this owner\nhold_ms = 555", shown.out.c_str());
+  STRCMP_CONTAINS("is not signed", settings({"show", at("plain"), "--owner-key", at("keys/owner.pub")}).err.c_str());
+  STRCMP_CONTAINS("hold_ms\":444", settings({"show", at("plain"), "--json"}).out.c_str());
+
+  firmware->send(SIGTERM);
+  (void)firmware->finish(kDeadline);
+  owner_key = at("keys/owner.pub");
+  start("port");
+  STRCMP_CONTAINS("what its owner signed", tool({"--run", "version"}).out.c_str());
+  STRCMP_CONTAINS("ERR 10 locked", tool({"--load", at("two")}).err.c_str());
+  STRCMP_CONTAINS("ERR 27 not_signed", unlocked({"--load", at("plain")}).err.c_str());
+  STRCMP_CONTAINS("ERR 27 not_signed", unlocked({"--run", "save"}).err.c_str());
+  STRCMP_CONTAINS("is nothing that a device loads", unlocked({"--load", at("robot.toml")}).err.c_str());
+  const Finished loaded = unlocked({"--load", at("two")});
+  check_fine(loaded);
+  STRCMP_CONTAINS("stored, number 6, signed", loaded.out.c_str());
+  STRCMP_CONTAINS("ERR 29 too_old", unlocked({"--load", at("one")}).err.c_str());
+  firmware->send(SIGKILL);
+  (void)firmware->finish(kDeadline);
+  start("port");
+  STRCMP_CONTAINS("\"value\":555", tool({"--run", "get hold_ms json"}).out.c_str());
 }
 
 TEST(ConsoleTool, ADamagedFileChangesNothing) {

@@ -2,16 +2,21 @@
 // The console as whoever is at the other end of the port has it.
 #include "console/console.hpp"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <cstdio>
 #include <set>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "app/marker_frame.hpp"
 #include "app/mode_prices.gen.hpp"
+#include "app/shelf.hpp"
+#include "base/crc32.hpp"
 #include "tests/support/console_desk.hpp"
 #include "tests/support/spread_tree.hpp"
 
@@ -91,6 +96,36 @@ TEST_GROUP(Console) {
   }
   void check_ok(const char* line) {
     STRCMP_CONTAINS("OK\r\n", desk.say(line).c_str());
+  }
+  static std::vector<std::uint8_t> record(std::uint32_t sequence, const Params& params) {
+    std::vector<std::uint8_t> payload(settings::kMostPayload);
+    payload.resize(settings::write(params, payload));
+    std::vector<std::uint8_t> out(payload.size() + sealed::kAround);
+    (void)sealed::write(sealed::Kind::kSettings, sequence, payload, out);
+    return out;
+  }
+  // Says all of it but the last line, which is returned.
+  std::string load(std::span<const std::uint8_t> bytes) {
+    constexpr std::size_t kPiece = 120;
+    check_ok("load settings");
+    for (std::size_t at = 0; at < bytes.size(); at += kPiece) {
+      std::string line = "load " + std::to_string(at) + " ";
+      for (const std::uint8_t byte : bytes.subspan(at, std::min(kPiece, bytes.size() - at))) {
+        line += "0123456789abcdef"[byte >> 4];
+        line += "0123456789ABCDEF"[byte & 15];
+      }
+      check_ok(line.c_str());
+    }
+    std::array<char, 20> sum{};
+    (void)std::snprintf(sum.data(), sum.size(), "load end %08X", crc32(bytes));
+    return sum.data();
+  }
+  // What the next start would read.
+  Params stored() {
+    const Shelf shelf(sealed::Kind::kSettings, settings::good, &desk.stored, desk.place.owner);
+    Params params;
+    (void)settings::read(shelf.payload(), params);
+    return params;
   }
 };
 
@@ -283,13 +318,56 @@ TEST(Console, StoresForTheNextStart) {
   check_ok("save");
   check_ok("set hold_ms 500");
   check_ok("save");
-  settings::State state;
+  const Shelf shelf(sealed::Kind::kSettings, settings::good, &desk.stored, nullptr);
   Params read;
-  CHECK(settings::load(state, desk.stored.bytes(), read) == settings::Loaded::kAll);
+  CHECK(settings::read(shelf.payload(), read) == settings::Loaded::kAll);
   LONGS_EQUAL(3, read.raise_frames);
   LONGS_EQUAL(500, read.hold_ms);
-  desk.stored.set_off(true);
-  check_error("save", Error::kNotStored);
+  LONGS_EQUAL(2, shelf.sequence());
+  check_says("version json", R"("takes":"anything: development mode","settings_sequence":2})");
+  check_says("status json", R"("development":true})");
+}
+
+// OK comes when the bytes are durable; Ctrl-C ends the waiting and not the writing.
+TEST(Console, WaitsForTheCard) {
+  start();
+  (void)desk.unlock();
+  check_ok("set hold_ms 500");
+  desk.stored.set_slow(true);
+  STRCMP_EQUAL("", desk.say("save").c_str());
+  LONGS_EQUAL(1, desk.stored.writes());
+  desk.stored.finish();
+  desk.run(50ms);
+  CHECK(desk.heard().starts_with("OK\r\n"));
+  STRCMP_EQUAL("", desk.say("save").c_str());
+  desk.type("\x03");
+  desk.run(50ms);
+  STRCMP_CONTAINS("ERR 33 interrupted", desk.heard().c_str());
+  check_error("save", Error::kStillWriting);
+  LONGS_EQUAL(2, desk.stored.writes());
+  desk.stored.finish();
+  desk.stored.set_slow(false);
+  check_ok("save");
+  check_says("version json", "\"settings_sequence\":3}");
+}
+
+TEST(Console, SaysWhyNothingWasWritten) {
+  start();
+  (void)desk.unlock();
+  check_ok("set hold_ms 500");
+  check_ok("save");
+  check_ok("set hold_ms 600");
+  for (const std::size_t after : {std::size_t{0}, std::size_t{40}}) {
+    desk.stored.set_failure(28, after);
+    check_error("save", Error::kWriteFailed);
+    check_says("save", "ERR 25 write_failed: error 28 of the system: ");
+    Params read;
+    const Shelf shelf(sealed::Kind::kSettings, settings::good, &desk.stored, nullptr);
+    (void)settings::read(shelf.payload(), read);
+    LONGS_EQUAL(500, read.hold_ms);
+  }
+  desk.stored.set_failure(0);
+  check_ok("save");
 }
 
 TEST(Console, HasNoPlaceToStoreWithoutOne) {
@@ -297,6 +375,129 @@ TEST(Console, HasNoPlaceToStoreWithoutOne) {
   start();
   (void)desk.unlock();
   check_error("save", Error::kNotStored);
+  check_error(load(record(1, {})).c_str(), Error::kNotStored);
+}
+
+TEST(Console, LoadsARecord) {
+  start();
+  const Params before = desk.console->params();
+  Params params;
+  params.hold_ms = 700;
+  params.max_force = 200;
+  for (const char* const line : {"load settings", "load 0 00", "load end 0", "load off"}) {
+    check_error(line, Error::kLocked);
+  }
+  (void)desk.unlock();
+  check_ok(load(record(7, params)).c_str());
+  CHECK(stored() == params);
+  CHECK(desk.console->params() == before);  // counts at the next start
+  check_says("version json", "\"settings_sequence\":7}");
+  check_error(load(record(7, params)).c_str(), Error::kTooOld);
+  check_says(load(record(6, params)).c_str(), "ERR 29 too_old: the one in force has number 7: ");
+  check_ok("save");
+  check_says("version json", "\"settings_sequence\":8}");
+}
+
+// Lines that are lost, damaged, twice there or in another order; and what is said without a beginning.
+TEST(Console, LoadsAllOrNothing) {
+  start();
+  (void)desk.unlock();
+  const std::vector<std::uint8_t> whole = record(7, {});
+  const std::string end = load(whole);
+  check_ok("load off");
+  check_error(end.c_str(), Error::kBroken);
+  check_error("load 0 00", Error::kBroken);
+  check_ok("load settings");
+  check_error("load end 0G", Error::kArguments);
+  check_error("load x 00", Error::kArguments);
+  check_error("load 0", Error::kArguments);
+  check_error("load -1 00", Error::kArguments);
+  check_error("load 1 00", Error::kBroken);
+  for (const char* const hex : {"0", "000", "0g", "0x", "zz"}) {
+    std::string line = "load 0 ";
+    check_error((line += hex).c_str(), Error::kBroken);
+  }
+  check_ok("load 0 4844");
+  check_error("load 0 4844", Error::kBroken);
+  check_says("load 3 44", "ERR 34 broken: 2 bytes are here: ");
+  check_ok("load 2 5352");
+  check_error("load end 12345678", Error::kBroken);
+  check_error("load 4 00", Error::kBroken);
+  for (std::size_t missing = 1; missing < whole.size(); missing += 9) {
+    (void)load(std::span(whole).first(whole.size() - missing));
+    check_error(end.c_str(), Error::kBroken);
+    check_error(load(std::span(whole).first(whole.size() - missing)).c_str(), Error::kWrongRecord);
+  }
+  for (std::size_t at = 0; at < whole.size(); ++at) {
+    std::vector<std::uint8_t> damaged = whole;
+    damaged[at] ^= 1;
+    (void)load(damaged);
+    check_error(end.c_str(), Error::kBroken);
+    const std::string answer = desk.say(load(damaged));
+    CHECK(answer.find("ERR 34 broken: ") != std::string::npos ||
+          answer.find("ERR 35 wrong_record: ") != std::string::npos);
+  }
+  // More than any record has: the last lines find no room.
+  check_ok("load settings");
+  std::string answer;
+  for (std::size_t at = 0; at <= console::Loading::kMostBytes; at += 100) {
+    answer = desk.say("load " + std::to_string(at) + " " + std::string(200, '0'));
+  }
+  STRCMP_CONTAINS("ERR 34 broken", answer.c_str());
+  // Somebody locks in between.
+  (void)load(whole);
+  check_ok("lock");
+  (void)desk.unlock();
+  check_error(end.c_str(), Error::kBroken);
+  LONGS_EQUAL(0, desk.stored.writes());
+  CHECK(stored() == Params{});
+  check_ok(load(whole).c_str());
+}
+
+TEST(Console, LoadsOnlyWhatItCanUse) {
+  start();
+  (void)desk.unlock();
+  Params contradiction;
+  contradiction.fault_markers_pct = 99;
+  check_error(load(record(7, contradiction)).c_str(), Error::kNotUsable);
+  std::vector<std::uint8_t> unknown(8 + sealed::kAround);
+  (void)sealed::write(sealed::Kind::kSettings, 7, std::vector<std::uint8_t>(8), unknown);
+  check_error(load(unknown).c_str(), Error::kNotUsable);
+  std::vector<std::uint8_t> model(8 + sealed::kAround);
+  (void)sealed::write(sealed::Kind::kModel, 7, std::vector<std::uint8_t>(8), model);
+  check_error(load(model).c_str(), Error::kWrongRecord);
+  LONGS_EQUAL(0, desk.stored.writes());
+}
+
+// With its owner's key a device stores nothing by itself, and takes nothing that is not signed.
+TEST(Console, TakesFromItsOwnerOnly) {
+  class Owner final : public hal::Verifier {
+    [[nodiscard]] bool do_holds(std::span<const std::uint8_t> /*message*/,
+                                std::span<const std::uint8_t, kSignatureBytes> signature) const override {
+      return signature[0] == 0x5A;
+    }
+  };
+  const Owner owner;
+  desk.place.owner = &owner;
+  start();
+  (void)desk.unlock();
+  check_says("version json", R"("takes":"what its owner signed","settings_sequence":null})");
+  check_says("status json", R"("development":false})");
+  check_ok("set hold_ms 500");  // until the next start
+  check_error("save", Error::kNotSigned);
+  Params params;
+  params.hold_ms = 700;
+  check_error(load(record(7, params)).c_str(), Error::kNotSigned);
+  std::vector<std::uint8_t> bytes = record(7, params);
+  std::array<std::uint8_t, sealed::kSignatureBytes> signature{0x11};
+  sealed::put_signature(bytes, signature);
+  check_error(load(bytes).c_str(), Error::kWrongSignature);
+  LONGS_EQUAL(0, desk.stored.writes());
+  signature[0] = 0x5A;
+  sealed::put_signature(bytes, signature);
+  check_ok(load(bytes).c_str());
+  CHECK(stored() == params);
+  check_error(load(bytes).c_str(), Error::kTooOld);
 }
 
 // The lines of diff, pasted into another device, make it the same.

@@ -3,11 +3,12 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <cstring>
-#include <numeric>
 #include <vector>
 
+#include "app/shelf.hpp"
 #include "base/crc32.hpp"
+#include "base/le32.hpp"
+#include "drivers/sim/store.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -15,17 +16,35 @@ using namespace holdfast;
 using settings::Loaded;
 
 TEST_GROUP(Settings) {
-  std::vector<std::uint8_t> memory = std::vector<std::uint8_t>(settings::kBytes);
-  settings::State state;
+  sim::Store store{settings::kMostBytes};
 
+  [[nodiscard]] Shelf shelf() {
+    return {sealed::Kind::kSettings, settings::good, &store, nullptr};
+  }
   Params load(Loaded expected) {
     Params params;
-    settings::State reader;
-    CHECK(settings::load(reader, memory, params) == expected);
+    const Shelf reader = shelf();
+    if (expected == Loaded::kNothing) {
+      CHECK(reader.payload().empty());
+      LONGS_EQUAL(0, reader.sequence());
+    } else {
+      CHECK(settings::read(reader.payload(), params) == expected);
+    }
     return params;
   }
   void save(const Params& params) {
-    CHECK(settings::save(state, memory, params));
+    Shelf writer = shelf();
+    std::vector<std::uint8_t> payload(settings::kMostPayload);
+    payload.resize(settings::write(params, payload));
+    save(writer.next_sequence(), payload);
+  }
+  void save(std::uint32_t sequence, const std::vector<std::uint8_t>& payload) {
+    Shelf writer = shelf();
+    std::vector<std::uint8_t> record(payload.size() + sealed::kAround);
+    LONGS_EQUAL(record.size(), sealed::write(sealed::Kind::kSettings, sequence, payload, record));
+    CHECK(writer.put(record, [](auto) { return true; }) == Shelf::Put::kBegun);
+    CHECK(writer.settle() == hal::Store::State::kDone);
+    LONGS_EQUAL(sequence, writer.sequence());
   }
 };
 
@@ -39,16 +58,14 @@ TEST(Settings, AreWhatWasStored) {
   CHECK(load(Loaded::kAll) == params);
   save(Params{});
   CHECK(load(Loaded::kAll) == Params{});
+  LONGS_EQUAL(2, shelf().sequence());
 }
 
 TEST(Settings, GoOnBehindTheNewerSlot) {
   Params params;
   for (int k = 1; k <= 5; ++k) {
     params.raise_frames = k;
-    settings::State other;
-    Params ignored;
-    (void)settings::load(other, memory, ignored);
-    CHECK(settings::save(other, memory, params));
+    save(params);
     LONGS_EQUAL(k, load(Loaded::kAll).raise_frames);
   }
 }
@@ -60,62 +77,69 @@ TEST(Settings, SurviveATornWrite) {
   newer.raise_frames = 7;
   newer.hold_ms = 999;
   save(older);
-  const std::vector<std::uint8_t> before = memory;
+  const std::vector<std::uint8_t> before(store.slot(1).begin(), store.slot(1).end());
   save(newer);
-  const std::vector<std::uint8_t> after = memory;
-  std::vector<std::size_t> every_place(memory.size());
-  std::iota(every_place.begin(), every_place.end(), std::size_t{0});
-  for (std::size_t cut = 0; cut <= memory.size(); ++cut) {
-    std::copy_n(after.begin(), cut, memory.begin());
-    std::copy(before.begin() + static_cast<std::ptrdiff_t>(cut), before.end(),
-              memory.begin() + static_cast<std::ptrdiff_t>(cut));
+  const std::vector<std::uint8_t> after(store.slot(1).begin(), store.slot(1).end());
+  CHECK(load(Loaded::kAll) == newer);
+  for (std::size_t cut = 0; cut < after.size(); ++cut) {
+    std::copy(before.begin(), before.end(), store.slot(1).begin());
+    std::copy_n(after.begin(), cut, store.slot(1).begin());
     const Params read = load(Loaded::kAll);
     CHECK(read == older || read == newer);
   }
-  for (const std::size_t k : every_place) {
-    memory = after;
-    memory[k] ^= 0x10;
-    const Params read = load(Loaded::kAll);
-    CHECK(read == older || read == newer);
+  const std::size_t size = settings::kEntryBytes * 2 + sealed::kAround;
+  for (std::size_t k = 0; k < size; ++k) {
+    std::copy(after.begin(), after.end(), store.slot(1).begin());
+    store.slot(1)[k] ^= 0x10;
+    CHECK(load(Loaded::kAll) == older);
   }
 }
 
-// Of a firmware with other parameters or ranges: what is known and allowed is taken.
+// Of a firmware with other parameters or ranges: what is known and allowed is taken when it starts, and refused from
+// outside.
 TEST(Settings, TakeWhatTheyKnow) {
   Params params;
   params.raise_frames = 3;
   params.hold_ms = 300;
-  const auto stored_as = [&](std::uint32_t name_crc, std::int32_t value) {
-    std::fill(memory.begin(), memory.end(), std::uint8_t{0});
-    state = {};
-    save(params);
-    settings::Slot slot;
-    std::memcpy(&slot, memory.data(), sizeof slot);
-    settings::Entry& entry = slot.entries[0];
-    if (name_crc != 0) entry.name_crc = name_crc;
-    entry.value = value;
-    const auto* const from = reinterpret_cast<const std::uint8_t*>(&slot.sequence);
-    slot.crc = crc32({from, sizeof slot - offsetof(settings::Slot, sequence)});
-    std::memcpy(memory.data(), &slot, sizeof slot);
-  };
-  stored_as(0xDEADBEEF, 3);
+  std::vector<std::uint8_t> payload(settings::kMostPayload);
+  payload.resize(settings::write(params, payload));
+  LONGS_EQUAL(16, payload.size());
+  const std::vector<std::uint8_t> good = payload;
+  CHECK(settings::fits(good));
+
+  put_le32(payload, 0xDEADBEEF);
+  CHECK_FALSE(settings::fits(payload));
+  save(1, payload);
   Params read = load(Loaded::kSome);
   LONGS_EQUAL(Params{}.raise_frames, read.raise_frames);
   LONGS_EQUAL(300, read.hold_ms);
-  stored_as(0, 11);
-  read = load(Loaded::kSome);
-  LONGS_EQUAL(Params{}.raise_frames, read.raise_frames);
-  stored_as(0, 0);
-  LONGS_EQUAL(300, load(Loaded::kSome).hold_ms);
-  // Each in its range, and together a contradiction.
-  params = {};
-  params.fault_markers_pct = 60;
-  stored_as(0, 99);
-  CHECK(load(Loaded::kNothing) == Params{});
+
+  for (const std::uint32_t out_of_range : {11U, 0U, 0xFFFFFFFFU}) {
+    payload = good;
+    put_le32(std::span(payload).subspan(4), out_of_range);
+    CHECK_FALSE(settings::fits(payload));
+    read = {};
+    CHECK(settings::read(payload, read) == Loaded::kSome);
+    LONGS_EQUAL(Params{}.raise_frames, read.raise_frames);
+    LONGS_EQUAL(300, read.hold_ms);
+  }
+  payload.pop_back();
+  CHECK(settings::read(payload, read) == Loaded::kNothing);
+  payload.assign(settings::kMostPayload + settings::kEntryBytes, 0);
+  CHECK(settings::read(payload, read) == Loaded::kNothing);
+  CHECK(settings::read({}, read) == Loaded::kAll);
 }
 
-TEST(Settings, NeedMemory) {
-  memory.resize(settings::kBytes - 1);
-  CHECK(load(Loaded::kNothing) == Params{});
-  CHECK_FALSE(settings::save(state, memory, {}));
+// Each in its range, and together a contradiction: the record before it stays in force.
+TEST(Settings, AreGoodTogetherOrNotAtAll) {
+  Params params;
+  params.hold_ms = 300;
+  save(params);
+  params.fault_markers_pct = 99;
+  std::vector<std::uint8_t> payload(settings::kMostPayload);
+  payload.resize(settings::write(params, payload));
+  CHECK_FALSE(settings::good(payload));
+  save(2, payload);
+  LONGS_EQUAL(300, load(Loaded::kAll).hold_ms);
+  LONGS_EQUAL(1, shelf().sequence());
 }

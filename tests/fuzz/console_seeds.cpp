@@ -9,6 +9,7 @@
 
 #include "app/command_frame.hpp"
 #include "app/settings.hpp"
+#include "base/crc32.hpp"
 #include "console/console.hpp"
 #include "tests/fuzz/seed_file.hpp"
 
@@ -50,14 +51,30 @@ int main(int argc, char** argv) {
   command_frame::encode(command_frame::CommandFrame{5, command_frame::Command::kOpening, 1}, wire);
   std::string among("\x01watch on\r\0", 11);
   seeds.push_back(among + std::string(wire.begin(), wire.end()) + "status\r");
-  std::vector<std::uint8_t> memory(settings::kBytes);
-  settings::State state;
+  // Two slots, and the lines that load the second of them.
+  std::string slots;
+  std::vector<std::uint8_t> record;
   Params params;
   params.raise_frames = 5;
-  (void)settings::save(state, memory, params);
-  params.hold_ms = 900;
-  (void)settings::save(state, memory, params);
-  seeds.push_back("\xF0" + std::string(memory.begin(), memory.end()));
+  for (std::uint32_t sequence = 1; sequence <= 2; ++sequence) {
+    std::vector<std::uint8_t> payload(settings::kMostPayload);
+    payload.resize(settings::write(params, payload));
+    record.assign(payload.size() + sealed::kAround, 0);
+    (void)sealed::write(sealed::Kind::kSettings, sequence, payload, record);
+    slots += std::string(record.begin(), record.end());
+    if (sequence == 1) slots.resize(slots.size() + settings::kEntryBytes);  // both halves are as long
+    params.hold_ms = 900;
+  }
+  seeds.push_back("\xF0" + slots);
+  const auto in_hex = [](std::uint64_t value, int digits) {
+    std::array<char, 20> text{};
+    (void)std::snprintf(text.data(), text.size(), "%0*llX", digits, static_cast<unsigned long long>(value));
+    return std::string(text.data());
+  };
+  std::string lines = "\x01load settings\rload 0 ";
+  for (const std::uint8_t byte : record) lines += in_hex(byte, 2);
+  lines += "\rload end " + in_hex(crc32(record), 8) + "\r";
+  seeds.push_back(lines);
   for (std::size_t k = 0; k < seeds.size(); ++k) {
     if (!test::write_seed(argv[1] + ("/seed_" + std::to_string(k)), seeds[k])) return 1;
   }

@@ -19,6 +19,7 @@
 #include "drivers/sim/hande.hpp"
 #include "drivers/sim/keep.hpp"
 #include "drivers/sim/serial.hpp"
+#include "drivers/sim/store.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 
@@ -44,7 +45,8 @@ class ConsoleDesk {
   sim::Clock clock;
   sim::Gpio gpio{clock};
   sim::Serial link, host{1 << 20};
-  sim::Keep keep{keepsake::kBytes}, stored{settings::kBytes};
+  sim::Keep keep{keepsake::kBytes};
+  sim::Store stored{settings::kMostBytes};
   sim::HandE hand{clock};
   NotedFaults faults;
   Params params;

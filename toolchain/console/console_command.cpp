@@ -22,6 +22,7 @@
 #include "toolchain/console/device.hpp"
 #include "toolchain/console/find.hpp"
 #include "toolchain/console/live.hpp"
+#include "toolchain/console/load_file.hpp"
 #include "toolchain/console/record.hpp"
 #include "toolchain/console/settings_file.hpp"
 #include "toolchain/console/shell.hpp"
@@ -41,7 +42,7 @@ using console_tool::trouble;
 struct ConsoleOptions {
   std::string port;
   std::vector<std::string> run;
-  std::string backup, restore, record, code_file;
+  std::string backup, restore, load, record, code_file;
   bool live = false;
   double seconds = 0;  // 0: until Ctrl-C
   double timeout_s = 5.0;
@@ -139,6 +140,10 @@ int act(Device& device, const ConsoleOptions& options) {
     const std::string error = console_tool::restore(device, options.restore, report);
     return report_of(error, report);
   }
+  if (!options.load.empty()) {
+    const std::string error = console_tool::load(device, options.load, report);
+    return report_of(error, report);
+  }
   if (!options.record.empty()) {
     const console_tool::RecordOptions how{options.record,
                                           options.seconds > 0 ? std::optional(options.seconds) : std::nullopt};
@@ -195,6 +200,7 @@ void add_console(CLI::App& app, std::vector<Command>& commands) {
   group->add_option("--backup", options->backup, "write the device's parameters into this file")->check(not_empty);
   group->add_option("--restore", options->restore, "set and store what --backup wrote: all of it or nothing")
       ->check(not_empty);
+  group->add_option("--load", options->load, "store what holdfast settings compile wrote")->check(not_empty);
   group
       ->add_option(
           "--record", options->record,

@@ -27,7 +27,8 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, calibrate, study, grip, faults, log, page, console, devices, doctor or trade; holdfast "
+        "evaluate, compile, settings, calibrate, study, grip, faults, log, page, console, devices, doctor or trade; "
+        "holdfast "
         "--help shows "
         "how",
         rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
@@ -196,6 +197,7 @@ int run(int argc, char** argv) {
   add_train(app, commands);
   add_evaluate(app, commands);
   add_compile(app, commands);
+  add_settings(app, commands);
   add_fuse(app, commands);
   add_calibrate(app, commands);
   add_study(app, commands);

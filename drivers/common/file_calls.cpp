@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "drivers/common/file_calls.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+
+namespace holdfast::drivers {
+namespace {
+
+template <typename Call>
+auto told(Call call) {
+  auto result = call();
+  while (result < 0 && errno == EINTR) result = call();
+  return result < 0 ? static_cast<decltype(result)>(-errno) : result;
+}
+
+class SystemCalls final : public FileCalls {
+ public:
+  [[nodiscard]] int open(const char* path, How how) override {
+    const int flags = how == How::kReadWriteOrMake ? O_RDWR | O_CREAT
+                      : how == How::kFolder        ? O_RDONLY | O_DIRECTORY
+                                                   : O_RDONLY;
+    return told([&] { return ::open(path, flags | O_CLOEXEC, 0600); });
+  }
+  void close(int fd) override { (void)::close(fd); }
+  [[nodiscard]] std::int64_t size(int fd) override {
+    struct stat about {};
+    const int result = told([&] { return ::fstat(fd, &about); });
+    return result < 0 ? result : about.st_size;
+  }
+  [[nodiscard]] std::int64_t pread(int fd, std::span<std::uint8_t> bytes, std::int64_t at) override {
+    return told([&] { return ::pread(fd, bytes.data(), bytes.size(), at); });
+  }
+  [[nodiscard]] std::int64_t pwrite(int fd, std::span<const std::uint8_t> bytes, std::int64_t at) override {
+    return told([&] { return ::pwrite(fd, bytes.data(), bytes.size(), at); });
+  }
+  [[nodiscard]] int fsync(int fd) override {
+    return told([&] { return ::fsync(fd); });
+  }
+  [[nodiscard]] int fdatasync(int fd) override {
+    return told([&] { return ::fdatasync(fd); });
+  }
+};
+
+}  // namespace
+
+FileCalls& system_calls() {
+  static SystemCalls calls;
+  return calls;
+}
+
+}  // namespace holdfast::drivers

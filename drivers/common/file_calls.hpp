@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// The system calls that keep a file durable, one method each, so that a test can put a disk in their place that loses
+// its power between any two of them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+namespace holdfast::drivers {
+
+// Each returns what the call returns, and the negative errno instead of -1. EINTR has been dealt with.
+class FileCalls {
+ public:
+  virtual ~FileCalls() = default;
+  enum class How : std::uint8_t { kReadWriteOrMake, kRead, kFolder };
+  [[nodiscard]] virtual int open(const char* path, How how) = 0;
+  virtual void close(int fd) = 0;
+  [[nodiscard]] virtual std::int64_t size(int fd) = 0;
+  [[nodiscard]] virtual std::int64_t pread(int fd, std::span<std::uint8_t> bytes, std::int64_t at) = 0;
+  [[nodiscard]] virtual std::int64_t pwrite(int fd, std::span<const std::uint8_t> bytes, std::int64_t at) = 0;
+  [[nodiscard]] virtual int fsync(int fd) = 0;
+  [[nodiscard]] virtual int fdatasync(int fd) = 0;
+};
+
+// Those of the machine.
+[[nodiscard]] FileCalls& system_calls();
+
+}  // namespace holdfast::drivers

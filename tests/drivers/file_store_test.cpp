@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+// The thread and the real system calls of a store; what a power cut does is in power_cut_test.cpp.
+#include "drivers/common/file_store.hpp"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <cstdint>
+#include <thread>
+#include <vector>
+
+#include "tests/support/power_disk.hpp"
+#include "tests/support/temp_dir.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using drivers::FileStore;
+using State = hal::Store::State;
+using Bytes = std::vector<std::uint8_t>;
+using namespace std::chrono_literals;
+
+namespace {
+
+// A card that takes its time: fdatasync returns when it is let go.
+class SlowCalls final : public drivers::FileCalls {
+ public:
+  std::atomic<bool> held{false};
+  std::atomic<int> error{0};
+
+  [[nodiscard]] int open(const char* path, How how) override { return system_.open(path, how); }
+  void close(int fd) override { system_.close(fd); }
+  [[nodiscard]] std::int64_t size(int fd) override { return system_.size(fd); }
+  [[nodiscard]] std::int64_t pread(int fd, std::span<std::uint8_t> bytes, std::int64_t at) override {
+    return system_.pread(fd, bytes, at);
+  }
+  [[nodiscard]] std::int64_t pwrite(int fd, std::span<const std::uint8_t> bytes, std::int64_t at) override {
+    return system_.pwrite(fd, bytes, at);
+  }
+  [[nodiscard]] int fsync(int fd) override { return system_.fsync(fd); }
+  [[nodiscard]] int fdatasync(int fd) override {
+    while (held) std::this_thread::sleep_for(1ms);
+    return error != 0 ? -error : system_.fdatasync(fd);
+  }
+
+ private:
+  drivers::FileCalls& system_ = drivers::system_calls();
+};
+
+}  // namespace
+
+TEST_GROUP(FileStore) {
+  test::TempDir dir;
+  std::filesystem::path path = dir.path() / "store";
+
+  static State end_of(const FileStore& store) {
+    const auto deadline = std::chrono::steady_clock::now() + 60s;
+    while (store.state() == State::kBusy && std::chrono::steady_clock::now() < deadline) std::this_thread::yield();
+    return store.state();
+  }
+  static bool begins_with(std::span<const std::uint8_t> slot, const Bytes& bytes) {
+    return slot.size() >= bytes.size() && std::equal(bytes.begin(), bytes.end(), slot.begin());
+  }
+};
+
+TEST(FileStore, IsReadByTheNextOne) {
+  const Bytes one(600, 11), two(5000, 22);
+  {
+    FileStore store(path, 5000);
+    STRCMP_EQUAL("", store.trouble().c_str());
+    CHECK(store.state() == State::kIdle);
+    CHECK(store.begin(0, one));
+    CHECK(end_of(store) == State::kDone);
+    CHECK(store.begin(1, two));
+    CHECK(end_of(store) == State::kDone);
+    LONGS_EQUAL(0, store.found(0)[0]);
+    CHECK_FALSE(store.begin(2, one));
+    CHECK_FALSE(store.begin(0, {}));
+    CHECK_FALSE(store.begin(0, Bytes(5001)));
+  }
+  const FileStore next(path, 5000);
+  CHECK(begins_with(next.found(0), one));
+  CHECK(begins_with(next.found(1), two));
+  LONGS_EQUAL(0, next.found(0)[600]);
+  LONGS_EQUAL(2 * 8192, std::filesystem::file_size(path));
+  struct stat about {};
+  LONGS_EQUAL(0, ::stat(path.c_str(), &about));
+  LONGS_EQUAL(0600, about.st_mode & 0777);
+}
+
+// The caller goes on while the card is at work; an end waits for it.
+TEST(FileStore, DoesNotHoldUpItsCaller) {
+  SlowCalls calls;
+  const Bytes one(100, 1), two(100, 2);
+  {
+    FileStore store(path, 200, calls);
+    calls.held = true;
+    CHECK(store.begin(0, one));
+    CHECK(store.state() == State::kBusy);
+    CHECK_FALSE(store.begin(1, two));
+    calls.held = false;
+    CHECK(end_of(store) == State::kDone);
+    calls.error = ENOSPC;
+    CHECK(store.begin(1, two));
+    CHECK(end_of(store) == State::kFailed);
+    LONGS_EQUAL(ENOSPC, store.error());
+    calls.error = 0;
+    calls.held = true;
+    CHECK(store.begin(1, two));
+    std::thread later([&calls] {
+      std::this_thread::sleep_for(20ms);
+      calls.held = false;
+    });
+    later.detach();
+  }
+  CHECK_FALSE(calls.held);
+  const FileStore next(path, 200);
+  CHECK(begins_with(next.found(0), one));
+  CHECK(begins_with(next.found(1), two));
+}
+
+TEST(FileStore, SaysWhyItCannotStore) {
+  FileStore folder(dir.path(), 200);
+  STRCMP_CONTAINS("; nothing can be stored there", folder.trouble().c_str());
+  LONGS_EQUAL(0, folder.slot_bytes());
+  CHECK_FALSE(folder.begin(0, Bytes(10)));
+  const FileStore nowhere(dir.path() / "none" / "store", 200);
+  STRCMP_CONTAINS("No such file or directory", nowhere.trouble().c_str());
+  LONGS_EQUAL(200, nowhere.found(0).size());
+}
