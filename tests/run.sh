@@ -20,7 +20,7 @@ declare -A what=(
   [asan]="host build and tests by clang: memory, undefined behaviour and, in the firmware, integers that wrap or lose bits"
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
-  [system]="holdfastd with a stock kernel on an emulated machine: start, slip, replug, another camera, a kill"
+  [system]="the cards; holdfastd with a stock kernel on an emulated machine: start, slip, replug, a kill, an update"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
@@ -35,8 +35,8 @@ USAGE
   for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
   --long       add the runs that take long, an hour or more: all pairs of faults, a soak of a day of frames, 200 kills and
-               stops, 200 book pulls, the entropy of every histogram; on the emulated machine 100 replugs, 100 kills and
-               the heap calls of 10 000 frames
+               stops, 200 book pulls, the entropy of every histogram; on the emulated machine 100 replugs, 100 kills,
+               50 power cuts of an update and the heap calls of 10 000 frames
   --system     all scenarios on the emulated machine instead of the short set: hang, watchdog, gripper, and the machine
                by itself
   --tidy       clang-tidy on every source, 20 minutes on a fresh clone, instead of what changed of late and a share
@@ -250,9 +250,10 @@ part_long() {
   count_one "HOLDFAST_GRIP_PULLS=200 host_tests -sg Grip" $?
   if step "long image" bash -c 'toolchain/sysroot.sh && cmake --preset rpi4 && cmake --build --preset rpi4 &&
     cmake --build --preset sim --target system_film_made && tests/system/prepare.sh'; then
-    step "long machine" env HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 build/sim/bin/system_scenarios -v \
-      -sg Holdfastd -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns
-    count_one "HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 system_scenarios -sg Holdfastd" $?
+    step "long machine" env HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 build/sim/bin/system_scenarios -v \
+      -sg Holdfastd -sg Card -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns \
+      -sn OutlivesPowerCutsWhileItInstalls
+    count_one "HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 system_scenarios -sg Holdfastd -sg Card" $?
   else
     count_one "long: image" 1
   fi
@@ -288,8 +289,19 @@ part_system() {
     return 1
   }
   local status=0
-  local -a short=(-sg Holdfastd -sn StartsAndBecomesFineOnAnEmptyGel -sn ASlipIsAnEdge -sn GoesOnAfterAReplug
-    -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill -sn SkipsDamagedFrames -sn IsNotFooledByAFrozenPicture)
+  local -a pi=(board/image/build.sh rpi4)
+  [[ ! -f build/image/virt/keys/owner.cert.pem ]] || pi+=(--keyring build/image/virt/keys/owner.cert.pem)
+  step "system Pi card" "${pi[@]}" && step "system card image" tests/system/card_image.sh || status=1
+  grep '^card: ' "$logs/system-card-image.log" | sed 's/^/   /'
+  count_one "system: the Pi 4's card (tests/system/card_image.sh)" "$status"
+  if ((all_scenarios)); then
+    step "system raspi3b" tests/system/raspi3b.sh
+    count_one "system: the Pi's card on an emulated Pi 3 (tests/system/raspi3b.sh)" $?
+  fi
+  status=0
+  local -a short=(-sg Holdfastd -sg Card -sn StartsAndBecomesFineOnAnEmptyGel -sn ASlipIsAnEdge -sn GoesOnAfterAReplug
+    -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill -sn SkipsDamagedFrames -sn IsNotFooledByAFrozenPicture
+    -sn MayDoNoMoreThanItNeeds -sn StartsByUBootAndBecomesFine -sn RefusesWhatItsOwnerDidNotSign -sn TakesAnUpdateAndKeepsItOnceItSeesFrames)
   ((all_scenarios == 0)) || short=()
   step "system scenarios" build/sim/bin/system_scenarios -v "${short[@]}" || status=1
   grep -E '^TEST\(|^OK|^Errors' "$logs/system-scenarios.log" | sed 's/^/   /'
@@ -301,8 +313,8 @@ closing() {
   local line
   for line in "${skips[@]}"; do say "skipped: $line"; done
   say "left out under sanitizers and emulation: ${slow_groups//|/, } (they ran in part sim)"
-  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls, all histograms, 100 replugs and kills of the emulated machine"
-  ((all_scenarios == 1)) || say "left out: emulated machine (--system): hang, gripper, watchdog, and the machine by itself"
+  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls, all histograms, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
+  ((all_scenarios == 1)) || say "left out: emulated machine (--system): hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an emulated Pi 3"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"
 }

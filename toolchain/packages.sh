@@ -8,7 +8,7 @@
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
 # GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; system:
-# the emulated machine and its root file system; fuzz: libFuzzer; web: the browser that the page of a session is shown in.
+# the cards, and the emulated machine that starts from one; fuzz: libFuzzer; web: the browser that the page of a session is shown in.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -53,10 +53,20 @@ cross qemu-user-static 1:7.2+dfsg-7+deb12u18+b3
 system qemu-system-arm 1:7.2+dfsg-7+deb12u18+b3
 system mmdebstrap 1.3.5-7
 system arch-test 0.20-1
-system arch-test 0.20-1
 system e2fsprogs 1.47.0-2+b2
 system kmod 30+20221128-1
 system cpio 2.13+dfsg-7.1
+system dosfstools 4.2-1
+system mtools 4.0.33-1+really4.0.32-1
+system fdisk 2.38.1-5+deb12u3
+system squashfs-tools 1:4.5.1-1
+system cryptsetup-bin 2:2.6.1-4~deb12u2
+system u-boot-tools 2023.01+dfsg-2+deb12u3
+system device-tree-compiler 1.6.1-4+b1
+system jq 1.6-2.1+deb12u1
+system rauc 1.8-2
+system openssl 3.0.19-1~deb12u2
+system file 1:5.44-3
 web chromium 156.0.8078.79-1~deb12u1
 TABLE
 }

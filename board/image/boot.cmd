@@ -5,8 +5,9 @@
 # gives it its three attempts back.
 # The variables are one sector of 512 bytes in the partition env: a sector is written or it is not. U-Boot's own
 # environment, which would be a file on a FAT, is never written.
-# Given, by build.sh and, more_words, by whoever writes uboot.env: devtype, devnum (where this script came from), board_words, kernel_at, ramdisk_at, words_at; and fdtcontroladdr,
-# U-Boot's own copy of the device tree that it was started with: what a first stage left may lie where the initrd goes.
+# Given: devtype, devnum (where this script came from); by build.sh board_words, kernel_at, ramdisk_at, words_at; more_words,
+# if uboot.env has any; and fdtcontroladdr, U-Boot's own copy of the device tree that it was started with: what a first
+# stage left may lie where the initrd goes.
 
 part start ${devtype} ${devnum} env env_at
 setenv known 0

@@ -57,8 +57,8 @@ heard "Starting kernel"
 heard "Found device"
 heard "Started"
 heard "holdfastd"
-if grep -aq 'Failed to\|cannot be mounted\|emergency' "$logs/serial.log"; then
-  grep -a 'Failed to\|cannot be mounted\|emergency' "$logs/serial.log" >&2
+if grep -aq 'Failed to start\|Failed to mount\|cannot be mounted\|emergency' "$logs/serial.log"; then
+  grep -a 'Failed to start\|Failed to mount\|cannot be mounted\|emergency' "$logs/serial.log" >&2
   complain "a part of the system failed" "see above" "see $logs/serial.log"
   exit 1
 fi
