@@ -98,7 +98,7 @@ TEST_GROUP(Card) {
 TEST(Card, StartsByUBootAndBecomesFine) {
   become_fine();
   kept();
-  STRCMP_EQUAL("3", word("BOOT_A_LEFT").c_str());
+  STRCMP_EQUAL("3", word(std::string("BOOT_") + slot() + "_LEFT").c_str());
   // The root is what was built, and nobody can change it.
   STRCMP_EQUAL("/dev/dm-0 squashfs", said("findmnt -n -o SOURCE,FSTYPE --raw /").c_str());
   STRCMP_CONTAINS(" V ", (" " + said("dmsetup status root | cut -d ' ' -f 4") + " ").c_str());
