@@ -17,19 +17,19 @@ Shelf::Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifie
   }
 }
 
-Shelf::Put Shelf::put(std::span<const std::uint8_t> bytes, Good good) {
+Shelf::Put Shelf::put(std::span<const std::uint8_t> record, Good good) {
   refusal_ = sealed::Refusal::kNone;
-  if (store_ == nullptr || bytes.size() > store_->slot_bytes()) return Put::kNoPlace;
+  if (store_ == nullptr || record.size() > store_->slot_bytes()) return Put::kNoPlace;
   if (settle() == hal::Store::State::kBusy) return Put::kStillBusy;
-  sealed::Record record;
-  refusal_ = sealed::read(bytes, kind_, owner_, record);
-  if (refusal_ == sealed::Refusal::kNone && record.bytes != bytes.size()) refusal_ = sealed::Refusal::kNoRecord;
+  sealed::Record read;
+  refusal_ = sealed::read(record, kind_, owner_, read);
+  if (refusal_ == sealed::Refusal::kNone && read.bytes != record.size()) refusal_ = sealed::Refusal::kNoRecord;
   if (refusal_ != sealed::Refusal::kNone) return Put::kRefused;
-  if (record.sequence <= sequence_) return Put::kOld;
-  if (!good(record.payload)) return Put::kNotGood;
-  if (!store_->begin(other_, bytes)) return Put::kNoPlace;
+  if (read.sequence <= sequence_) return Put::kOld;
+  if (!good(read.payload)) return Put::kNotGood;
+  if (!store_->begin(other_, record)) return Put::kNoPlace;
   writing_ = true;
-  writing_sequence_ = record.sequence;
+  writing_sequence_ = read.sequence;
   return Put::kBegun;
 }
 

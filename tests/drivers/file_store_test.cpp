@@ -17,6 +17,8 @@
 
 #include <CppUTest/TestHarness.h>
 
+#include "tests/support/allocations.hpp"
+
 using namespace holdfast;
 using drivers::FileStore;
 using State = hal::Store::State;
@@ -74,8 +76,10 @@ TEST(FileStore, IsReadByTheNextOne) {
     CHECK(store.state() == State::kIdle);
     CHECK(store.begin(0, one));
     CHECK(end_of(store) == State::kDone);
+    const unsigned before = test::allocations();
     CHECK(store.begin(1, two));
     CHECK(end_of(store) == State::kDone);
+    LONGS_EQUAL(before, test::allocations());
     LONGS_EQUAL(0, store.found(0)[0]);
     CHECK_FALSE(store.begin(2, one));
     CHECK_FALSE(store.begin(0, {}));
@@ -95,6 +99,7 @@ TEST(FileStore, IsReadByTheNextOne) {
 TEST(FileStore, DoesNotHoldUpItsCaller) {
   SlowCalls calls;
   const Bytes one(100, 1), two(100, 2);
+  std::thread later;
   {
     FileStore store(path, 200, calls);
     calls.held = true;
@@ -110,12 +115,12 @@ TEST(FileStore, DoesNotHoldUpItsCaller) {
     calls.error = 0;
     calls.held = true;
     CHECK(store.begin(1, two));
-    std::thread later([&calls] {
+    later = std::thread([&calls] {
       std::this_thread::sleep_for(20ms);
       calls.held = false;
     });
-    later.detach();
   }
+  later.join();
   CHECK_FALSE(calls.held);
   const FileStore next(path, 200);
   CHECK(begins_with(next.found(0), one));

@@ -72,7 +72,7 @@ TEST(SettingsToml, SayWhatIsWrongAndWhere) {
   check_says(error_of("hold_ms = \n"), {"robot.toml:1: is no TOML: "});
   check_says(error_of("hold_ms = 1\nhold_ms = 2\n"), {"robot.toml:2: is no TOML: "});
   check_says(error_of(std::string("a\0\xFF\x1B[31m = 1\n", 12)), {"robot.toml:1: is no TOML: "});
-  check_says(error_of("\"\\u001B[31m\" = 1"), {"there is no parameter '?[31m'"});
+  check_says(error_of(R"("\u001B[31m" = 1)"), {"there is no parameter '?[31m'"});
   check_says(error_of("hold_ms = 5\nfault_markers_pct = 99"), {"robot.toml:2: fault_markers_pct is above degraded"});
   check_says(error_of("degraded_markers_pct = 50"), {"robot.toml:1: fault_markers_pct is above degraded"});
 }
