@@ -289,7 +289,8 @@ part_system() {
   }
   local status=0
   local -a short=(-sg Holdfastd -sn StartsAndBecomesFineOnAnEmptyGel -sn ASlipIsAnEdge -sn GoesOnAfterAReplug
-    -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill -sn SkipsDamagedFrames -sn IsNotFooledByAFrozenPicture)
+    -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill -sn SkipsDamagedFrames -sn IsNotFooledByAFrozenPicture
+    -sn MayDoNoMoreThanItNeeds -sn LeavesNoLineHighWhenItIsKilled)
   ((all_scenarios == 0)) || short=()
   step "system scenarios" build/sim/bin/system_scenarios -v "${short[@]}" || status=1
   grep -E '^TEST\(|^OK|^Errors' "$logs/system-scenarios.log" | sed 's/^/   /'
