@@ -301,7 +301,8 @@ part_system() {
   status=0
   local -a short=(-sg Holdfastd -sg Card -sn StartsAndBecomesFineOnAnEmptyGel -sn ASlipIsAnEdge -sn GoesOnAfterAReplug
     -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill -sn SkipsDamagedFrames -sn IsNotFooledByAFrozenPicture
-    -sn MayDoNoMoreThanItNeeds -sn StartsByUBootAndBecomesFine -sn RefusesWhatItsOwnerDidNotSign -sn TakesAnUpdateAndKeepsItOnceItSeesFrames)
+    -sn MayDoNoMoreThanItNeeds -sn LeavesNoLineHighWhenItIsKilled -sn StartsByUBootAndBecomesFine
+    -sn RefusesWhatItsOwnerDidNotSign -sn TakesAnUpdateAndKeepsItOnceItSeesFrames)
   ((all_scenarios == 0)) || short=()
   step "system scenarios" build/sim/bin/system_scenarios -v "${short[@]}" || status=1
   grep -E '^TEST\(|^OK|^Errors' "$logs/system-scenarios.log" | sed 's/^/   /'

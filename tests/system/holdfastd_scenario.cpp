@@ -184,6 +184,16 @@ TEST(Holdfastd, GoesOnAfterAReplug) {
   LONGS_EQUAL(before, restarts());
 }
 
+// From within a sandbox of its own, which leaves it that port alone.
+TEST(Holdfastd, GoesOnAfterItsPortWasReset) {
+  become_fine();
+  const int before = restarts();
+  said("dmesg --clear && systemctl start holdfast-sensor");
+  STRCMP_CONTAINS("reset", said("dmesg | grep -i usb").c_str());
+  become_fine();
+  LONGS_EQUAL(before, restarts());
+}
+
 // Single frames that lost data are skipped, without an edge; while nothing else comes there is nothing to vouch for.
 TEST(Holdfastd, SkipsDamagedFrames) {
   become_fine();
