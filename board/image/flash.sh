@@ -286,9 +286,9 @@ exec {lock}<&-
 cat <<'STEPS'
 
 Next:
-  1. Card into the Pi, the GelSight Mini into a USB port of its own, nothing on the gel, power on.
-  2. Settings: options of holdfastd in /etc/holdfast/holdfastd.conf, the console's code in /etc/holdfast/code; what
-     `save` at the console writes goes to /var/lib/holdfast.
+  1. Settings: on the card's first partition, which any computer opens, `holdfastd.conf` has the options of holdfastd and
+     `code`, which you may add, the console's code.
+  2. Card into the Pi, the GelSight Mini into a USB port of its own, nothing on the gel, power on.
   3. Console: the port that the option --host names, on a Pi 4 /dev/ttyAMA0 (pins 8 and 10, 115200 8N1); at its other
      end `holdfast console PORT`. `status` says OK, or what is missing and what to do; `tasks` says how long the start took.
   4. A new gel, or another sensor: board/README.md, A new gel.

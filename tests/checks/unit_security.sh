@@ -12,6 +12,7 @@ source toolchain/say.sh
 # 0.4. A row says why one needs more: UNIT TENTHS REASON
 thresholds() {
   cat <<'ROWS'
+holdfast-stick@.service 40 mounts a stick where RAUC, another process, sees it: no file system of its own
 holdfast-shell.service 100 the root shell of the emulated machine, which no board has
 ROWS
 }

@@ -122,7 +122,7 @@ TEST_GROUP(ConsoleFlood) {
   }
   // Of the task `frame`, and how many there were.
   std::pair<long, long> frame_p999_us() {
-    const nlohmann::json tasks = nlohmann::json::parse(ask("\rtasks json\r", "tasks"), nullptr, false);
+    const nlohmann::json tasks = nlohmann::json::parse(ask("\rtasks json\r", "first_frame_ms"), nullptr, false);
     CHECK(tasks.contains("tasks"));
     for (const nlohmann::json& task : tasks["tasks"]) {
       if (task["task"] == "frame") return {task["p99_9_us"], task["count"]};
