@@ -3,7 +3,7 @@
 # clang-tidy over every source of ours that the sim board compiles, as .clang-tidy says; any finding is an error.
 #   tests/checks/tidy.sh [--some] [BUILD_DIR]      default build/sim, configured and built
 # All of it takes 21 minutes of two cores on a fresh clone. --some, for a run that has to end sooner, looks at what the
-# last ten commits changed (a header by one source that includes it) and at an eighth of the rest, drawn by the newest
+# last twenty commits changed (a header by one source that includes it) and at an eighth of the rest, drawn by the newest
 # commit's name: so every source is looked at again within some tens of commits, without a record of who was when.
 # Compiler warnings are gcc's business (they are errors there), so clang's own are off.
 # A file that passed is not looked at again until it, a header of ours that it includes, its compile command, the
@@ -47,7 +47,7 @@ rules=$({ "$tool" --version; find . -name .clang-tidy -not -path './build/*' -ex
 
 # chosen: the sources to look at.
 if ((some)); then
-  git log -n 10 --name-only --format= -- . | sort -u >"$work/changed"
+  git log -n 20 --no-merges --name-only --format= -- . | sort -u >"$work/changed"
   # A changed header stands for the first source that includes it.
   awk -F '\t' -v root="$root/" '
     FILENAME ~ /changed$/ { changed[$0] = 1; next }
