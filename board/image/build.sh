@@ -78,6 +78,10 @@ if [[ -n $keyring ]] && ! openssl x509 -in "$keyring" -noout 2>/dev/null; then
   complain "$keyring is no certificate" "not made yet, or the key was given" "board/image/keys.sh makes one: DIR/owner.cert.pem"
   exit 1
 fi
+if [[ -n $keyring ]] && grep -q 'PRIVATE KEY' "$keyring"; then
+  complain "$keyring has a private key in it" "key and certificate in one file" "give the certificate alone: the key must never be on a card"
+  exit 1
+fi
 for tool in depmod modprobe cpio mke2fs mkfs.vfat mcopy mksquashfs veritysetup sfdisk mkimage mkenvimage fdtput jq \
   aarch64-linux-gnu-readelf; do
   command -v "$tool" >/dev/null && continue
