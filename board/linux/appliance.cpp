@@ -43,7 +43,7 @@ struct Options {
   std::string gpio = "header";
   std::string host, link, gripper;
   std::filesystem::path keep, code_file, accepted_file;
-  std::uint32_t accepted_frames = 250;  // 10 s at 25 fps
+  std::uint64_t accepted_frames = 250;  // 10 s at 25 fps
   std::string code;
   std::int32_t time_scale = hardware().time_scale;
   Settings settings;
@@ -101,7 +101,7 @@ class Appliance {
     const std::int64_t tenths = *app.first_accepted() * options.time_scale / std::chrono::milliseconds{100};
     drivers::FixedText<120> line;
     line << "holdfastd: first frame fine " << tenths / 10 << "." << tenths % 10 << " s after the kernel started\n";
-    (void)!::write(STDERR_FILENO, line.c_str(), line.view().size());
+    (void)(::write(STDERR_FILENO, line.c_str(), line.view().size()) >= 0);
   }
   [[nodiscard]] hal::Serial& host() { return host_ ? static_cast<hal::Serial&>(*host_) : standard_output_; }
 
@@ -136,7 +136,7 @@ class Appliance {
     told_ = now;
     drivers::FixedText<600> line;
     line << "holdfastd: " << (now.empty() ? "the camera is there" : now) << "\n";
-    (void)!::write(STDERR_FILENO, line.c_str(), line.view().size());
+    (void)(::write(STDERR_FILENO, line.c_str(), line.view().size()) >= 0);
   }
   [[nodiscard]] hal::Keep& keep() {
     if (keep_) return *keep_;

@@ -2,7 +2,6 @@
 #include "app/app.hpp"
 
 #include <algorithm>
-#include <limits>
 
 #include "app/modes.hpp"
 #include "base/math.hpp"
@@ -296,7 +295,7 @@ void App::vouch() {
   const Micros now = devices_.clock.now();
   watchdog_.vouch(now);
   if (!first_accepted_) first_accepted_ = now;
-  if (accepted_ < std::numeric_limits<std::uint32_t>::max()) ++accepted_;
+  ++accepted_;
 }
 
 bool App::give_up(const supervisor::Outputs& outputs, Reason why) {

@@ -422,9 +422,10 @@ Answer set(Console& console, const Words& words, std::int32_t /*step*/) {
 }
 
 // Until the bytes are durable; a card may take seconds.
-Answer begun_or_stored(Console& console, std::int32_t step, Error (Console::*begin)()) {
+enum class What : std::uint8_t { kParameters, kLoaded };
+Answer begun_or_stored(Console& console, std::int32_t step, What what) {
   if (step == 0) {
-    const Error result = (console.*begin)();
+    const Error result = what == What::kLoaded ? console.store_loaded() : console.save();
     return result == Error::kNone ? kMore : error(result);
   }
   const std::optional<Error> result = console.stored();
@@ -434,7 +435,7 @@ Answer begun_or_stored(Console& console, std::int32_t step, Error (Console::*beg
 
 Answer save(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
-  return begun_or_stored(console, step, &Console::save);
+  return begun_or_stored(console, step, What::kParameters);
 }
 
 // A record, as lines: `load settings`, then `load AT HEX` with the bytes from AT on, two digits each, and `load end
@@ -460,7 +461,7 @@ Answer load(Console& console, const Words& words, std::int32_t step) {
       loading.end();
       if (!whole) return error(Error::kBroken);
     }
-    return begun_or_stored(console, step, &Console::store_loaded);
+    return begun_or_stored(console, step, What::kLoaded);
   }
   std::size_t at = 0;
   const std::string_view text = words[1];

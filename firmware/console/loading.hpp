@@ -27,7 +27,7 @@ class Loading {
   // Two digits a byte, of the bytes from `at` on, which is where the last piece ended; so a line that was lost or came
   // twice is told. False: it is not, or it is no hex, or too much; then nothing changes. Range: any text.
   [[nodiscard]] bool add(std::size_t at, std::string_view hex) {
-    if (!under_way_ || at != size_ || hex.empty() || hex.size() % 2 != 0) return false;
+    if (!under_way_ || at != size_ || hex.size() % 2 != 0) return false;
     if (hex.size() / 2 > bytes_.size() - size_) return false;
     for (const char c : hex) {
       if (value_of(c) < 0) return false;

@@ -241,7 +241,7 @@ TEST(ConsoleTool, ADamagedFileChangesNothing) {
       {"set hold_ms 111\nset hold_ms", "is no setting"},
       {"set hold_ms 111\nset no_such 3\n", "no parameter 'no_such'"},
       {"set hold_ms 111\nset max_force 256\n", "max_force = 256 is not in 0 to 255"},
-      {std::string("set hold_ms 111\n\0\xFF\n", 20), "is no setting"},
+      {std::string("set hold_ms 111\n\0\xFF\n", 19), "is no setting"},
   };
   for (const auto& [text, why] : files) {
     write_file(dir / "damaged", text);

@@ -409,6 +409,7 @@ TEST(Console, LoadsAllOrNothing) {
   check_error("load 0 00", Error::kBroken);
   check_ok("load settings");
   check_error("load end 0G", Error::kArguments);
+  check_error("load end G", Error::kArguments);
   check_error("load x 00", Error::kArguments);
   check_error("load 0", Error::kArguments);
   check_error("load -1 00", Error::kArguments);
@@ -420,6 +421,9 @@ TEST(Console, LoadsAllOrNothing) {
   check_ok("load 0 4844");
   check_error("load 0 4844", Error::kBroken);
   check_says("load 3 44", "ERR 34 broken: 2 bytes are here: ");
+  for (const char* const bad : {"0", "0G", ":0", "-1", "0/"}) {
+    check_error((std::string("load 2 ") + bad).c_str(), Error::kBroken);
+  }
   check_ok("load 2 5352");
   check_error("load end 12345678", Error::kBroken);
   check_error("load 4 00", Error::kBroken);

@@ -87,7 +87,7 @@ TEST_GROUP(Card) {
         end == std::string("failed")
             ? machine.run_until(look + "failed", kToInstall)
             : machine.run_until("journalctl -u 'holdfast-stick@*' | grep -q '" + std::string(end) + "'", kToInstall);
-    const std::string text = journal("'holdfast-stick@*'");
+    std::string text = journal("'holdfast-stick@*'");
     CHECK_TEXT(over, text.c_str());
     machine.unplug_stick();
     CHECK(machine.run_until("[[ ! -e /dev/sda && ! -e /dev/sdb ]]", 1min));
