@@ -413,6 +413,7 @@ TEST(Console, LoadsAllOrNothing) {
   check_error("load x 00", Error::kArguments);
   check_error("load 0", Error::kArguments);
   check_error("load -1 00", Error::kArguments);
+  check_error("load 1x 00", Error::kArguments);
   check_error("load 1 00", Error::kBroken);
   for (const char* const hex : {"0", "000", "0g", "0x", "zz"}) {
     std::string line = "load 0 ";
