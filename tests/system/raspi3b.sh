@@ -20,6 +20,7 @@ for file in "$card" "$kernel/dtb/bcm2837-rpi-3-b.dtb" build/image/firmware-rpi4/
   exit 1
 done
 mkdir -p "$logs"
+rm -f "$logs/serial.log"  # of an earlier run
 work=$(mktemp -d "${TMPDIR:-/tmp}/raspi3b.XXXXXX")
 emulator=
 trap '[[ -z $emulator ]] || kill "$emulator" 2>/dev/null; rm -rf "$work"' EXIT
