@@ -42,7 +42,7 @@ emulator=$!
 # heard TEXT: it comes on the serial port before the deadline.
 deadline=$((SECONDS + 600))
 heard() {
-  while ! grep -aqF "$1" "$logs/serial.log" 2>/dev/null; do
+  while ! sed 's/\x1b\[[0-9;]*m//g' "$logs/serial.log" 2>/dev/null | grep -aqF "$1"; do
     if ((SECONDS > deadline)) || ! kill -0 "$emulator" 2>/dev/null; then
       tail -n 30 "$logs/serial.log" | tr -d '\r' >&2
       complain "the card's Pi did not say '$1'" "it does not come so far" "see $logs/serial.log"
@@ -56,8 +56,8 @@ heard "Loading Environment from FAT... OK"
 heard "holdfast: slot A"
 heard "Starting kernel"
 heard "Found device"
-heard "Started"
-heard "holdfastd"
+heard "Started holdfastd.service"
+heard "holdfast> "  # its console, on the pins of the header
 if grep -aq 'Failed to start\|Failed to mount\|cannot be mounted\|emergency' "$logs/serial.log"; then
   grep -a 'Failed to start\|Failed to mount\|cannot be mounted\|emergency' "$logs/serial.log" >&2
   complain "a part of the system failed" "see above" "see $logs/serial.log"
