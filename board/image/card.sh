@@ -31,7 +31,7 @@ declare -A card_words=(
   [rpi4]="console=tty1 loglevel=4 systemd.show_status=0 panic=5"
 )
 
-# make_fat FILE MIB SERIAL LABEL FOLDER: a FAT of the files in FOLDER.
+# make_fat FILE MIB SERIAL LABEL FOLDER: a FAT of the files in FOLDER, which has no folders itself.
 make_fat() {
   local file
   rm -f "$1"
@@ -40,7 +40,6 @@ make_fat() {
   (cd "$5" && find . -type f | LC_ALL=C sort | sed 's,^\./,,') >"$work/fat_files"
   find "$5" -exec touch --no-dereference --date="@$SOURCE_DATE_EPOCH" {} +
   while read -r file; do
-    if [[ $file == */* ]]; then TZ=UTC mmd -D s -i "$1" "::${file%/*}" 2>/dev/null || true; fi
     TZ=UTC mcopy -m -i "$1" "$5/$file" "::$file"
   done <"$work/fat_files"
 }

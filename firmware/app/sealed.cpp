@@ -5,7 +5,7 @@
 #include <cstring>
 
 #include "base/crc32.hpp"
-#include "base/le32.hpp"
+#include "base/little_endian.hpp"
 
 namespace holdfast::sealed {
 namespace {
@@ -21,11 +21,11 @@ Refusal read(std::span<const std::uint8_t> bytes, Kind kind, const hal::Verifier
   if (bytes.size() < kAround) return Refusal::kNoRecord;
   if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) return Refusal::kNoRecord;
   if (bytes[4] != kVersion) return Refusal::kVersion;
-  const std::size_t size = get_le32(bytes.subspan(kSizeAt));
+  const std::size_t size = get_le<std::uint32_t>(bytes, kSizeAt);
   if (size > bytes.size() - kAround) return Refusal::kNoRecord;
   bytes = bytes.first(size + kAround);
-  if (get_le32(bytes.subspan(bytes.size() - 4)) != crc32(bytes.first(bytes.size() - 4))) return Refusal::kDamaged;
-  const std::uint32_t sequence = get_le32(bytes.subspan(kSequenceAt));
+  if (get_le<std::uint32_t>(bytes, bytes.size() - 4) != crc32(bytes.first(bytes.size() - 4))) return Refusal::kDamaged;
+  const std::uint32_t sequence = get_le<std::uint32_t>(bytes, kSequenceAt);
   if (bytes[6] != 0 || bytes[7] != 0 || sequence == 0) return Refusal::kNoRecord;
   if (bytes[kKindAt] != static_cast<std::uint8_t>(kind)) return Refusal::kOtherKind;
   const auto signature = bytes.subspan(kPayloadAt + size).first<kSignatureBytes>();

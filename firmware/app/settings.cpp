@@ -4,7 +4,7 @@
 #include <string_view>
 
 #include "base/crc32.hpp"
-#include "base/le32.hpp"
+#include "base/little_endian.hpp"
 
 namespace holdfast::settings {
 namespace {
@@ -27,8 +27,8 @@ Loaded read(std::span<const std::uint8_t> payload, Params& params) {
   Params read = params;
   Loaded loaded = Loaded::kAll;
   for (std::size_t at = 0; at < payload.size(); at += kEntryBytes) {
-    const ParamInfo* const row = find(get_le32(payload.subspan(at)));
-    const auto value = static_cast<std::int32_t>(get_le32(payload.subspan(at + 4)));
+    const ParamInfo* const row = find(get_le<std::uint32_t>(payload, at));
+    const auto value = static_cast<std::int32_t>(get_le<std::uint32_t>(payload, at + 4));
     if (row == nullptr || value < row->min || value > row->max) {
       loaded = Loaded::kSome;
       continue;

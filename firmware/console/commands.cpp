@@ -421,8 +421,8 @@ Answer set(Console& console, const Words& words, std::int32_t /*step*/) {
   return result == Error::kNone ? kDone : error(result);
 }
 
-// Until the bytes are durable; a card may take seconds.
 enum class What : std::uint8_t { kParameters, kLoaded };
+// Until the bytes are durable; a card may take seconds.
 Answer begun_or_stored(Console& console, std::int32_t step, What what) {
   if (step == 0) {
     const Error result = what == What::kLoaded ? console.store_loaded() : console.save();
@@ -436,6 +436,13 @@ Answer begun_or_stored(Console& console, std::int32_t step, What what) {
 Answer save(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
   return begun_or_stored(console, step, What::kParameters);
+}
+
+// All of `text` is a number that `value` can hold.
+template <typename Integer>
+bool is_number(std::string_view text, Integer& value, int base = 10) {
+  const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), value, base);
+  return wrong == std::errc{} && end == text.data() + text.size();
 }
 
 // A record, as lines: `load settings`, then `load AT HEX` with the bytes from AT on, two digits each, and `load end
@@ -454,9 +461,7 @@ Answer load(Console& console, const Words& words, std::int32_t step) {
   if (words[1] == "end") {
     if (step == 0) {
       std::uint32_t sum = 0;
-      const std::string_view text = words[2];
-      const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), sum, 16);
-      if (wrong != std::errc{} || end != text.data() + text.size()) return error(Error::kArguments);
+      if (!is_number(words[2], sum, 16)) return error(Error::kArguments);
       const bool whole = loading.under_way() && crc32(loading.bytes()) == sum;
       loading.end();
       if (!whole) return error(Error::kBroken);
@@ -464,9 +469,7 @@ Answer load(Console& console, const Words& words, std::int32_t step) {
     return begun_or_stored(console, step, What::kLoaded);
   }
   std::size_t at = 0;
-  const std::string_view text = words[1];
-  const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), at);
-  if (wrong != std::errc{} || end != text.data() + text.size()) return error(Error::kArguments);
+  if (!is_number(words[1], at)) return error(Error::kArguments);
   if (loading.add(at, words[2])) return kDone;
   console.detail() << static_cast<std::int64_t>(loading.bytes().size()) << " bytes are here";
   return error(Error::kBroken);
@@ -727,11 +730,7 @@ Answer tell(Console& console, const Words& words, std::int32_t /*step*/) {
                                  [](char a, char b) { return a == b || a - 'A' == b - 'a'; });
     if (!same) continue;
     std::uint8_t argument = 0;
-    if (words.count == 3) {
-      const std::string_view text = words[2];
-      const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), argument);
-      if (wrong != std::errc{} || end != text.data() + text.size()) return error(Error::kArguments);
-    }
+    if (words.count == 3 && !is_number(words[2], argument)) return error(Error::kArguments);
     const auto result = console.daemon().obey({.command = row.command, .argument = argument});
     if (result == command_frame::Result::kDone) return kDone;
     console.detail() << command_frame::kResults[static_cast<std::size_t>(result)].meaning;

@@ -2,19 +2,13 @@
 #include "slip/model_file.hpp"
 
 #include "base/crc32.hpp"
+#include "base/little_endian.hpp"
 #include "base/math.hpp"
 
 namespace holdfast::model_file {
 namespace {
 
 using Bytes = std::span<const std::uint8_t>;
-
-template <typename Integer>
-[[nodiscard]] Integer number(Bytes bytes, std::size_t at) {
-  std::uint32_t value = 0;
-  for (std::size_t i = sizeof(Integer); i > 0; --i) value = value << 8 | bytes[at + i - 1];
-  return static_cast<Integer>(value);
-}
 
 [[nodiscard]] bool is_zero(Bytes bytes) {
   return std::ranges::all_of(bytes, [](std::uint8_t byte) { return byte == 0; });
@@ -30,15 +24,15 @@ template <typename Integer>
 [[nodiscard]] Refusal check_envelope(Bytes bytes) {
   if (bytes.size() < kMagic.size() || !std::ranges::equal(bytes.first(kMagic.size()), kMagic)) return Refusal::kMagic;
   if (bytes.size() < kVersionAt + 2) return Refusal::kSize;
-  if (number<std::uint16_t>(bytes, kVersionAt) != kVersion) return Refusal::kVersion;
+  if (get_le<std::uint16_t>(bytes, kVersionAt) != kVersion) return Refusal::kVersion;
   if (bytes.size() != kBytes) return Refusal::kSize;
-  if (number<std::uint32_t>(bytes, kCrcAt) != crc32(bytes.first(kCrcAt))) return Refusal::kCrc;
+  if (get_le<std::uint32_t>(bytes, kCrcAt) != crc32(bytes.first(kCrcAt))) return Refusal::kCrc;
   return is_zero(bytes.subspan(kSignatureAt, kCrcAt - kSignatureAt)) ? Refusal::kNone : Refusal::kSigned;
 }
 
 [[nodiscard]] Refusal fill_head(Bytes bytes, model::Tree& tree) {
   if (!is_zero(bytes.subspan(kFeatureCountAt + 1, kTextCrcAt - kFeatureCountAt - 1))) return Refusal::kForm;
-  tree.text_crc32 = number<std::uint32_t>(bytes, kTextCrcAt);
+  tree.text_crc32 = get_le<std::uint32_t>(bytes, kTextCrcAt);
   const Bytes name = bytes.subspan(kNameAt, kNameBytes);
   std::size_t length = 0;
   for (; length < name.size() && name[length] != 0; ++length) {
@@ -69,7 +63,7 @@ template <typename Integer>
 [[nodiscard]] Refusal fill_score(Bytes bytes, model::Tree& tree) {
   score::Score& score = tree.score;
   score.count = bytes[kScoreAt];
-  score.bias_q8 = number<std::int32_t>(bytes, kScoreAt + 4);
+  score.bias_q8 = get_le<std::int32_t>(bytes, kScoreAt + 4);
   if (score.count > score::kMaxTerms || !is_zero(bytes.subspan(kScoreAt + 1, 3))) return Refusal::kScore;
   const std::size_t end = kTermsAt + idx(score.count) * kTermBytes;
   if (!is_zero(bytes.subspan(end, kNodesAt - end))) return Refusal::kScore;
@@ -80,19 +74,19 @@ template <typename Integer>
     if (feature == kFeatures.end() || bytes[at + kNameBytes + 4] != feature->q) return Refusal::kScoreFeature;
     if (!is_zero(bytes.subspan(at + kNameBytes + 5, 3))) return Refusal::kScore;
     score.terms[idx(i)] = {static_cast<std::uint8_t>(feature - kFeatures.begin()),
-                           number<std::int16_t>(bytes, at + kNameBytes),
-                           number<std::uint16_t>(bytes, at + kNameBytes + 2)};
+                           get_le<std::int16_t>(bytes, at + kNameBytes),
+                           get_le<std::uint16_t>(bytes, at + kNameBytes + 2)};
   }
   const bool agrees = (score.count > 0) == reads(*tree.set, Stage::kScore);
   return agrees && score::is_valid(score) ? Refusal::kNone : Refusal::kScore;
 }
 
 [[nodiscard]] Refusal fill_nodes(Bytes bytes, model::Tree& tree) {
-  tree.count = number<std::uint16_t>(bytes, kNodeCountAt);
+  tree.count = get_le<std::uint16_t>(bytes, kNodeCountAt);
   if (tree.count < 3 || tree.count > model::kMaxNodes) return Refusal::kForm;
   for (int i = 0; i < tree.count; ++i) {
     const Bytes node = bytes.subspan(kNodesAt + idx(i) * kNodeBytes, kNodeBytes);
-    tree.nodes[idx(i)] = {number<std::int32_t>(node, 0), number<std::uint16_t>(node, 4), node[6],
+    tree.nodes[idx(i)] = {get_le<std::int32_t>(node, 0), get_le<std::uint16_t>(node, 4), node[6],
                           static_cast<model::Kind>(node[7])};
   }
   const std::size_t end = kNodesAt + idx(tree.count) * kNodeBytes;

@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdint>
+#include <memory>
 #include <thread>
 #include <vector>
 
@@ -32,6 +33,10 @@ class SlowCalls final : public drivers::FileCalls {
  public:
   std::atomic<bool> held{false};
   std::atomic<int> error{0};
+  void let_go() {
+    held = false;
+    held.notify_all();
+  }
 
   [[nodiscard]] int open(const char* path, How how) override { return system_.open(path, how); }
   void close(int fd) override { system_.close(fd); }
@@ -44,7 +49,7 @@ class SlowCalls final : public drivers::FileCalls {
   }
   [[nodiscard]] int fsync(int fd) override { return system_.fsync(fd); }
   [[nodiscard]] int fdatasync(int fd) override {
-    while (held) std::this_thread::sleep_for(1ms);
+    held.wait(true);
     return error != 0 ? -error : system_.fdatasync(fd);
   }
 
@@ -99,29 +104,31 @@ TEST(FileStore, IsReadByTheNextOne) {
 TEST(FileStore, DoesNotHoldUpItsCaller) {
   SlowCalls calls;
   const Bytes one(100, 1), two(100, 2);
-  std::thread later;
-  {
-    FileStore store(path, 200, calls);
-    calls.held = true;
-    CHECK(store.begin(0, one));
-    CHECK(store.state() == State::kBusy);
-    CHECK_FALSE(store.begin(1, two));
-    calls.held = false;
-    CHECK(end_of(store) == State::kDone);
-    calls.error = ENOSPC;
-    CHECK(store.begin(1, two));
-    CHECK(end_of(store) == State::kFailed);
-    LONGS_EQUAL(ENOSPC, store.error());
-    calls.error = 0;
-    calls.held = true;
-    CHECK(store.begin(1, two));
-    later = std::thread([&calls] {
-      std::this_thread::sleep_for(20ms);
-      calls.held = false;
-    });
-  }
-  later.join();
-  CHECK_FALSE(calls.held);
+  auto store = std::make_unique<FileStore>(path, 200, calls);
+  calls.held = true;
+  CHECK(store->begin(0, one));
+  CHECK(store->state() == State::kBusy);
+  CHECK_FALSE(store->begin(1, two));
+  calls.let_go();
+  CHECK(end_of(*store) == State::kDone);
+  calls.error = ENOSPC;
+  CHECK(store->begin(1, two));
+  CHECK(end_of(*store) == State::kFailed);
+  LONGS_EQUAL(ENOSPC, store->error());
+  calls.error = 0;
+  calls.held = true;
+  CHECK(store->begin(1, two));
+  // It cannot end while the card is held, however often the other thread has its turn.
+  std::atomic<bool> ended{false};
+  std::thread end([&] {
+    store.reset();
+    ended = true;
+  });
+  for (int turn = 0; turn < 1000; ++turn) std::this_thread::yield();
+  const bool early = ended;
+  calls.let_go();
+  end.join();
+  CHECK_FALSE(early);
   const FileStore next(path, 200);
   CHECK(begins_with(next.found(0), one));
   CHECK(begins_with(next.found(1), two));

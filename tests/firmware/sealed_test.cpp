@@ -16,7 +16,7 @@
 
 #include "app/shelf.hpp"
 #include "base/crc32.hpp"
-#include "base/le32.hpp"
+#include "base/little_endian.hpp"
 #include "drivers/common/ed25519.hpp"
 #include "drivers/sim/store.hpp"
 #include "tests/support/temp_dir.hpp"

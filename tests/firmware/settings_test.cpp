@@ -7,7 +7,7 @@
 
 #include "app/shelf.hpp"
 #include "base/crc32.hpp"
-#include "base/le32.hpp"
+#include "base/little_endian.hpp"
 #include "drivers/sim/store.hpp"
 
 #include <CppUTest/TestHarness.h>

@@ -13,7 +13,7 @@
 #include "app/settings.hpp"
 #include "app/shelf.hpp"
 #include "base/crc32.hpp"
-#include "base/le32.hpp"
+#include "base/little_endian.hpp"
 #include "console/console.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
@@ -129,7 +129,7 @@ inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
     const std::size_t from = k * (bytes.size() / 2);
     const std::size_t count = std::min(k == 0 ? bytes.size() / 2 : bytes.size() - from, slot.size());
     std::copy_n(bytes.begin() + static_cast<std::ptrdiff_t>(from), count, slot.begin());
-    const std::size_t size = get_le32(slot.subspan(sealed::kSizeAt));
+    const std::size_t size = get_le<std::uint32_t>(slot, sealed::kSizeAt);
     if (size > settings::kMostPayload) continue;
     const std::size_t crc_at = size + sealed::kAround - 4;
     put_le32(slot.subspan(crc_at), crc32(slot.first(crc_at)));
