@@ -145,7 +145,7 @@ make_ext4() {
 # What only a card has: slots, partitions, updates.
 install_card() {
   install_tree board/image/card
-  mkdir -p "$work/root/boot" "$work/root/data" "$work/root/etc/holdfast"
+  mkdir -p "$work/root/boot" "$work/root/data" "$work/root/etc/holdfast" "$work/root/etc/rauc"
   ln -sfn /boot/code "$work/root/etc/holdfast/code"
   sed "s/@board@/$board/" board/image/rauc.conf >"$work/root/etc/rauc/system.conf"
   [[ -z $keyring ]] || install -m 644 "$keyring" "$work/root/etc/rauc/keyring.pem"
