@@ -90,6 +90,8 @@ class App {
   [[nodiscard]] const pipeline::Result& result() const { return result_; }
   [[nodiscard]] const supervisor::Outputs& outputs() const { return outputs_; }
   [[nodiscard]] const pipeline::State& state() const { return state_; }
+  // The loaded model that decides; null: the one that is compiled in does.
+  [[nodiscard]] const model::Tree* tree() const { return tree_; }
   // When ALIVE vouched for a frame first since start(). The clock of a board with real devices begins with its kernel.
   [[nodiscard]] std::optional<Micros> first_accepted() const { return first_accepted_; }
   // Frames that ALIVE vouched for since start(); stays at its greatest.
