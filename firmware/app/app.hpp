@@ -76,7 +76,8 @@ class App {
   void opening(bool is_opening);
   // What the devices beside the camera say; counts from the next frame on, a fault at once.
   void beside(Reason fault, Reason strain, bool force_limit);
-  // Goes on with an earlier process's rest position, when this sensor is that one. After start().
+  // Goes on with an earlier process's rest position, when this sensor is that one, and what this model reads of the
+  // empty gel was learned then. After start().
   [[nodiscard]] bool resume(const keepsake::Contents& contents);
   void remember(keepsake::Contents& contents) const;
 
