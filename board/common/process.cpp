@@ -95,7 +95,7 @@ void read_models(Settings& settings) {
     settings.told.push_back("the loaded model " + std::string(model::name_of(settings.loaded_model)) +
                             " decides, number " + std::to_string(shelf.sequence()));
   } else if (told || shelf.sequence() != 0) {
-    settings.told.push_back("the model that is compiled in decides");
+    settings.told.emplace_back("the model that is compiled in decides");
   }
 }
 
@@ -136,6 +136,9 @@ void add_settings(CLI::App& cli, Settings& settings) {
 
 std::string read_settings(Settings& settings) {
   settings.params = {};
+  if (!settings.path.empty() && settings.path == settings.models_path) {
+    return "--models: names the file of --settings, and each needs one of its own";
+  }
   settings.trouble = read_owner(settings);
   if (!settings.path.empty()) {
     settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes);

@@ -271,7 +271,7 @@ TEST(ConsoleTool, DecidesByTheModelThatTheOwnerSigned) {
 
   const auto anew = [&] {
     firmware->send(SIGKILL);
-    const std::string said = firmware->finish(kDeadline).err;
+    std::string said = firmware->finish(kDeadline).err;
     start("port");
     return said;
   };
@@ -319,6 +319,13 @@ TEST(ConsoleTool, DecidesByTheModelThatTheOwnerSigned) {
   check_fine(unlocked({"--load", at("none")}));
   (void)anew();
   decides(R"("from":"compiled in","sequence":7)");
+}
+
+TEST(ConsoleTool, SettingsAndModelsHaveAFileEach) {
+  const Finished finished = HostProcess({kFirmware, "--settings", at("both"), "--models", at("both")}).finish(60s);
+  LONGS_EQUAL(2, finished.status);
+  STRCMP_CONTAINS("--models: names the file of --settings", finished.err.c_str());
+  CHECK_FALSE(fs::exists(dir / "both"));
 }
 
 TEST(ConsoleTool, SealsAndShowsModels) {

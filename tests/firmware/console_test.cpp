@@ -178,6 +178,7 @@ TEST(Console, AnswersEveryCommand) {
   }
   check_error("a b c d e f g h i", Error::kArguments);
   check_error("tasks some", Error::kArguments);
+  check_error("model some", Error::kArguments);
   check_error("echo loud", Error::kArguments);
   check_error("trace loud", Error::kArguments);
   check_error("log frames nothing", Error::kArguments);

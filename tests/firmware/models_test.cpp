@@ -25,7 +25,7 @@ using model_file::Refusal;
 
 namespace {
 
-const FeatureSet& kSet = *find_feature_set("paper");
+constexpr const FeatureSet& kSet = *find_feature_set("paper");
 
 Bytes model_named(std::string_view name, std::uint32_t seed = 1) {
   return test::model_bytes(kSet, test::RandomNodes(seed, kSet, 4, 63).nodes(), name);

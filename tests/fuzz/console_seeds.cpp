@@ -95,7 +95,7 @@ int main(int argc, char** argv) {
   (void)sealed::write(sealed::Kind::kModel, 8, {}, none);
   load("load model", none);
   model.resize(1700);  // behind its nodes there are zeros, and what the fuzzer puts right
-  seeds.push_back("\x01model default\rmodel json\r");
+  seeds.emplace_back("\x01model default\rmodel json\r");
   none.resize(model.size());
   seeds.push_back("\xE0" + std::string(model.begin(), model.end()) + std::string(none.begin(), none.end()));
   seeds.push_back("\xE0" + std::string(none.begin(), none.end()) + std::string(model.begin(), model.end()));
