@@ -1274,6 +1274,23 @@ TEST(Console, TakesNoMemory) {
   }
 }
 
+// From the last line of a record, taken or refused, to its answer.
+TEST(Console, LoadsWithoutMemory) {
+  start();
+  (void)desk.unlock();
+  std::vector<std::uint8_t> other = kLoaded;
+  other[84] = 'x';
+  const std::vector<std::vector<std::uint8_t>> records{model_record(7, test::repaired(other)),
+                                                       model_record(7, kLoaded)};
+  for (const std::vector<std::uint8_t>& bytes : records) {
+    desk.type(load_model(bytes) + "\r");
+    const unsigned before = test::allocations();
+    for (int k = 0; k < 40; ++k) desk.turn();
+    LONGS_EQUAL(before, test::allocations());
+  }
+  LONGS_EQUAL(1, desk.stored_models.writes());
+}
+
 TEST(Console, HasACauseAndANextStepForEveryError) {
   std::set<std::string_view> names;
   for (const console::ErrorInfo& row : console::kErrors) {
