@@ -10,6 +10,7 @@
 #include "app/watchdog.hpp"
 #include "console/console.hpp"
 #include "hal/serial.hpp"
+#include "slip/model.hpp"
 
 namespace holdfast::board {
 
@@ -23,6 +24,8 @@ namespace holdfast::board {
 [[nodiscard]] hal::Serial& host();
 [[nodiscard]] console::Place place();
 [[nodiscard]] Params params();
+// A loaded model that decides; null: the one that is compiled in.
+[[nodiscard]] const model::Tree* model();
 
 // Has `watchdog` called from a thread of its own until the program ends; a board in virtual time needs none. Before the
 // Daemon starts. False: no thread is to be had.

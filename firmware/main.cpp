@@ -11,7 +11,7 @@ namespace board = holdfast::board;
 
 int main(int argc, char** argv) {
   if (const std::optional<int> status = board::make(argc, argv)) return *status;
-  static holdfast::Daemon daemon(board::devices(), board::periphery());
+  static holdfast::Daemon daemon(board::devices(), board::periphery(), board::model());
   static holdfast::console::Console console(board::host(), daemon, board::devices().clock, board::place());
   static_assert(std::is_trivially_destructible_v<holdfast::Daemon>, "the board's threads end after it");
   if (!board::watch(daemon.app().watchdog())) return 1;

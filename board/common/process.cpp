@@ -11,6 +11,7 @@
 #include <fstream>
 #include <vector>
 
+#include "app/models.hpp"
 #include "app/settings.hpp"
 #include "app/shelf.hpp"
 #include "drivers/common/ed25519.hpp"
@@ -48,12 +49,61 @@ std::string read_owner(Settings& settings) {
     settings.owner = std::make_unique<drivers::Ed25519>(key);
   } else {
     settings.owner = std::make_unique<hal::NoOwner>();
-    wrong += "; no stored settings are taken";
+    wrong += "; no stored settings and no stored model are taken";
   }
   return wrong;
 }
 
+void add_trouble(Settings& settings, const drivers::FileStore& store) {
+  if (store.trouble().empty()) return;
+  settings.trouble += (settings.trouble.empty() ? "cannot use " : "; cannot use ") + store.trouble();
+}
+
+template <typename Info>
+std::string words(const Info& why) {
+  std::string text(why.what);
+  return text.append(". Likely cause: ").append(why.cause).append(". Next: ").append(why.next);
+}
+
+// Why a slot has no model; empty: it has one, or nothing was ever stored there.
+std::string look_at(std::span<const std::uint8_t> slot, const hal::Verifier* owner) {
+  if (std::all_of(slot.begin(), slot.end(), [](std::uint8_t byte) { return byte == 0; })) return {};
+  sealed::Record record;
+  if (const sealed::Refusal why = sealed::read(slot, sealed::Kind::kModel, owner, record);
+      why != sealed::Refusal::kNone) {
+    return words(sealed::info(why));
+  }
+  const model_file::Refusal why = models::refusal_of(record.payload);
+  return why == model_file::Refusal::kNone ? std::string{} : words(model_file::info(why));
+}
+
+// The newest model that is good; whatever is wrong with the others, or with all of them, the device starts.
+void read_models(Settings& settings) {
+  if (settings.models_path.empty()) return;
+  settings.models = std::make_unique<drivers::FileStore>(settings.models_path, models::kMostBytes);
+  add_trouble(settings, *settings.models);
+  const Shelf shelf(sealed::Kind::kModel, models::good, settings.models.get(), settings.owner.get());
+  settings.model_loaded = models::in_force(shelf, settings.loaded_model) != nullptr;
+  bool told = false;
+  for (std::size_t slot = 0; slot < hal::Store::kSlots; ++slot) {
+    const std::string wrong = look_at(settings.models->found(slot), settings.owner.get());
+    if (wrong.empty()) continue;
+    settings.told.push_back("slot " + std::to_string(slot + 1) + " of " + settings.models_path.string() + ": " + wrong);
+    told = true;
+  }
+  if (settings.model_loaded) {
+    settings.told.push_back("the loaded model " + std::string(model::name_of(settings.loaded_model)) +
+                            " decides, number " + std::to_string(shelf.sequence()));
+  } else if (told || shelf.sequence() != 0) {
+    settings.told.emplace_back("the model that is compiled in decides");
+  }
+}
+
 }  // namespace
+
+void say(const std::string& line) {
+  (void)std::fputs(("holdfastd: " + line + "\n").c_str(), stderr);
+}
 
 int fail(int status, const std::string& what, const char* likely, const char* next) {
   const std::string line = "holdfastd: " + what + ". Likely cause: " + likely + ". Next: " + next + "\n";
@@ -76,22 +126,27 @@ void add_settings(CLI::App& cli, Settings& settings) {
          "set a parameter: name=value; may be given again. Goes before what is stored")
       ->allow_extra_args(false);
   cli.add_option("--settings", settings.path, "keep the parameters that the console saves in this file");
+  cli.add_option("--models", settings.models_path,
+                 "keep the model that the console loads in this file, and decide by it from the next start on");
   cli.add_option("--owner-key", settings.owner_key,
                  "take only what is signed with the other half of this key (holdfast settings keygen); when there is "
                  "no such file the device is in development mode");
-  cli.add_flag("--development", settings.development, "development mode: take unsigned settings, too");
+  cli.add_flag("--development", settings.development, "development mode: take unsigned settings and models, too");
 }
 
 std::string read_settings(Settings& settings) {
   settings.params = {};
+  if (!settings.path.empty() && settings.path == settings.models_path) {
+    return "--models: names the file of --settings, and each needs one of its own";
+  }
   settings.trouble = read_owner(settings);
   if (!settings.path.empty()) {
     settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes);
-    const std::string& wrong = settings.store->trouble();
-    if (!wrong.empty()) settings.trouble += (settings.trouble.empty() ? "cannot use " : "; cannot use ") + wrong;
+    add_trouble(settings, *settings.store);
     const Shelf shelf(sealed::Kind::kSettings, settings::good, settings.store.get(), settings.owner.get());
     (void)settings::read(shelf.payload(), settings.params);
   }
+  read_models(settings);
   for (const std::string& setting : settings.given) (void)set(settings.params, setting);
   if (ParamProblem problem; !validate(settings.params, &problem).ok()) {
     return "--set: " + std::string(problem.row->name) + " is " + std::string(problem.rule);

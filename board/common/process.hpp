@@ -13,6 +13,7 @@
 #include "drivers/common/file_store.hpp"
 #include "hal/serial.hpp"
 #include "hal/verifier.hpp"
+#include "slip/model.hpp"
 
 namespace CLI {
 class App;
@@ -23,7 +24,10 @@ namespace holdfast::board {
 // Says on standard error what went wrong and returns `status`.
 int fail(int status, const std::string& what, const char* likely, const char* next);
 
-// The parameters of a process: those that are stored, and over them those of the command line.
+// Says a line on standard error: the board's log.
+void say(const std::string& line);
+
+// The parameters of a process: those that are stored, and over them those of the command line. And what decides slip.
 struct Settings {
   std::filesystem::path path;       // --settings; empty: nothing is stored
   std::vector<std::string> given;   // --set, each name=value
@@ -34,9 +38,16 @@ struct Settings {
   std::string trouble;                        // why nothing can be stored, or nothing is taken; empty: all is well
   std::unique_ptr<hal::Verifier> owner;       // null: development mode
   std::unique_ptr<drivers::FileStore> store;  // null: there is no place
+
+  std::filesystem::path models_path;           // --models; empty: none is stored
+  std::unique_ptr<drivers::FileStore> models;  // as `store`
+  bool model_loaded = false;
+  model::Tree loaded_model;       // when it is
+  std::vector<std::string> told;  // what the log is to say of the models, a line each
+  [[nodiscard]] const model::Tree* model() const { return model_loaded ? &loaded_model : nullptr; }
 };
 
-// The options --set, --settings, --owner-key and --development.
+// The options --set, --settings, --models, --owner-key and --development.
 void add_settings(CLI::App& cli, Settings& settings);
 // After the command line was parsed. Empty, or what is wrong.
 [[nodiscard]] std::string read_settings(Settings& settings);

@@ -49,10 +49,6 @@ struct Options {
   Settings settings;
 };
 
-void say(const std::string& line) {
-  (void)std::fputs(("holdfastd: " + line + "\n").c_str(), stderr);
-}
-
 // A port that is not wired.
 class NoPort final : public hal::Serial {
  private:
@@ -241,7 +237,8 @@ std::optional<int> make(int argc, char** argv) {
   // Without a place for settings, or a code, it works all the same: nothing can be saved, or nobody can change
   // anything.
   if (!options.settings.trouble.empty()) say(options.settings.trouble);
-  if (options.settings.owner == nullptr) say("development mode: settings are taken without a signature");
+  if (options.settings.owner == nullptr) say("development mode: settings and models are taken without a signature");
+  for (const std::string& line : options.settings.told) say(line);
   if (!options.code_file.empty()) {
     if (const std::string wrong = read_code(options.code_file, options.code); !wrong.empty()) {
       say(wrong + ": the console stays locked");
@@ -273,12 +270,16 @@ console::Place place() {
   return {.board = hardware().name,
           .code = appliance->options.code,
           .settings = appliance->options.settings.store.get(),
+          .models = appliance->options.settings.models.get(),
           .owner = appliance->options.settings.owner.get(),
           .faults = nullptr,
           .prompts = !appliance->options.host.empty()};
 }
 Params params() {
   return appliance->options.settings.params;
+}
+const model::Tree* model() {
+  return appliance->options.settings.model();
 }
 bool watch(OutputWatchdog& watchdog) {
   return appliance->watch(watchdog);

@@ -287,6 +287,7 @@ class Desk {
   console::Place place{.board = "sim",
                        .code = options.code,
                        .settings = options.settings.store.get(),
+                       .models = options.settings.models.get(),
                        .owner = options.settings.owner.get(),
                        .faults = &faults_,
                        .prompts = host_ != nullptr};
@@ -333,6 +334,7 @@ std::optional<int> make(int argc, char** argv) {
     return fail(1, options.settings.trouble, "a folder that is not there or not yours, or another file was meant",
                 "give another path");
   }
+  for (const std::string& line : options.settings.told) say(line);
   options.code = kDeskCode;
   if (!options.code_file.empty()) {
     if (const std::string wrong = read_code(options.code_file, options.code); !wrong.empty()) {
@@ -362,6 +364,9 @@ console::Place place() {
 }
 Params params() {
   return desk->options.settings.params;
+}
+const model::Tree* model() {
+  return desk->options.settings.model();
 }
 bool watch(OutputWatchdog& watchdog) {
   return desk->watch(watchdog);

@@ -190,6 +190,8 @@ void App::beside(Reason fault, Reason strain, bool force_limit) {
 bool App::resume(const keepsake::Contents& contents) {
   if (contents.sensor != sensor_ || sensor_ == keepsake::Identity{}) return false;
   if (contents.pitch_um != config_.displacement.pitch_um) return false;
+  // Of a process whose model did not read the picture: what the gripper holds now would be learned as the empty gel.
+  if (config_.with_imprint && contents.empty.frames == 0) return false;
   pipeline::resume(state_, contents);
   return true;
 }

@@ -76,7 +76,8 @@ class App {
   void opening(bool is_opening);
   // What the devices beside the camera say; counts from the next frame on, a fault at once.
   void beside(Reason fault, Reason strain, bool force_limit);
-  // Goes on with an earlier process's rest position, when this sensor is that one. After start().
+  // Goes on with an earlier process's rest position, when this sensor is that one, and what this model reads of the
+  // empty gel was learned then. After start().
   [[nodiscard]] bool resume(const keepsake::Contents& contents);
   void remember(keepsake::Contents& contents) const;
 
@@ -90,6 +91,8 @@ class App {
   [[nodiscard]] const pipeline::Result& result() const { return result_; }
   [[nodiscard]] const supervisor::Outputs& outputs() const { return outputs_; }
   [[nodiscard]] const pipeline::State& state() const { return state_; }
+  // The loaded model that decides; null: the one that is compiled in does.
+  [[nodiscard]] const model::Tree* tree() const { return tree_; }
   // When ALIVE vouched for a frame first since start(). The clock of a board with real devices begins with its kernel.
   [[nodiscard]] std::optional<Micros> first_accepted() const { return first_accepted_; }
   // Frames that ALIVE vouched for since start().

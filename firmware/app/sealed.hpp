@@ -8,7 +8,7 @@
 //   offset  bytes  what
 //        0      4  magic: "HDSR"
 //        4      1  version of this table: 1
-//        5      1  kind: 1 settings (settings.hpp), 2 model: kept free for it, nothing takes one yet
+//        5      1  kind: 1 settings (settings.hpp), 2 model (models.hpp)
 //        6      2  zero
 //        8      4  sequence, 1 to 2^32 - 1; the larger is the newer. The host takes the seconds since 1970, a device
 //                  that stores by itself the next number
@@ -22,10 +22,12 @@
 // It names no device: what an owner signs fits all devices with the owner's key.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 #include "hal/verifier.hpp"
 
@@ -53,6 +55,34 @@ enum class Refusal : std::uint8_t {
   kUnsigned,
   kSignature,  // not the owner's, or not of these bytes
 };
+
+struct RefusalInfo {
+  Refusal refusal;
+  std::string_view what;   // what is wrong
+  std::string_view cause;  // the likely cause
+  std::string_view next;   // what to do next
+};
+
+inline constexpr auto kRefusals = std::to_array<RefusalInfo>({
+    {Refusal::kNone, "nothing to report", "-", "-"},
+    {Refusal::kNoRecord, "these bytes are no record", "another file, or one that was cut short",
+     "load what holdfast settings or holdfast model wrote"},
+    {Refusal::kVersion, "the record has a version that is not known here", "made for another firmware",
+     "make it with the holdfast of this firmware, and load it"},
+    {Refusal::kDamaged, "the record's check sum is wrong", "the power was cut while it was written, or the card wears",
+     "load it again"},
+    {Refusal::kOtherKind, "the record is of another kind", "the file of another option", "give each option its own"},
+    {Refusal::kUnsigned, "the record is not signed, and this device has an owner", "it was stored in development mode",
+     "sign it with the owner's key, and load it again"},
+    {Refusal::kSignature, "the record's signature is not the owner's, or not of these bytes",
+     "signed with another key, or changed afterwards", "sign it with the key whose other half this device has"},
+});
+
+[[nodiscard]] constexpr const RefusalInfo& info(Refusal refusal) {
+  return kRefusals[static_cast<std::size_t>(refusal)];
+}
+static_assert(kRefusals.size() == std::size_t{static_cast<std::uint8_t>(Refusal::kSignature)} + 1);
+static_assert(std::ranges::all_of(kRefusals, [](const RefusalInfo& row) { return &info(row.refusal) == &row; }));
 
 struct Record {
   Kind kind = Kind::kSettings;

@@ -19,7 +19,7 @@ Shelf::Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifie
 
 Shelf::Put Shelf::put(std::span<const std::uint8_t> record, Good good) {
   refusal_ = sealed::Refusal::kNone;
-  if (store_ == nullptr || record.size() > store_->slot_bytes()) return Put::kNoPlace;
+  if (store_ == nullptr) return Put::kNoPlace;
   if (settle() == hal::Store::State::kBusy) return Put::kStillBusy;
   sealed::Record read;
   refusal_ = sealed::read(record, kind_, owner_, read);

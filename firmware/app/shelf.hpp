@@ -29,6 +29,7 @@ class Shelf {
   // `store` null: there is no place. `owner` null: development mode (sealed.hpp). Both outlive it.
   Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifier* owner);
 
+  [[nodiscard]] sealed::Kind kind() const { return kind_; }
   // What was in force when the board started; empty: nothing was. Valid as long as the store.
   [[nodiscard]] std::span<const std::uint8_t> payload() const { return payload_; }
   // Of the record in force now; 0: there is none.

@@ -100,6 +100,33 @@ Answer help(Console& console, const Words& words, std::int32_t step) {
   });
 }
 
+// What decides slip: a model that was loaded, or the one that is compiled in.
+struct Decider {
+  std::string_view name = slip_tree::kName;
+  std::string_view feature_set = slip_tree::kFeatureSet;
+  std::int32_t features = classifier::kCompiledSet.size();
+  std::int32_t nodes = slip_tree::kNodes;
+  std::int32_t depth = slip_tree::kDepth;
+  std::uint32_t text_crc32 = slip_tree::kModelCrc32;
+  std::string_view from = "compiled in";
+};
+
+Decider decider(Console& console) {
+  const model::Tree* const tree = console.daemon().app().tree();
+  if (tree == nullptr) return {};
+  return {model::name_of(*tree),  tree->set->name,  tree->set->size(), tree->count,
+          model::depth_of(*tree), tree->text_crc32, "loaded"};
+}
+
+// Records begin at 1.
+void sequence(Page& page, std::string_view name, std::uint32_t number) {
+  if (number != 0) {
+    page.integer(name, number);
+  } else {
+    page.nothing(name);
+  }
+}
+
 Answer version(Console& console, const Words& words, std::int32_t /*step*/) {
   if (words.count != 1) return error(Error::kArguments);
   Page& page = console.page();
@@ -107,14 +134,13 @@ Answer version(Console& console, const Words& words, std::int32_t /*step*/) {
   page.text("firmware", "holdfastd " HOLDFAST_VERSION);
   page.text("board", console.place().board);
   page.integer("link_version", link::kVersion);
-  page.text("model", slip_tree::kName);
-  page.integer("model_crc32", slip_tree::kModelCrc32);
+  const Decider model = decider(console);
+  page.text("model", model.name);
+  page.integer("model_crc32", model.text_crc32);
+  page.text("model_from", model.from);
+  sequence(page, "model_sequence", console.model_sequence());
   page.text("takes", console.settings().development() ? "anything: development mode" : "what its owner signed");
-  if (console.settings().sequence() != 0) {
-    page.integer("settings_sequence", console.settings().sequence());
-  } else {
-    page.nothing("settings_sequence");
-  }
+  sequence(page, "settings_sequence", console.settings().sequence());
   page.close();
   return kDone;
 }
@@ -421,11 +447,15 @@ Answer set(Console& console, const Words& words, std::int32_t /*step*/) {
   return result == Error::kNone ? kDone : error(result);
 }
 
-enum class What : std::uint8_t { kParameters, kLoaded };
+enum class What : std::uint8_t { kParameters, kLoaded, kDefaultModel };
+Error begin_to_store(Console& console, What what) {
+  if (what == What::kLoaded) return console.store_loaded();
+  return what == What::kDefaultModel ? console.store_default_model() : console.save();
+}
 // Until the bytes are durable; a card may take seconds.
 Answer begun_or_stored(Console& console, std::int32_t step, What what) {
   if (step == 0) {
-    const Error result = what == What::kLoaded ? console.store_loaded() : console.save();
+    const Error result = begin_to_store(console, what);
     return result == Error::kNone ? kMore : error(result);
   }
   const std::optional<Error> result = console.stored();
@@ -445,12 +475,20 @@ bool is_number(std::string_view text, Integer& value, int base = 10) {
   return wrong == std::errc{} && end == text.data() + text.size();
 }
 
-// A record, as lines: `load settings`, then `load AT HEX` with the bytes from AT on, two digits each, and `load end
-// CRC32` with the check sum of all of them. Nothing is stored before that, and nothing but a whole record.
+// The same for what does not count yet; whoever stored it is told.
+Answer for_next_start(Console& console, std::int32_t step, What what) {
+  const Answer answer = begun_or_stored(console, step, what);
+  if (answer.kind == Answer::Kind::kDone) console.out().put("counts from the next start: reboot\r\n");
+  return answer;
+}
+
+// A record, as lines: `load settings` or `load model`, then `load AT HEX` with the bytes from AT on, two digits each,
+// and `load end CRC32` with the check sum of all of them. Nothing is stored before that, and nothing but a whole
+// record.
 Answer load(Console& console, const Words& words, std::int32_t step) {
   Loading& loading = console.loading();
-  if (words.count == 2 && words[1] == "settings") {
-    loading.begin();
+  if (words.count == 2 && (words[1] == "settings" || words[1] == "model")) {
+    loading.begin(words[1] == "model" ? sealed::Kind::kModel : sealed::Kind::kSettings);
     return kDone;
   }
   if (words.count == 2 && words[1] == "off") {
@@ -466,7 +504,7 @@ Answer load(Console& console, const Words& words, std::int32_t step) {
       loading.end();
       if (!whole) return error(Error::kBroken);
     }
-    return begun_or_stored(console, step, What::kLoaded);
+    return for_next_start(console, step, What::kLoaded);
   }
   std::size_t at = 0;
   if (!is_number(words[1], at)) return error(Error::kArguments);
@@ -519,17 +557,26 @@ Answer diff(Console& console, const Words& words, std::int32_t step) {
 
 // ---- What it judges by, and what it sees
 
-Answer model(Console& console, const Words& words, std::int32_t /*step*/) {
+Answer model(Console& console, const Words& words, std::int32_t step) {
+  if (words.count == 2 && words[1] == "default" && !words.json) {
+    if (step == 0 && !console.unlocked()) return error(Error::kLocked);
+    return for_next_start(console, step, What::kDefaultModel);
+  }
   if (words.count != 1) return error(Error::kArguments);
+  const Decider model = decider(console);
   Page& page = console.page();
   page.open(words.json);
-  page.text("name", slip_tree::kName);
-  page.text("feature_set", slip_tree::kFeatureSet);
-  page.integer("features", classifier::kCompiledSet.size());
-  page.integer("nodes", slip_tree::kNodes);
-  page.integer("depth", slip_tree::kDepth);
-  page.integer("crc32", slip_tree::kModelCrc32);
+  page.text("name", model.name);
+  page.text("feature_set", model.feature_set);
+  page.integer("features", model.features);
+  page.integer("nodes", model.nodes);
+  page.integer("depth", model.depth);
+  page.integer("crc32", model.text_crc32);
   page.text("sensitivity", kSensitivityNames[idx(console.params().sensitivity)]);
+  page.text("from", model.from);
+  sequence(page, "sequence", console.model_sequence());
+  const bool stays = console.models().sequence() == console.model_sequence();
+  page.text("next_start", stays ? "the same" : "what was stored since: reboot");
   page.close();
   return kDone;
 }
@@ -779,9 +826,10 @@ constexpr std::array<CommandInfo, 25> kCommands{{
     {"diff", "[json]", "what differs from the defaults, as lines to paste back", false, diff},
     {"dump", "[json]", "all parameters, as lines to paste back", false, dump},
     {"save", "", "store the parameters for the next start", true, save},
-    {"load", "settings|end|off|AT [HEX|CRC32]", "store a signed record; holdfast console --load says it", true, load},
+    {"load", "settings|model|end|off|AT [HEX|CRC32]", "store a signed record for the next start (console --load)", true,
+     load},
     {"defaults", "[PARAMETER]", "back to the default, all or one", true, defaults},
-    {"model", "[json]", "what decides slip", false, model},
+    {"model", "[default] [json]", "what decides slip; default: store that the built-in one does", false, model},
     {"reference", "[learn] [json]", "rest position of the markers; learn it anew", false, reference},
     {"watch", "[screen|on|off]", "a line five times a second; on: frames for programs", false, watch},
     {"log", "[events|frames|fault] [markers] [json]", "what happened: events, last 10 s, 10 s before a fault", false,

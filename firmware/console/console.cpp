@@ -222,6 +222,7 @@ void Console::end_line(LineEditor::Event event) {
   at_prompt_ = false;
   last_line_ = clock_.now();
   detail_.clear();
+  why_ = nullptr;
   if (event == LineEditor::Event::kTooLong) return fail(Error::kTooLong);
   if (event == LineEditor::Event::kDamaged) return fail(Error::kDamaged);
   begin(editor_.line());
@@ -279,11 +280,11 @@ void Console::fail(Error error) {
     out_.put(detail_.view());
     out_.put(": ");
   }
-  out_.put(row.what);
+  out_.put(why_ == nullptr ? row.what : why_->what);
   out_.put(". Likely cause: ");
-  out_.put(row.cause);
+  out_.put(why_ == nullptr ? row.cause : why_->cause);
   out_.put(". Next: ");
-  out_.put(row.next);
+  out_.put(why_ == nullptr ? row.next : why_->next);
   out_.put("\r\n");
 }
 
@@ -449,38 +450,58 @@ Error Console::change(const Params& params) {
   return Error::kNone;
 }
 
+// A record of the device's own; its payload of so many bytes stands in its place already.
+Error Console::store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size_t payload) {
+  if (!shelf.development()) return Error::kNotSigned;
+  if (shelf.settle() == hal::Store::State::kBusy) return Error::kStillWriting;  // and then its number is the next
+  const std::size_t bytes =
+      sealed::write(shelf.kind(), shelf.next_sequence(), record.subspan(sealed::kPayloadAt, payload), record);
+  return begun(shelf, shelf.put(record.first(bytes), [](auto) { return true; }));
+}
+
 Error Console::save() {
-  if (place_.settings == nullptr) return Error::kNotStored;
-  if (!settings_.development()) return Error::kNotSigned;
-  if (settings_.settle() == hal::Store::State::kBusy) return Error::kStillWriting;  // and then its number is the next
   std::array<std::uint8_t, settings::kMostBytes> record;
-  const std::size_t size = settings::write(params_, std::span(record).subspan(sealed::kPayloadAt));
-  const std::size_t bytes = sealed::write(sealed::Kind::kSettings, settings_.next_sequence(),
-                                          std::span(record).subspan(sealed::kPayloadAt, size), record);
-  return begun(settings_.put(std::span(record).first(bytes), settings::good));
+  return store_own(settings_, record, settings::write(params_, std::span(record).subspan(sealed::kPayloadAt)));
+}
+
+Error Console::store_default_model() {
+  std::array<std::uint8_t, sealed::kAround> record;
+  return store_own(models_, record, 0);
 }
 
 Error Console::store_loaded() {
-  return begun(settings_.put(loading_.bytes(), settings::fits));
+  const std::span<const std::uint8_t> record = loading_.bytes();
+  if (loading_.kind() == sealed::Kind::kSettings) return begun(settings_, settings_.put(record, settings::fits));
+  const Shelf::Put put = models_.put(record, models::good);
+  if (put != Shelf::Put::kNotGood) return begun(models_, put);
+  return explain(
+      model_file::info(models::refusal_of(record.subspan(sealed::kPayloadAt, record.size() - sealed::kAround))));
 }
 
-Error Console::begun(Shelf::Put put) {
+// Why a model is none for this firmware, in the words of who looked at it.
+Error Console::explain(const model_file::RefusalInfo& why) {
+  why_ = &why;
+  return Error::kNotThisModel;
+}
+
+Error Console::begun(Shelf& shelf, Shelf::Put put) {
   switch (put) {
     case Shelf::Put::kBegun:
+      storing_ = &shelf;
       return Error::kNone;
     case Shelf::Put::kNoPlace:
       return Error::kNotStored;
     case Shelf::Put::kStillBusy:
       return Error::kStillWriting;
     case Shelf::Put::kOld:
-      detail_ << "the one in force has number " << settings_.sequence();
+      detail_ << "the one in force has number " << shelf.sequence();
       return Error::kTooOld;
     case Shelf::Put::kNotGood:
       return Error::kNotUsable;
     case Shelf::Put::kRefused:
       break;
   }
-  switch (settings_.refusal()) {
+  switch (shelf.refusal()) {
     case sealed::Refusal::kDamaged:
       return Error::kBroken;
     case sealed::Refusal::kUnsigned:
@@ -493,11 +514,11 @@ Error Console::begun(Shelf::Put put) {
 }
 
 std::optional<Error> Console::stored() {
-  switch (settings_.settle()) {
+  switch (storing_->settle()) {
     case hal::Store::State::kBusy:
       return std::nullopt;
     case hal::Store::State::kFailed:
-      detail_ << "error " << settings_.error() << " of the system";
+      detail_ << "error " << storing_->error() << " of the system";
       return Error::kWriteFailed;
     default:
       return Error::kNone;

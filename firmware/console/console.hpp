@@ -18,6 +18,7 @@
 #include <string_view>
 
 #include "app/daemon.hpp"
+#include "app/models.hpp"
 #include "app/params.hpp"
 #include "app/settings.hpp"
 #include "app/shelf.hpp"
@@ -40,6 +41,7 @@ struct Place {
   std::string_view board{};              // sim, rpi4, virt
   std::string_view code{};               // that unlocks; empty: nothing does
   hal::Store* settings = nullptr;        // null: nothing can be saved
+  hal::Store* models = nullptr;          // null: no model can be loaded
   const hal::Verifier* owner = nullptr;  // null: development mode, where nothing has to be signed
   hal::Faults* faults = nullptr;         // simulated boards only
   bool prompts = true;                   // somebody can type here
@@ -78,7 +80,9 @@ class Console {
         daemon_(daemon),
         clock_(clock),
         place_(place),
-        settings_(sealed::Kind::kSettings, settings::good, place.settings, place.owner) {}
+        settings_(sealed::Kind::kSettings, settings::good, place.settings, place.owner),
+        models_(sealed::Kind::kModel, models::good, place.models, place.owner),
+        model_sequence_(models_.sequence()) {}
 
   // After Daemon::start().
   void start(const Params& params);
@@ -110,13 +114,17 @@ class Console {
   [[nodiscard]] Text<200>& detail() { return detail_; }
   [[nodiscard]] const Params& params() const { return params_; }
   [[nodiscard]] Error change(const Params& params);
-  // The parameters, and what `load` put together: kNone when the writing has begun. stored() tells of its end: nothing
-  // yet, or how it went.
+  // The parameters, what `load` put together, and that the compiled-in tree is to decide: kNone when the writing has
+  // begun. stored() tells of its end: nothing yet, or how it went.
   [[nodiscard]] Error save();
   [[nodiscard]] Error store_loaded();
+  [[nodiscard]] Error store_default_model();
   [[nodiscard]] std::optional<Error> stored();
   [[nodiscard]] Loading& loading() { return loading_; }
   [[nodiscard]] const Shelf& settings() const { return settings_; }
+  [[nodiscard]] const Shelf& models() const { return models_; }
+  // Of the record by which the model that decides was chosen; 0: none was.
+  [[nodiscard]] std::uint32_t model_sequence() const { return model_sequence_; }
   [[nodiscard]] Error unlock(std::string_view code);
   void lock() {
     unlocked_ = false;
@@ -145,7 +153,9 @@ class Console {
   void send_frame(std::span<const std::uint8_t> wire);
   void send_markers();
   void trace_line();
-  [[nodiscard]] Error begun(Shelf::Put put);
+  [[nodiscard]] Error store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size_t payload);
+  [[nodiscard]] Error begun(Shelf& shelf, Shelf::Put put);
+  [[nodiscard]] Error explain(const model_file::RefusalInfo& why);
   [[nodiscard]] bool idle() const { return running_ == nullptr; }
 
   hal::Serial& port_;
@@ -167,9 +177,13 @@ class Console {
   Words words_;
   std::int32_t step_ = 0;
   Text<200> detail_;
+  const model_file::RefusalInfo* why_ = nullptr;  // in place of the error's own words
 
   Params params_{};
   Shelf settings_;
+  Shelf models_;
+  std::uint32_t model_sequence_;
+  Shelf* storing_ = &settings_;  // which of them is asked for stored()
   Loading loading_;
   bool unlocked_ = false;
   int wrong_codes_ = 0;

@@ -36,6 +36,7 @@ enum class Error : std::uint8_t {
   kBroken = 34,
   kWrongRecord = 35,
   kNotUsable = 36,
+  kNotThisModel = 37,
 };
 
 struct ErrorInfo {
@@ -46,7 +47,7 @@ struct ErrorInfo {
   std::string_view next;
 };
 
-inline constexpr std::array<ErrorInfo, 25> kErrors{{
+inline constexpr std::array<ErrorInfo, 26> kErrors{{
     {Error::kUnknownCommand, "unknown_command", "there is no such command", "a typing error", "help lists them"},
     {Error::kTooLong, "line_too_long", "the line has more than 255 characters", "two lines run together, or noise",
      "send it again, shorter"},
@@ -70,13 +71,14 @@ inline constexpr std::array<ErrorInfo, 25> kErrors{{
     {Error::kContradiction, "contradiction", "two settings contradict each other", "one was changed without the other",
      "change the other one first"},
     {Error::kNotStored, "not_stored", "there is no place to store this", "this board was given none, or cannot use it",
-     "start holdfastd with --settings, and look at what it says when it starts"},
+     "start holdfastd with --settings and --models, and look at what it says when it starts"},
     {Error::kWriteFailed, "write_failed", "it could not be written, so that what was stored before stays",
      "the card is full, worn out, or can only be read", "make room or change the card, then say it again"},
     {Error::kStillWriting, "still_writing", "an earlier record is still being written", "a slow card",
      "say it again in some seconds"},
     {Error::kNotSigned, "not_signed", "this device stores only what its owner signed", "it was given its owner's key",
-     "make it with holdfast settings compile --sign and load it, or start holdfastd with --development"},
+     "make it with holdfast settings compile --sign or holdfast model seal --sign and load it, or start holdfastd with "
+     "--development"},
     {Error::kWrongSignature, "wrong_signature", "the signature is not the owner's, or not of these bytes",
      "signed with another key, or changed afterwards", "sign it with the key whose other half this device has"},
     {Error::kTooOld, "too_old", "the device has this record or a newer one",
@@ -90,12 +92,14 @@ inline constexpr std::array<ErrorInfo, 25> kErrors{{
     {Error::kInterrupted, "interrupted", "the command was ended by Ctrl-C", "somebody pressed it", "give it again"},
     {Error::kBroken, "broken", "what was loaded is not whole",
      "a line was lost or damaged on the way, or load was not begun",
-     "begin again with load settings; holdfast console --load sends all of it"},
+     "begin again with load settings or load model; holdfast console --load sends all of it"},
     {Error::kWrongRecord, "wrong_record", "these bytes are no record of this kind and version",
      "another file, or made for another firmware",
-     "give what holdfast settings wrote, with the holdfast of this firmware"},
+     "give what holdfast settings or holdfast model wrote, with the holdfast of this firmware"},
     {Error::kNotUsable, "not_usable", "the record holds what this firmware does not know or allow",
      "made for another firmware", "make it again with the holdfast of this firmware"},
+    {Error::kNotThisModel, "not_this_model", "this firmware cannot decide by the model; in place of this it says why",
+     "made for another firmware", "compile and seal it again with the holdfast of this firmware"},
 }};
 
 // Range: any but kNone.

@@ -8,20 +8,26 @@
 #include <span>
 #include <string_view>
 
+#include "app/models.hpp"
+#include "app/sealed.hpp"
 #include "app/settings.hpp"
 
 namespace holdfast::console {
 
 class Loading {
  public:
-  static constexpr std::size_t kMostBytes = settings::kMostBytes;
+  static constexpr std::size_t kMostBytes = models::kMostBytes;  // 5.7 kB, the longest of all kinds
+  static_assert(kMostBytes >= settings::kMostBytes);
 
-  void begin() {
+  void begin(sealed::Kind kind) {
+    kind_ = kind;
     size_ = 0;
     under_way_ = true;
   }
   void end() { under_way_ = false; }
   [[nodiscard]] bool under_way() const { return under_way_; }
+  // Of the record that was announced last.
+  [[nodiscard]] sealed::Kind kind() const { return kind_; }
   [[nodiscard]] std::span<const std::uint8_t> bytes() const { return std::span(bytes_).first(size_); }
 
   // Two digits a byte, of the bytes from `at` on, which is where the last piece ended; so a line that was lost or came
@@ -48,6 +54,7 @@ class Loading {
 
   std::array<std::uint8_t, kMostBytes> bytes_{};
   std::size_t size_ = 0;
+  sealed::Kind kind_ = sealed::Kind::kSettings;
   bool under_way_ = false;
 };
 

@@ -6,6 +6,7 @@
 // compiled form: tests/bench/tree_bench.cpp. Whoever fills a table has checked it; evaluate() is bounded all the same.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -47,6 +48,21 @@ struct Tree {
 [[nodiscard]] constexpr std::string_view name_of(const Tree& tree) {
   const std::string_view padded(tree.name.data(), tree.name.size());
   return padded.substr(0, padded.find('\0'));
+}
+
+// Predicates on the longest path. Range: a checked tree (model_file::check()), whose children lie behind their parents.
+[[nodiscard]] constexpr int depth_of(const Tree& tree) {
+  std::array<std::uint8_t, kMaxNodes> depth{};
+  std::uint8_t most = 0;
+  for (int i = 0; i < tree.count; ++i) {
+    const Node& node = tree.nodes[idx(i)];
+    if (node.kind != Kind::kSplit) continue;
+    const auto below = static_cast<std::uint8_t>(depth[idx(i)] + 1);
+    depth[idx(i) + 1] = below;
+    depth[node.child_false] = below;
+    most = std::max(most, below);
+  }
+  return most;
 }
 
 // `x`: the features of tree.set, in its order. At most kMaxDepth predicates; a longer path, which no checked tree has,

@@ -30,8 +30,9 @@
 //                    6  1         which of the features above x is
 //                          leaf slip: 0 always, 1 not when quiet, 2 only when sensitive
 //                    7  1  0 leaf hold, 1 leaf slip, 2 split; of a leaf all else is zero
-//     5556     64  signature: room for Ed25519 over all bytes before it. All zero says unsigned, which is the only form
-//                  that this version reads: a signature that nobody checks would only look like one
+//     5556     64  signature: all zero, the only form that this version reads. What goes onto a device is signed as a
+//                  whole, by the seal around these bytes (app/sealed.hpp), which covers number and kind as well;
+//                  a second signature here that nobody checks would only look like one
 //     5620      4  CRC-32 of all bytes before it
 //     5624
 //

@@ -9,12 +9,14 @@
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "slip/tree_io.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/pty.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -83,7 +85,9 @@ TEST_GROUP(ConsoleTool) {
                                    "--host",
                                    at(name),
                                    "--settings",
-                                   at((std::string(name) + ".settings").c_str())};
+                                   at((std::string(name) + ".settings").c_str()),
+                                   "--models",
+                                   at((std::string(name) + ".model").c_str())};
     if (!owner_key.empty()) words.insert(words.end(), {"--owner-key", owner_key});
     return std::make_unique<HostProcess>(words);
   }
@@ -230,6 +234,153 @@ TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
   (void)firmware->finish(kDeadline);
   start("port");
   STRCMP_CONTAINS("\"value\":555", tool({"--run", "get hold_ms json"}).out.c_str());
+}
+
+// From a model's text to a device that decides by it, and back; and what is left when the card damages what was stored.
+TEST(ConsoleTool, DecidesByTheModelThatTheOwnerSigned) {
+  const auto ask = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), kTool);
+    return HostProcess(words).finish(60s);
+  };
+  const auto model_of = [&](const std::string& name, const std::string& node) {
+    const FeatureSet& set = *find_feature_set("velocity");
+    std::string text = "format 1\nname " + name + "\nfeature_set velocity\n";
+    for (int i = 0; i < set.size(); ++i) {
+      text += "feature " + std::string(set[i].name) + " " + std::string(set[i].unit) + " Q" + std::to_string(set[i].q) +
+              "\n";
+    }
+    write_file(dir / (name + ".tree"), text + "node 0: vy_um_s <= " + node);
+    check_fine(ask({"compile", at((name + ".tree").c_str()), "--binary", at((name + ".model").c_str())}));
+  };
+  const auto seal = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), {"model", "seal"});
+    const Finished sealed = ask(words);
+    check_fine(sealed);
+    return sealed.out;
+  };
+  const std::string largest = std::to_string((*find_feature_set("velocity"))[1].max - 1);
+  model_of("always", largest + " ? 1 : 2\nleaf 1: slip\nleaf 2: hold\n");
+  model_of("never", largest + " ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n");
+  check_fine(ask({"settings", "keygen", at("keys")}));
+  const std::string sign = at("keys/owner.key");
+  STRCMP_CONTAINS("not signed: for development mode only", seal({at("always.model"), "-o", at("plain")}).c_str());
+  (void)seal({at("always.model"), "-o", at("one"), "--sign", sign, "--sequence", "5"});
+  (void)seal({at("never.model"), "-o", at("two"), "--sign", sign, "--sequence", "6"});
+  const std::string none = seal({"--compiled-in", "-o", at("none"), "--sign", sign, "--sequence", "7", "--json"});
+  STRCMP_CONTAINS(R"("sequence":7,"signed":true,"model":null})", none.c_str());
+
+  const auto anew = [&] {
+    firmware->send(SIGKILL);
+    std::string said = firmware->finish(kDeadline).err;
+    start("port");
+    return said;
+  };
+  const auto decides = [&](const char* part) { STRCMP_CONTAINS(part, tool({"--run", "model json"}).out.c_str()); };
+  owner_key = at("keys/owner.pub");
+  (void)anew();
+  decides(R"("from":"compiled in","sequence":null)");
+  STRCMP_CONTAINS("ERR 10 locked", tool({"--load", at("one")}).err.c_str());
+  STRCMP_CONTAINS("ERR 27 not_signed", unlocked({"--load", at("plain")}).err.c_str());
+  STRCMP_CONTAINS("is nothing that a device loads", unlocked({"--load", at("always.model")}).err.c_str());
+  const Finished loaded = unlocked({"--load", at("one")});
+  check_fine(loaded);
+  STRCMP_CONTAINS("stored, number 5, signed; counts at the next start: reboot", loaded.out.c_str());
+  (void)anew();
+  decides(R"({"name":"always","feature_set":"velocity","features":2,"nodes":3,"depth":1,)");
+  decides(R"("from":"loaded","sequence":5,"next_start":"the same"})");
+  CHECK(until([&] { return tool({"--run", "status json"}).out.find(R"("slip":true)") != std::string::npos; }));
+  check_fine(unlocked({"--load", at("two")}));
+  STRCMP_CONTAINS("ERR 29 too_old", unlocked({"--load", at("one")}).err.c_str());
+  STRCMP_CONTAINS("the loaded model always decides, number 5", anew().c_str());
+  decides(R"({"name":"never")");
+  CHECK(until([&] { return tool({"--run", "status json"}).out.find(R"("slip":false)") != std::string::npos; }));
+
+  // The card damages the newer slot, and then both.
+  const auto damage = [&](std::streamoff at_byte) {
+    std::fstream file(dir / "port.model", std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(at_byte);
+    file.put('\x55');
+  };
+  damage(8192 + 300);
+  (void)anew();
+  decides(R"("name":"always")");
+  damage(300);
+  const std::string fell_back = anew();
+  STRCMP_CONTAINS("slot 2 of ", fell_back.c_str());
+  STRCMP_CONTAINS("the record's check sum is wrong. Likely cause: the power was cut", fell_back.c_str());
+  STRCMP_CONTAINS(" Next: load it again\n", fell_back.c_str());
+  STRCMP_CONTAINS("the loaded model always decides, number 5", fell_back.c_str());
+  decides(R"("from":"compiled in","sequence":null)");
+  check_fine(unlocked({"--load", at("two")}));
+  STRCMP_CONTAINS("the model that is compiled in decides", anew().c_str());
+  decides(R"("name":"never")");
+  // And back.
+  STRCMP_CONTAINS("ERR 27 not_signed", unlocked({"--run", "model default"}).err.c_str());
+  check_fine(unlocked({"--load", at("none")}));
+  (void)anew();
+  decides(R"("from":"compiled in","sequence":7)");
+}
+
+TEST(ConsoleTool, SettingsAndModelsHaveAFileEach) {
+  const Finished finished = HostProcess({kFirmware, "--settings", at("both"), "--models", at("both")}).finish(60s);
+  LONGS_EQUAL(2, finished.status);
+  STRCMP_CONTAINS("--models: names the file of --settings", finished.err.c_str());
+  CHECK_FALSE(fs::exists(dir / "both"));
+}
+
+TEST(ConsoleTool, SealsAndShowsModels) {
+  const auto ask = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), {kTool, "model"});
+    return HostProcess(words).finish(60s);
+  };
+  const auto refused = [&](std::vector<std::string> words, const char* said) {
+    const Finished finished = ask(std::move(words));
+    LONGS_EQUAL(1, finished.status);
+    for (const char* const part : {said, ". Likely cause: ", ". Next: "}) STRCMP_CONTAINS(part, finished.err.c_str());
+  };
+  const std::string text = HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v1.tree";
+  check_fine(HostProcess({kTool, "compile", text, "--binary", at("m")}).finish(60s));
+  check_fine(HostProcess({kTool, "settings", "keygen", at("keys")}).finish(60s));
+  const std::string key = at("keys/owner.key"), pub = at("keys/owner.pub");
+  const Finished sealed = ask({"seal", at("m"), "-o", at("s"), "--sign", key, "--sequence", "9", "--json"});
+  check_fine(sealed);
+  STRCMP_CONTAINS(R"("sequence":9,"signed":true,"model":{"name":"slip_v1","feature_set":"paper",)", sealed.out.c_str());
+  LONGS_EQUAL(5708, fs::file_size(dir / "s"));
+  const Finished shown = ask({"show", at("s"), "--owner-key", pub});
+  check_fine(shown);
+  STRCMP_CONTAINS("slip_v1, CRC-32 of its text ", shown.out.c_str());
+  STRCMP_CONTAINS("; number 9, signed by this owner\n", shown.out.c_str());
+  STRCMP_CONTAINS(R"({"sequence":9,"signed":true,"model":{"name":"slip_v1")",
+                  ask({"show", at("s"), "--json"}).out.c_str());
+  STRCMP_CONTAINS("number 9, signed\n", ask({"show", at("s")}).out.c_str());
+  check_fine(ask({"seal", "--compiled-in", "-o", at("none")}));
+  STRCMP_CONTAINS("the model that is compiled in; number ", ask({"show", at("none")}).out.c_str());
+  STRCMP_CONTAINS(", not signed\n", ask({"show", at("none")}).out.c_str());
+  STRCMP_CONTAINS(R"("signed":false,"model":null})", ask({"show", at("none"), "--json"}).out.c_str());
+
+  refused({"show", at("none"), "--owner-key", pub}, "is not signed");
+  refused({"show", at("none"), "--owner-key", key}, "owner.key");
+  check_fine(HostProcess({kTool, "settings", "keygen", at("others")}).finish(60s));
+  refused({"show", at("s"), "--owner-key", at("others/owner.pub")}, "is not signed by this owner");
+  refused({"show", at("m")}, "holds no model");
+  refused({"show", at("absent")}, "cannot be read");
+  refused({"seal", text, "-o", at("x")}, "is no compiled model");
+  refused({"seal", at("absent"), "-o", at("x")}, "cannot be read");
+  refused({"seal", at("m"), "-o", at("x"), "--sign", pub}, "is no key to sign with");
+  refused({"seal", at("m"), "--compiled-in", "-o", at("x")}, "either a compiled model or --compiled-in");
+  refused({"seal", "-o", at("x")}, "either a compiled model or --compiled-in");
+  STRCMP_CONTAINS("absent/x", ask({"seal", at("m"), "-o", at("absent/x")}).err.c_str());
+  STRCMP_CONTAINS("would overwrite the input", ask({"seal", at("m"), "-o", at("m")}).err.c_str());
+  std::string whole = read_file(at("s"));
+  whole[3000] = static_cast<char>(whole[3000] ^ 1);
+  write_file(dir / "damaged", whole);
+  refused({"show", at("damaged")}, "holds no model");
+  write_file(dir / "large", std::string(100'000, 'x'));
+  refused({"show", at("large")}, "is larger than any model");
+  write_file(dir / "robot.toml", "hold_ms = 444\n");
+  check_fine(HostProcess({kTool, "settings", "compile", at("robot.toml"), "-o", at("settings")}).finish(60s));
+  refused({"show", at("settings")}, "a record of another kind");
+  CHECK_FALSE(fs::exists(dir / "x"));
 }
 
 TEST(ConsoleTool, ADamagedFileChangesNothing) {

@@ -17,6 +17,7 @@
 #include "app/mode_prices.gen.hpp"
 #include "app/shelf.hpp"
 #include "base/crc32.hpp"
+#include "tests/fuzz/model_check.hpp"
 #include "tests/support/console_desk.hpp"
 #include "tests/support/spread_tree.hpp"
 
@@ -68,6 +69,10 @@ Heard take_apart(const std::string& bytes) {
   return heard;
 }
 
+// One predicate: slip is an entropy above 1 nat.
+const std::vector<std::uint8_t> kLoaded =
+    test::model_bytes(*find_feature_set("paper"), std::span(test::kSpreadTree.nodes).first(3), "loaded_one");
+
 }  // namespace
 
 TEST_GROUP(Console) {
@@ -104,10 +109,18 @@ TEST_GROUP(Console) {
     (void)sealed::write(sealed::Kind::kSettings, sequence, payload, out);
     return out;
   }
+  static std::vector<std::uint8_t> model_record(std::uint32_t sequence, const std::vector<std::uint8_t>& payload) {
+    std::vector<std::uint8_t> out(payload.size() + sealed::kAround);
+    (void)sealed::write(sealed::Kind::kModel, sequence, payload, out);
+    return out;
+  }
   // Says all of it but the last line, which is returned.
-  std::string load(std::span<const std::uint8_t> bytes) {
+  std::string load_model(std::span<const std::uint8_t> bytes) {
+    return load(bytes, "load model");
+  }
+  std::string load(std::span<const std::uint8_t> bytes, const char* first = "load settings") {
     constexpr std::size_t kPiece = 120;
-    check_ok("load settings");
+    check_ok(first);
     for (std::size_t at = 0; at < bytes.size(); at += kPiece) {
       std::string line = "load " + std::to_string(at) + " ";
       for (const std::uint8_t byte : bytes.subspan(at, std::min(kPiece, bytes.size() - at))) {
@@ -165,6 +178,7 @@ TEST(Console, AnswersEveryCommand) {
   }
   check_error("a b c d e f g h i", Error::kArguments);
   check_error("tasks some", Error::kArguments);
+  check_error("model some", Error::kArguments);
   check_error("echo loud", Error::kArguments);
   check_error("trace loud", Error::kArguments);
   check_error("log frames nothing", Error::kArguments);
@@ -372,9 +386,12 @@ TEST(Console, SaysWhyNothingWasWritten) {
 
 TEST(Console, HasNoPlaceToStoreWithoutOne) {
   desk.place.settings = nullptr;
+  desk.place.models = nullptr;
   start();
   (void)desk.unlock();
   check_error("save", Error::kNotStored);
+  check_error("model default", Error::kNotStored);
+  check_error(load_model(model_record(1, {})).c_str(), Error::kNotStored);
   check_error(load(record(1, {})).c_str(), Error::kNotStored);
 }
 
@@ -471,6 +488,157 @@ TEST(Console, LoadsOnlyWhatItCanUse) {
   LONGS_EQUAL(0, desk.stored.writes());
 }
 
+// A model decides from the start after its loading, and says what it is; then the one that is compiled in again.
+TEST(Console, LoadsAModel) {
+  start();
+  const std::string compiled = desk.say("model json");
+  STRCMP_CONTAINS(R"("from":"compiled in","sequence":null,"next_start":"the same"})", compiled.c_str());
+  check_says("version json", R"("model_from":"compiled in","model_sequence":null,)");
+  const std::vector<std::uint8_t> record = model_record(7, kLoaded);
+  for (const char* const line : {"load model", "model default"}) check_error(line, Error::kLocked);
+  (void)desk.unlock();
+  check_says(load_model(record).c_str(), "counts from the next start: reboot\r\nOK\r\n");
+  check_says("model json", R"("from":"compiled in","sequence":null,"next_start":"what was stored since: reboot"})");
+  check_says(load_model(record).c_str(), "ERR 29 too_old: the one in force has number 7: ");
+  check_error(load_model(model_record(6, kLoaded)).c_str(), Error::kTooOld);
+  LONGS_EQUAL(1, desk.stored_models.writes());
+  LONGS_EQUAL(0, desk.stored.writes());
+
+  desk.end();
+  start();
+  check_says("model json",
+             R"({"name":"loaded_one","feature_set":"paper","features":4,"nodes":3,"depth":1,"crc32":16909060,)"
+             R"("sensitivity":"normal","from":"loaded","sequence":7,"next_start":"the same"})");
+  check_says("version json",
+             R"("model":"loaded_one","model_crc32":16909060,"model_from":"loaded","model_sequence":7,)");
+  (void)desk.unlock();
+  check_error("model json default", Error::kArguments);
+  check_error("model default json", Error::kArguments);
+  desk.stored_models.set_slow(true);
+  STRCMP_EQUAL("", desk.say("model default").c_str());
+  desk.type("\x03");
+  desk.run(50ms);
+  check_ok("lock");
+  (void)desk.unlock();
+  check_error("model default", Error::kStillWriting);
+  check_error(load_model(model_record(9, kLoaded)).c_str(), Error::kStillWriting);
+  check_ok("save");  // settings have a place of their own
+  desk.stored_models.finish();
+  desk.stored_models.set_slow(false);
+  check_says("model default", "counts from the next start: reboot\r\nOK\r\n");
+  check_says("model json", R"("from":"loaded","sequence":7,"next_start":"what was stored since: reboot"})");
+
+  desk.end();
+  start();
+  std::string back = desk.say("model json");
+  STRCMP_CONTAINS(R"("from":"compiled in","sequence":9,"next_start":"the same"})", back.c_str());
+  CHECK_EQUAL(compiled.substr(0, compiled.find("\"from\"")), back.substr(0, back.find("\"from\"")));
+  (void)desk.unlock();
+  check_error(load_model(model_record(9, kLoaded)).c_str(), Error::kTooOld);
+  check_ok(load_model(model_record(10, kLoaded)).c_str());
+}
+
+TEST(Console, SaysWhyAModelWasNotWritten) {
+  start();
+  (void)desk.unlock();
+  desk.stored_models.set_failure(28, 4000);
+  check_says(load_model(model_record(7, kLoaded)).c_str(), "ERR 25 write_failed: error 28 of the system: ");
+  desk.end();
+  start();
+  check_says("model json", R"("from":"compiled in","sequence":null)");
+}
+
+// Each in the words of who looked at it.
+TEST(Console, LoadsOnlyModelsOfThisFirmware) {
+  start();
+  (void)desk.unlock();
+  std::vector<std::uint8_t> later = kLoaded;
+  std::fill_n(later.begin() + 52, 32, std::uint8_t{0});
+  test::put_name(later, 52, "later");
+  std::vector<std::uint8_t> other = kLoaded;
+  other[84] = 'x';
+  std::vector<std::uint8_t> node = kLoaded;
+  node[1474] = 30;
+  std::vector<std::uint8_t> version = kLoaded;
+  version[8] = 3;
+  const auto refused = [&](const std::vector<std::uint8_t>& payload, model_file::Refusal why) {
+    const model_file::RefusalInfo& row = model_file::info(why);
+    std::string line = "ERR 37 not_this_model: ";
+    line.append(row.what).append(". Likely cause: ").append(row.cause).append(". Next: ").append(row.next);
+    check_says(load_model(model_record(7, payload)).c_str(), (line += "\r\n").c_str());
+  };
+  refused(test::repaired(later), model_file::Refusal::kSetUnknown);
+  refused(test::repaired(other), model_file::Refusal::kFeatures);
+  refused(test::repaired(node), model_file::Refusal::kNode);
+  refused(test::repaired(version), model_file::Refusal::kVersion);
+  refused({kLoaded.begin(), kLoaded.end() - 1}, model_file::Refusal::kSize);
+  refused({1, 2, 3}, model_file::Refusal::kMagic);
+  other[84] ^= 1;
+  refused(other, model_file::Refusal::kCrc);
+  // The words are that line's alone.
+  check_says("set raise_frames x",
+             "ERR 21 not_a_number: raise_frames = x (range 1 to 10 frames): the value is no whole");
+  // Nor is a model settings, or the other way round.
+  check_error(load(model_record(7, kLoaded)).c_str(), Error::kWrongRecord);
+  check_error(load_model(record(7, {})).c_str(), Error::kWrongRecord);
+  const std::vector<std::uint8_t> whole = model_record(7, kLoaded);
+  std::vector<std::uint8_t> damaged = whole;
+  damaged[3000] ^= 1;
+  check_error(load_model(damaged).c_str(), Error::kBroken);
+  check_error(load_model(std::span(whole).first(whole.size() - 1)).c_str(), Error::kWrongRecord);
+  LONGS_EQUAL(0, desk.stored_models.writes());
+  check_ok(load_model(whole).c_str());
+}
+
+// What was loaded over the console decides as the same tree does that was there from the beginning: every frame's
+// features, verdict and request, in every bit.
+TEST(Console, DecidesByTheModelThatWasLoaded) {
+  struct Seen {
+    std::uint32_t sequence;
+    std::array<std::int32_t, kFeatureCount> features;
+    Verdict verdict;
+    GripRequest request;
+    bool slip, grip_ok;
+    bool operator==(const Seen&) const = default;
+  };
+  const auto decisions = [](const model::Tree* tree, const std::vector<std::uint8_t>& stored) {
+    test::ConsoleDesk other;
+    other.tree = tree;
+    std::copy(stored.begin(), stored.end(), other.stored_models.slot(0).begin());
+    other.film(30, 30);
+    other.start();
+    std::vector<Seen> seen;
+    for (const Micros until = other.clock.now() + 5s; other.clock.now() < until;) {
+      other.turn();
+      const pipeline::Result& result = other.daemon->app().result();
+      if (!seen.empty() && seen.back().sequence == result.sequence) continue;
+      Seen one{result.sequence,
+               {},
+               result.verdict,
+               result.request,
+               other.daemon->app().outputs().slip,
+               other.daemon->app().outputs().grip_ok};
+      for (std::size_t k = 0; k < kFeatures.size(); ++k) one.features[k] = kFeatures[k].read(result.features);
+      seen.push_back(one);
+    }
+    other.end();
+    return seen;
+  };
+  start();
+  (void)desk.unlock();
+  check_ok(load_model(model_record(7, kLoaded)).c_str());
+  const std::vector<std::uint8_t> stored(desk.stored_models.slot(0).begin(), desk.stored_models.slot(0).end());
+  model::Tree tree;
+  CHECK(model_file::read(kLoaded, tree) == model_file::Refusal::kNone);
+  const std::vector<Seen> loaded = decisions(nullptr, stored), given = decisions(&tree, {}),
+                          compiled = decisions(nullptr, {});
+  const auto slips = [](const std::vector<Seen>& seen) { return std::ranges::count(seen, true, &Seen::slip); };
+  CHECK(loaded.size() >= 50);
+  CHECK(slips(loaded) > 5);
+  CHECK(loaded == given);
+  CHECK_FALSE(loaded == compiled);
+}
+
 // With its owner's key a device stores nothing by itself, and takes nothing that is not signed.
 TEST(Console, TakesFromItsOwnerOnly) {
   class Owner final : public hal::Verifier {
@@ -500,6 +668,25 @@ TEST(Console, TakesFromItsOwnerOnly) {
   check_ok(load(bytes).c_str());
   CHECK(stored() == params);
   check_error(load(bytes).c_str(), Error::kTooOld);
+
+  // Nor models; and only the owner leads back to the one that is compiled in.
+  check_error("model default", Error::kNotSigned);
+  for (const std::vector<std::uint8_t>& payload : {kLoaded, std::vector<std::uint8_t>{}}) {
+    std::vector<std::uint8_t> model = model_record(payload.empty() ? 8 : 7, payload);
+    check_error(load_model(model).c_str(), Error::kNotSigned);
+    signature[0] = 0x11;
+    sealed::put_signature(model, signature);
+    check_error(load_model(model).c_str(), Error::kWrongSignature);
+    signature[0] = 0x5A;
+    sealed::put_signature(model, signature);
+    check_ok(load_model(model).c_str());
+    check_error(load_model(model).c_str(), Error::kTooOld);
+    desk.end();
+    start();
+    (void)desk.unlock();
+    check_says("model json",
+               payload.empty() ? R"("from":"compiled in","sequence":8)" : R"("from":"loaded","sequence":7)");
+  }
 }
 
 // The lines of diff, pasted into another device, make it the same.
@@ -1087,6 +1274,23 @@ TEST(Console, TakesNoMemory) {
       LONGS_EQUAL_TEXT(before, test::allocations(), std::string(command.name).c_str());
     }
   }
+}
+
+// From the last line of a record, taken or refused, to its answer.
+TEST(Console, LoadsWithoutMemory) {
+  start();
+  (void)desk.unlock();
+  std::vector<std::uint8_t> other = kLoaded;
+  other[84] = 'x';
+  const std::vector<std::vector<std::uint8_t>> records{model_record(7, test::repaired(other)),
+                                                       model_record(7, kLoaded)};
+  for (const std::vector<std::uint8_t>& bytes : records) {
+    desk.type(load_model(bytes) + "\r");
+    const unsigned before = test::allocations();
+    for (int k = 0; k < 40; ++k) desk.turn();
+    LONGS_EQUAL(before, test::allocations());
+  }
+  LONGS_EQUAL(1, desk.stored_models.writes());
 }
 
 TEST(Console, HasACauseAndANextStepForEveryError) {

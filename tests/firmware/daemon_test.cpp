@@ -669,6 +669,31 @@ TEST(Daemon, LearnsAnewForAnotherSensorAnotherPitchOrAfterATare) {
   CHECK_FALSE(daemon->resumed());
 }
 
+// Another model was loaded: one that reads the picture needs an empty gel, which one that does not read it has not
+// learned. The other way round nothing is missing, and what was learned is handed on.
+TEST(Daemon, LearnsAnewForAModelThatReadsMore) {
+  film();
+  tree = &kSpreadTree;
+  build();
+  run(1s);
+  daemon.reset();
+  build();
+  CHECK_TRUE(daemon->resumed());
+  run(1s);
+  daemon.reset();
+  tree = nullptr;
+  build();
+  CHECK_FALSE(daemon->resumed());
+  run(1s);
+  for (const model::Tree* const next : {&kSpreadTree, static_cast<const model::Tree*>(nullptr)}) {
+    daemon.reset();
+    tree = next;
+    build();
+    CHECK_TRUE(daemon->resumed());
+    run(1s);
+  }
+}
+
 // Two that say nothing of themselves may be two sensors.
 TEST(Daemon, LearnsAnewForASensorThatDoesNotSayWhichOneItIs) {
   film();

@@ -19,6 +19,7 @@
 #include "base/little_endian.hpp"
 #include "drivers/common/ed25519.hpp"
 #include "drivers/sim/store.hpp"
+#include "tests/support/owner.hpp"
 #include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -26,6 +27,7 @@
 using namespace holdfast;
 using sealed::Kind;
 using sealed::Refusal;
+using test::Owner;
 using Bytes = std::vector<std::uint8_t>;
 
 namespace {
@@ -38,22 +40,6 @@ Bytes of_hex(std::string_view text) {
   LONGS_EQUAL(text.size() / 2, size);
   return bytes;
 }
-
-struct Owner {
-  explicit Owner(std::uint8_t seed) {
-    std::array<std::uint8_t, crypto_sign_SEEDBYTES> bytes{};
-    bytes.fill(seed);
-    (void)crypto_sign_seed_keypair(key.data(), secret.data(), bytes.data());
-  }
-  void sign(Bytes& record) const {
-    std::array<std::uint8_t, 64> signature{};
-    const auto part = sealed::signed_part(record);
-    (void)crypto_sign_detached(signature.data(), nullptr, part.data(), part.size(), secret.data());
-    sealed::put_signature(record, signature);
-  }
-  drivers::Ed25519::Key key{};
-  std::array<std::uint8_t, crypto_sign_SECRETKEYBYTES> secret{};
-};
 
 Bytes record_of(Kind kind, std::uint32_t sequence, const Bytes& payload) {
   Bytes record(payload.size() + sealed::kAround);
@@ -254,7 +240,10 @@ TEST(Shelf, TakesOnlyWhatIsSignedAndNewer) {
   CHECK(put(next, longer) == Shelf::Put::kRefused);
   CHECK(next.refusal() == Refusal::kNoRecord);
   CHECK(next.put(record(12, true), [](auto) { return false; }) == Shelf::Put::kNotGood);
-  CHECK(put(next, Bytes(201)) == Shelf::Put::kNoPlace);
+  CHECK(put(next, Bytes(201)) == Shelf::Put::kRefused);  // told for what it is before its length is
+  Bytes too_long = record_of(Kind::kSettings, 12, Bytes(200 - sealed::kAround + 1));
+  owner.sign(too_long);
+  CHECK(put(next, too_long) == Shelf::Put::kNoPlace);
   LONGS_EQUAL(2, store.writes());
 }
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any bytes at the console of a device that runs, and any bytes where its stored parameters are.
+// Any bytes at the console of a device that runs, and any bytes where its stored parameters, or its models, are.
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -10,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "app/models.hpp"
 #include "app/settings.hpp"
 #include "app/shelf.hpp"
 #include "base/crc32.hpp"
@@ -58,12 +60,14 @@ struct FuzzedDevice {
   sim::HandE hand{clock};
   sim::Keep keep{keepsake::kBytes};
   sim::Store stored{settings::kMostBytes};
+  sim::Store stored_models{models::kMostBytes};
   DarkCamera camera{clock};
   NoDecoder jpeg;
   std::unique_ptr<Daemon> daemon =
       std::make_unique<Daemon>(Devices{camera, gpio, link, clock, jpeg}, Periphery{hand, keep});
   std::unique_ptr<console::Console> console = std::make_unique<console::Console>(
-      host, *daemon, clock, console::Place{.board = "fuzz", .code = kCode, .settings = &stored});
+      host, *daemon, clock,
+      console::Place{.board = "fuzz", .code = kCode, .settings = &stored, .models = &stored_models});
 
   FuzzedDevice() {
     (void)daemon->start({});
@@ -119,21 +123,26 @@ inline std::string check_console_bytes(std::span<const std::uint8_t> bytes) {
   return {};
 }
 
-// Any bytes where parameters are stored, the first half in one slot and the rest in the other: what is read is valid,
-// what is then stored is read again, and what is not signed is nothing to a device with an owner. Check sums are put
-// right, where there is a place for them: the fuzzer would not find them.
-inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
-  sim::Store store(settings::kMostBytes);
+// The first half of the bytes in one slot and the rest in the other. Check sums are put right, where there is a place
+// for them: the fuzzer would not find them.
+inline void lay_into_slots(std::span<const std::uint8_t> bytes, sim::Store& store) {
   for (std::size_t k = 0; k < hal::Store::kSlots; ++k) {
     const std::span<std::uint8_t> slot = store.slot(k);
     const std::size_t from = k * (bytes.size() / 2);
     const std::size_t count = std::min(k == 0 ? bytes.size() / 2 : bytes.size() - from, slot.size());
     std::copy_n(bytes.begin() + static_cast<std::ptrdiff_t>(from), count, slot.begin());
     const std::size_t size = get_le<std::uint32_t>(slot, sealed::kSizeAt);
-    if (size > settings::kMostPayload) continue;
+    if (size > slot.size() - sealed::kAround) continue;
     const std::size_t crc_at = size + sealed::kAround - 4;
     put_le32(slot.subspan(crc_at), crc32(slot.first(crc_at)));
   }
+}
+
+// Any bytes where parameters are stored, the first half in one slot and the rest in the other: what is read is valid,
+// what is then stored is read again, and what is not signed is nothing to a device with an owner.
+inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
+  sim::Store store(settings::kMostBytes);
+  lay_into_slots(bytes, store);
   Shelf shelf(sealed::Kind::kSettings, settings::good, &store, nullptr);
   Params read;
   (void)settings::read(shelf.payload(), read);
@@ -150,6 +159,35 @@ inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
   const Shelf reader(sealed::Kind::kSettings, settings::good, &store, nullptr);
   (void)settings::read(reader.payload(), again);
   return again == read ? std::string() : "what was stored is not what is read";
+}
+
+// Any bytes where models are stored: what decides then is a tree that was proved to be one, or the compiled-in one;
+// what is not signed is nothing to a device with an owner; and the way back is open. `repair`: the models' own check
+// sums are put right as well.
+inline std::string check_models_bytes(std::span<const std::uint8_t> bytes, bool repair) {
+  sim::Store store(models::kMostBytes);
+  lay_into_slots(bytes, store);
+  for (std::size_t k = 0; repair && k < hal::Store::kSlots; ++k) {
+    const std::span<std::uint8_t> slot = store.slot(k);
+    const std::span<std::uint8_t> model = slot.subspan(sealed::kPayloadAt, models::kMostPayload);
+    if (get_le<std::uint32_t>(slot, sealed::kSizeAt) != model.size()) continue;
+    put_le32(model.last(4), crc32(model.first(model.size() - 4)));
+    put_le32(slot.last(4), crc32(slot.first(slot.size() - 4)));
+  }
+  Shelf shelf(sealed::Kind::kModel, models::good, &store, nullptr);
+  model::Tree tree;
+  if (models::in_force(shelf, tree) != nullptr && model_file::check(tree) != model_file::Refusal::kNone) {
+    return "decides by what is no tree";
+  }
+  if (models::in_force(shelf, tree) == nullptr && !shelf.payload().empty()) return "in force, and does not decide";
+  const hal::NoOwner owner;
+  if (Shelf(sealed::Kind::kModel, models::good, &store, &owner).sequence() != 0) return "nobody signed this";
+  if (shelf.next_sequence() == 0) return {};
+  std::array<std::uint8_t, sealed::kAround> none{};
+  (void)sealed::write(sealed::Kind::kModel, shelf.next_sequence(), {}, none);
+  if (shelf.put(none, models::good) != Shelf::Put::kBegun) return "there is no way back";
+  const Shelf next(sealed::Kind::kModel, models::good, &store, nullptr);
+  return models::in_force(next, tree) == nullptr ? std::string() : "the way back leads elsewhere";
 }
 
 }  // namespace holdfast::test

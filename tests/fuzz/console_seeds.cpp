@@ -1,16 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// console_seeds FOLDER DICTIONARY: every command, locked and not, edited lines, frames among text, stored parameters;
+// console_seeds FOLDER DICTIONARY: every command, locked and not, edited lines, frames among text, stored parameters
+// and models;
 // and the words of the console.
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdio>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "app/command_frame.hpp"
+#include "app/models.hpp"
 #include "app/settings.hpp"
 #include "base/crc32.hpp"
 #include "console/console.hpp"
+#include "tests/fuzz/model_check.hpp"
 #include "tests/fuzz/seed_file.hpp"
 
 using namespace holdfast;
@@ -71,10 +76,29 @@ int main(int argc, char** argv) {
     (void)std::snprintf(text.data(), text.size(), "%0*llX", digits, static_cast<unsigned long long>(value));
     return std::string(text.data());
   };
-  std::string lines = "\x01load settings\rload 0 ";
-  for (const std::uint8_t byte : record) lines += in_hex(byte, 2);
-  lines += "\rload end " + in_hex(crc32(record), 8) + "\r";
-  seeds.push_back(lines);
+  const auto load = [&](const char* first, std::span<const std::uint8_t> bytes) {
+    std::string lines = std::string("\x01") + first + "\r";
+    for (std::size_t at = 0; at < bytes.size(); at += 100) {
+      lines += "load " + std::to_string(at) + " ";
+      for (const std::uint8_t byte : bytes.subspan(at, std::min<std::size_t>(100, bytes.size() - at))) {
+        lines += in_hex(byte, 2);
+      }
+      lines += "\r";
+    }
+    seeds.push_back(lines + "load end " + in_hex(crc32(bytes), 8) + "\r");
+  };
+  load("load settings", record);
+  // A model in the first slot and none in the second, the other way round, and the lines that load the latter.
+  const FeatureSet& set = *find_feature_set("paper");
+  std::vector<std::uint8_t> model(models::kMostBytes), none(sealed::kAround);
+  (void)sealed::write(sealed::Kind::kModel, 7, test::model_bytes(set, test::RandomNodes(1, set, 3, 15).nodes()), model);
+  (void)sealed::write(sealed::Kind::kModel, 8, {}, none);
+  load("load model", none);
+  model.resize(1700);  // behind its nodes there are zeros, and what the fuzzer puts right
+  seeds.emplace_back("\x01model default\rmodel json\r");
+  none.resize(model.size());
+  seeds.push_back("\xE0" + std::string(model.begin(), model.end()) + std::string(none.begin(), none.end()));
+  seeds.push_back("\xE0" + std::string(none.begin(), none.end()) + std::string(model.begin(), model.end()));
   for (std::size_t k = 0; k < seeds.size(); ++k) {
     if (!test::write_seed(argv[1] + ("/seed_" + std::to_string(k)), seeds[k])) return 1;
   }

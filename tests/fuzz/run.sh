@@ -123,7 +123,7 @@ fuzzed link_fuzz "$tenth" link_corpus link_seeds "$build/link.dict" tests/fuzz/r
 fuzzed modbus_fuzz "$tenth" modbus_corpus modbus_seeds "$build/modbus.dict" tests/fuzz/regressions/modbus \
   "firmware/grip/modbus_rtu.cpp"
 fuzzed console_fuzz "$tenth" console_corpus console_seeds "$build/console.dict" tests/fuzz/regressions/console \
-  "firmware/console/*.cpp firmware/app/settings.cpp"
+  "firmware/console/*.cpp firmware/app/settings.cpp firmware/app/models.cpp"
 fuzzed mcap_fuzz "$tenth" mcap_corpus mcap_seeds "$build/mcap.dict" tests/fuzz/regressions/mcap \
   "toolchain/log/mcap_reader.cpp"
 fuzzed jpeg_fuzz $((rest > 0 ? rest : 1)) corpus seeds tests/fuzz/jpeg.dict \

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "app/daemon.hpp"
+#include "app/models.hpp"
 #include "app/settings.hpp"
 #include "console/console.hpp"
 #include "drivers/sim/camera_memory.hpp"
@@ -47,12 +48,14 @@ class ConsoleDesk {
   sim::Serial link, host{1 << 20};
   sim::Keep keep{keepsake::kBytes};
   sim::Store stored{settings::kMostBytes};
+  sim::Store stored_models{models::kMostBytes};
   sim::HandE hand{clock};
   NotedFaults faults;
   Params params;
   std::string_view identity = "28D1-D7C6";  // of the sensor
-  const model::Tree* tree = nullptr;        // in place of the compiled one
-  console::Place place{.board = "desk", .code = kCode, .settings = &stored, .faults = &faults};
+  const model::Tree* tree = nullptr;        // in place of the compiled one, and of what is stored
+  console::Place place{
+      .board = "desk", .code = kCode, .settings = &stored, .models = &stored_models, .faults = &faults};
 
   // Pictures of an empty gel, or of one that is dragged further and further after `still` of them.
   void film(int still = 8, int dragged = 0) {
@@ -73,7 +76,8 @@ class ConsoleDesk {
     memory_ = std::make_unique<sim::CameraMemory>(
         clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
     camera = std::make_unique<sim::SwitchedCamera>(*memory_, std::size_t{320 * 240});
-    daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep}, tree);
+    daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep},
+                                      tree != nullptr ? tree : stored_tree());
     console = std::make_unique<console::Console>(host, *daemon, clock, place);
     started = daemon->start(params).ok();
     console->start(params);
@@ -130,7 +134,13 @@ class ConsoleDesk {
   bool typed = false;
 
  private:
+  // As a board does it.
+  [[nodiscard]] const model::Tree* stored_tree() {
+    return models::in_force({sealed::Kind::kModel, models::good, place.models, place.owner}, tree_);
+  }
+
   NoJpeg jpeg_;
+  model::Tree tree_;
   std::vector<reference_model::Picture> pictures_;
   std::unique_ptr<sim::CameraMemory> memory_;
 };

@@ -200,7 +200,8 @@ void add_console(CLI::App& app, std::vector<Command>& commands) {
   group->add_option("--backup", options->backup, "write the device's parameters into this file")->check(not_empty);
   group->add_option("--restore", options->restore, "set and store what --backup wrote: all of it or nothing")
       ->check(not_empty);
-  group->add_option("--load", options->load, "store what holdfast settings compile wrote")->check(not_empty);
+  group->add_option("--load", options->load, "store what holdfast settings compile or holdfast model seal wrote")
+      ->check(not_empty);
   group
       ->add_option(
           "--record", options->record,

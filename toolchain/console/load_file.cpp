@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <fstream>
 
+#include "app/models.hpp"
 #include "app/sealed.hpp"
 #include "app/settings.hpp"
 #include "base/crc32.hpp"
@@ -17,10 +18,14 @@ namespace {
 // With its offset it fits a line of 255.
 constexpr std::size_t kPiece = 120;
 
+bool is_of(std::span<const std::uint8_t> bytes, sealed::Kind kind) {
+  return bytes.size() > sealed::kKindAt && bytes[sealed::kKindAt] == static_cast<std::uint8_t>(kind);
+}
+
 }  // namespace
 
 std::vector<std::string> load_lines(std::span<const std::uint8_t> bytes) {
-  std::vector<std::string> lines{"load settings"};
+  std::vector<std::string> lines{is_of(bytes, sealed::Kind::kModel) ? "load model" : "load settings"};
   for (std::size_t at = 0; at < bytes.size(); at += kPiece) {
     std::string line = fmt::format("load {} ", at);
     for (const std::uint8_t byte : bytes.subspan(at, std::min(kPiece, bytes.size() - at))) {
@@ -34,15 +39,16 @@ std::vector<std::string> load_lines(std::span<const std::uint8_t> bytes) {
 
 std::string load(Device& device, const std::string& path, std::vector<std::string>& report) {
   std::ifstream in(path, std::ios::binary);
-  std::vector<char> text(settings::kMostBytes + 1);
+  std::vector<char> text(std::max(settings::kMostBytes, models::kMostBytes) + 1);
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(text.data()),
                                             static_cast<std::size_t>(std::max<std::streamsize>(in.gcount(), 0)));
   sealed::Record record;
-  if (in.bad() || sealed::read(bytes, sealed::Kind::kSettings, nullptr, record) != sealed::Refusal::kNone ||
+  const sealed::Kind kind = is_of(bytes, sealed::Kind::kModel) ? sealed::Kind::kModel : sealed::Kind::kSettings;
+  if (in.bad() || sealed::read(bytes, kind, nullptr, record) != sealed::Refusal::kNone ||
       record.bytes != bytes.size()) {
     return trouble(path + ": is nothing that a device loads", "no such file, a bad copy, or another one was meant",
-                   "give what holdfast settings compile wrote");
+                   "give what holdfast settings compile or holdfast model seal wrote");
   }
   for (const std::string& line : load_lines(bytes)) {
     const Answer answer = device.say(line);

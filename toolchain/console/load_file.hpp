@@ -11,7 +11,7 @@
 
 namespace holdfast::console_tool {
 
-// What is said, in order. Range: bytes that a device may take.
+// What is said, in order. Range: a record that a device may take; its kind says which `load` it is.
 [[nodiscard]] std::vector<std::string> load_lines(std::span<const std::uint8_t> bytes);
 
 // Empty, or the error line; nothing was stored then. `report`: what was done, a line each.

@@ -121,6 +121,7 @@ void add_compile(CLI::App& app, std::vector<Command>& commands);
 void add_fuse(CLI::App& app, std::vector<Command>& commands);
 void add_calibrate(CLI::App& app, std::vector<Command>& commands);
 void add_study(CLI::App& app, std::vector<Command>& commands);
+void add_model(CLI::App& app, std::vector<Command>& commands);
 void add_settings(CLI::App& app, std::vector<Command>& commands);
 void add_grip(CLI::App& app, std::vector<Command>& commands);
 void add_faults(CLI::App& app, std::vector<Command>& commands);

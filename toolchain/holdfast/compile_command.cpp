@@ -155,7 +155,9 @@ void add_compile(CLI::App& app, std::vector<Command>& commands) {
       ->check(not_empty);
   command->add_option("--header", options->header, "write the branching form that the firmware is built with: C++")
       ->check(not_empty);
-  command->add_option("--binary", options->binary, "write the form that the firmware loads (--model): binary")
+  command
+      ->add_option("--binary", options->binary,
+                   "write the form that the firmware loads (--model, and holdfast model seal): binary")
       ->check(not_empty);
   command->add_flag("--check", options->check, "write nothing; fail when a file is not what the model compiles to");
   command->add_flag("--json", options->json, "print the summary as JSON");

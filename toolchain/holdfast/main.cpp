@@ -27,7 +27,8 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     const auto rest = app.remaining();
     return fmt::format(
         "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, settings, calibrate, study, grip, faults, log, page, console, devices, doctor or trade; "
+        "evaluate, compile, model, settings, calibrate, study, grip, faults, log, page, console, devices, doctor or "
+        "trade; "
         "holdfast "
         "--help shows "
         "how",
@@ -197,6 +198,7 @@ int run(int argc, char** argv) {
   add_train(app, commands);
   add_evaluate(app, commands);
   add_compile(app, commands);
+  add_model(app, commands);
   add_settings(app, commands);
   add_fuse(app, commands);
   add_calibrate(app, commands);
