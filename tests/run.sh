@@ -73,9 +73,6 @@ done
 logs=build/test-logs
 # Groups whose work is the same as their neighbours', only more of it: the sanitizers and the emulator leave them out.
 slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.Process|host_tests.ConsoleFlood'
-# The physics of the simulator, in double precision, which no board runs and the emulator takes ten minutes for. That its
-# arithmetic gives the same bits there is told by the group Portable, and the firmware's by the digest.
-physics_groups='firmware_tests.(Contact.*|Layer|Limits|Simulation|Underside)'
 passed=0 failed=0 skipped=0
 failures=() skips=()
 
@@ -255,7 +252,7 @@ part_long() {
       -sg Holdfastd -sg Card -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns \
       -sn OutlivesPowerCutsWhileItInstalls
     count_one "HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 system_scenarios -sg Holdfastd -sg Card" $?
-    run_ctest "long rpi4 tests" rpi4 --tests-regex "$physics_groups"
+    run_ctest "long rpi4 tests" rpi4 --label-regex physics
   else
     count_one "long: image" 1
   fi
@@ -271,7 +268,8 @@ part_rpi4() {
   say "   integer gate: base, vision, tactile and slip compile without floating-point registers"
   count_one "rpi4: integer gate" 0
   local status=0
-  run_ctest "rpi4 tests" rpi4 --exclude-regex "$slow_groups|$physics_groups" || status=1
+  # That the simulator's arithmetic gives the same bits here is told by the group Portable, and the firmware's by the digest.
+  run_ctest "rpi4 tests" rpi4 --exclude-regex "$slow_groups" --label-exclude physics || status=1
   grep -oE '[a-z_]+: [0-9]+ instructions per frame \(limit [0-9]+' "$logs/rpi4-tests.xml" | grep -v insn_selftest | sed 's/^/   /; s/$/)/'
   return "$status"
 }

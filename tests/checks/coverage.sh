@@ -15,7 +15,6 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 source toolchain/say.sh
 build=build/coverage listed=tests/checks/uncovered.txt update=()
 [[ ${1:-} != --update ]] || update=(--update)
-slow='\.(Contact[A-Z][a-z]+.*|Layer|Limits|Portable|Render|Simulation|Underside)$'
 
 command -v gcovr >/dev/null || {
   complain "no gcovr" "not installed" "apt-get install gcovr, or run tests/run.sh"
@@ -25,7 +24,7 @@ quietly "$build.log" cmake --preset coverage || exit 1
 quietly "$build.log" cmake --build --preset coverage || exit 1
 find -L "$build" -name '*.gcda' -delete  # counts of earlier runs
 quietly "$build/tests.log" ctest --test-dir "$build" -j "$(nproc)" --output-on-failure --no-tests=error \
-  -R '^(firmware_tests|jpeg_tests)\.|^checks\.digest$' -E "$slow" || exit 1
+  -R '^(firmware_tests|jpeg_tests)\.|^checks\.digest$' -LE physics || exit 1
 quietly "$build/gcovr.log" gcovr --root . --filter firmware/ --exclude 'firmware/slip/slip_tree\.gen\.hpp' \
   --exclude-throw-branches --exclude-unreachable-branches --exclude-branches-by-pattern '.*= default;.*' \
   --gcov-ignore-parse-errors -j "$(nproc)" --csv "$build/coverage.csv" --json "$build/coverage.json" --json-pretty \
