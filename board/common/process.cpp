@@ -132,6 +132,8 @@ void add_settings(CLI::App& cli, Settings& settings) {
                  "take only what is signed with the other half of this key (holdfast settings keygen); when there is "
                  "no such file the device is in development mode");
   cli.add_flag("--development", settings.development, "development mode: take unsigned settings and models, too");
+  cli.add_option("--notes", settings.notes_path,
+                 "the folder where the board leaves what the console tells of release and updates");
 }
 
 std::string read_settings(Settings& settings) {
@@ -147,6 +149,7 @@ std::string read_settings(Settings& settings) {
     (void)settings::read(shelf.payload(), settings.params);
   }
   read_models(settings);
+  if (!settings.notes_path.empty()) settings.notes = std::make_unique<drivers::FolderNotes>(settings.notes_path);
   for (const std::string& setting : settings.given) (void)set(settings.params, setting);
   if (ParamProblem problem; !validate(settings.params, &problem).ok()) {
     return "--set: " + std::string(problem.row->name) + " is " + std::string(problem.rule);

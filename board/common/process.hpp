@@ -11,6 +11,7 @@
 
 #include "app/params.hpp"
 #include "drivers/common/file_store.hpp"
+#include "drivers/common/folder_notes.hpp"
 #include "hal/serial.hpp"
 #include "hal/verifier.hpp"
 #include "slip/model.hpp"
@@ -45,9 +46,12 @@ struct Settings {
   model::Tree loaded_model;       // when it is
   std::vector<std::string> told;  // what the log is to say of the models, a line each
   [[nodiscard]] const model::Tree* model() const { return model_loaded ? &loaded_model : nullptr; }
+
+  std::filesystem::path notes_path;             // --notes; empty: nobody leaves any
+  std::unique_ptr<drivers::FolderNotes> notes;  // null: as that
 };
 
-// The options --set, --settings, --models, --owner-key and --development.
+// The options --set, --settings, --models, --owner-key, --development and --notes.
 void add_settings(CLI::App& cli, Settings& settings);
 // After the command line was parsed. Empty, or what is wrong.
 [[nodiscard]] std::string read_settings(Settings& settings);

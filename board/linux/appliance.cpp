@@ -272,6 +272,7 @@ console::Place place() {
           .settings = appliance->options.settings.store.get(),
           .models = appliance->options.settings.models.get(),
           .owner = appliance->options.settings.owner.get(),
+          .notes = appliance->options.settings.notes.get(),
           .faults = nullptr,
           .prompts = !appliance->options.host.empty()};
 }

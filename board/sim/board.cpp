@@ -289,6 +289,7 @@ class Desk {
                        .settings = options.settings.store.get(),
                        .models = options.settings.models.get(),
                        .owner = options.settings.owner.get(),
+                       .notes = options.settings.notes.get(),
                        .faults = &faults_,
                        .prompts = host_ != nullptr};
 };

@@ -13,6 +13,7 @@
 #include "base/crc32.hpp"
 #include "base/math.hpp"
 #include "console/console.hpp"
+#include "hal/notes.hpp"
 #include "slip/classifier.hpp"
 
 #ifndef HOLDFAST_VERSION
@@ -127,12 +128,31 @@ void sequence(Page& page, std::string_view name, std::uint32_t number) {
   }
 }
 
-Answer version(Console& console, const Words& words, std::int32_t /*step*/) {
+// A line that another program of the board left; what no key of text makes is shown as a question mark.
+void note(Console& console, std::string_view name, hal::Notes::Of of) {
+  Page& page = console.page();
+  std::array<char, hal::Notes::kMostBytes> room{};
+  const std::size_t size = console.place().notes == nullptr ? 0 : console.place().notes->read(of, room).size();
+  if (size == 0) return page.nothing(name);
+  const std::span<char> text = std::span(room).first(size);
+  std::ranges::replace_if(
+      text, [](char c) { return c < ' ' || c > '~'; }, '?');
+  page.text(name, {text.data(), text.size()});
+}
+
+// In two steps: each note may double in JSON.
+Answer version(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
   Page& page = console.page();
-  page.open(words.json);
-  page.text("firmware", "holdfastd " HOLDFAST_VERSION);
-  page.text("board", console.place().board);
+  if (step == 0) {
+    page.open(words.json);
+    page.text("firmware", "holdfastd " HOLDFAST_VERSION);
+    page.text("board", console.place().board);
+    note(console, "release", hal::Notes::Of::kRelease);
+    note(console, "slot", hal::Notes::Of::kSlot);
+    return kMore;
+  }
+  note(console, "last_update", hal::Notes::Of::kUpdate);
   page.integer("link_version", link::kVersion);
   const Decider model = decider(console);
   page.text("model", model.name);
@@ -817,7 +837,7 @@ Answer fault(Console& console, const Words& words, std::int32_t step) {
 
 constexpr std::array<CommandInfo, 25> kCommands{{
     {"help", "[COMMAND|PARAMETER] [json]", "what can be said, or one thing in detail", false, help},
-    {"version", "[json]", "firmware, board, model", false, version},
+    {"version", "[json]", "firmware, release, last update, board, model", false, version},
     {"status", "[json]", "state, reason, age, rate, markers, last slip", false, status},
     {"tasks", "[clear] [json]", "start, and each stage: p50, p99.9, longest, late", false, tasks},
     {"devices", "[json]", "camera, lines, link, gripper: what is there and how it is", false, devices},

@@ -30,6 +30,7 @@
 #include "console/text.hpp"
 #include "hal/clock.hpp"
 #include "hal/faults.hpp"
+#include "hal/notes.hpp"
 #include "hal/serial.hpp"
 #include "hal/store.hpp"
 #include "hal/verifier.hpp"
@@ -43,6 +44,7 @@ struct Place {
   hal::Store* settings = nullptr;        // null: nothing can be saved
   hal::Store* models = nullptr;          // null: no model can be loaded
   const hal::Verifier* owner = nullptr;  // null: development mode, where nothing has to be signed
+  hal::Notes* notes = nullptr;           // null: nobody leaves any
   hal::Faults* faults = nullptr;         // simulated boards only
   bool prompts = true;                   // somebody can type here
 };

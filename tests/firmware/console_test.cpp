@@ -937,6 +937,25 @@ TEST(Console, SpeaksForTheRobot) {
   check_says("log", "OPENING                 done");
 }
 
+// Nobody can log in to a card: the console is where its owner hears of an update.
+TEST(Console, TellsWhatTheBoardNoted) {
+  start();
+  check_says("version json", R"("board":"desk","release":null,"slot":null,"last_update":null,"link_version")");
+  desk.place.notes = &desk.notes;
+  start();
+  check_says("version json", R"("release":null,"slot":null,"last_update":null,)");
+  desk.notes.told = {"2 (0.1.1)", "B, kept", "installing \"x\x1b[2J\xc3\xa9\".raucb"};
+  check_says("version json",
+             R"--("release":"2 (0.1.1)","slot":"B, kept","last_update":"installing \"x?[2J??\".raucb",)--");
+  check_says("version", "last_update           installing \"x?[2J??\".raucb\r\n");
+  // The worst that can be noted still fits.
+  desk.notes.told.fill(std::string(hal::Notes::kMostBytes, '"'));
+  std::string worst;
+  for (std::size_t k = 0; k < hal::Notes::kMostBytes; ++k) worst += "\\\"";
+  check_says("version json", (R"("slot":")" + worst + R"(","last_update":")" + worst + R"(","link_version")").c_str());
+  LONGS_EQUAL(0, desk.console->out().lost());
+}
+
 TEST(Console, MakesThingsFailWhereThatIsPossible) {
   start();
   check_says("fault", "gripper");

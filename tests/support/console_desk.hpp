@@ -3,8 +3,10 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -39,6 +41,20 @@ class NotedFaults final : public hal::Faults {
   void do_end_all() override { ++ended; }
 };
 
+// Tells what a test says.
+class ToldNotes final : public hal::Notes {
+ public:
+  std::array<std::string, kNames.size()> told{};
+
+ private:
+  [[nodiscard]] std::string_view do_read(Of of, std::span<char, kMostBytes> room) override {
+    const std::string& text = told[static_cast<std::size_t>(of)];
+    const std::size_t size = std::min(text.size(), room.size());
+    std::copy_n(text.begin(), size, room.begin());
+    return {room.data(), size};
+  }
+};
+
 class ConsoleDesk {
  public:
   static constexpr std::string_view kCode = "7QX-41-red";
@@ -51,6 +67,7 @@ class ConsoleDesk {
   sim::Store stored_models{models::kMostBytes};
   sim::HandE hand{clock};
   NotedFaults faults;
+  ToldNotes notes;
   Params params;
   std::string_view identity = "28D1-D7C6";  // of the sensor
   const model::Tree* tree = nullptr;        // in place of the compiled one, and of what is stored

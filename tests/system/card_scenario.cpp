@@ -78,6 +78,13 @@ TEST_GROUP(Card) {
   std::string release() {
     return said("sed -n 's/^release=//p' /usr/lib/holdfast/release");
   }
+  // What somebody at the console reads.
+  void console_says(const std::string& text) {
+    machine.diagnostics().clear();
+    machine.type("\x03\rversion json\r");
+    const auto said = [&] { return machine.diagnostics().find(text) != std::string::npos; };
+    CHECK_TEXT(machine.wait(said, 1min), machine.diagnostics().c_str());
+  }
   // Plugs the stick and waits until what it brought was dealt with; what was said of it.
   std::string offer(const char* name, const char* end) {
     machine.plug_stick(stick(name));
@@ -125,6 +132,7 @@ TEST(Card, RefusesWhatItsOwnerDidNotSign) {
   for (const auto& offered : cases) {
     machine.forget_edges();
     STRCMP_CONTAINS(offered.why, offer(offered.stick, "failed").c_str());
+    console_says(R"("last_update":"error: holdfast-virt.raucb was not installed: )");
     STRCMP_EQUAL(std::string(1, running).c_str(), word("BOOT_ORDER").substr(0, 1).c_str());
     CHECK(machine.level(kGripOk));
     CHECK(!machine.edges().empty());
@@ -138,6 +146,7 @@ TEST(Card, TakesAnUpdateAndKeepsItOnceItSeesFrames) {
   const char after = before == 'A' ? 'B' : 'A';
   (void)offer("good", "installed holdfast");
   STRCMP_EQUAL(std::string(1, after).c_str(), word("BOOT_TRIAL").c_str());
+  console_says(R"("last_update":"installed holdfast-virt.raucb. Next: start the machine anew)");
   (void)machine.run("(sleep 1; systemctl reboot) >/dev/null 2>&1 &");
   comes_up();
   BYTES_EQUAL(after, slot());
@@ -148,6 +157,7 @@ TEST(Card, TakesAnUpdateAndKeepsItOnceItSeesFrames) {
   kept();
   STRCMP_EQUAL("3", word(std::string("BOOT_") + after + "_LEFT").c_str());
   STRCMP_EQUAL("", word("BOOT_TRIAL").c_str());
+  console_says(R"--("release":"2 (0.1.1-test)","slot":")--" + std::string(1, after) + R"(, kept","last_update":null)");
 }
 
 // Its camera is gone: the new release never accepts a frame, and after three trials the one before runs again.
@@ -167,6 +177,7 @@ TEST(Card, FallsBackFromAReleaseThatSeesNoFrames) {
   STRCMP_CONTAINS("ok", machine.camera("plug").c_str());
   become_fine();
   kept();
+  console_says(R"("last_update":"the release in slot )");
 }
 
 // Wherever the power goes, from the first look at the stick to a little after the end: a whole system comes up, and the
