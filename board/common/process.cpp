@@ -36,13 +36,11 @@ std::string set(Params& params, const std::string& setting) {
   return text;
 }
 
-// A key that is there and cannot be read must not open the device: nothing stored is taken then. Empty, or what is
-// wrong.
+// A key that was asked for and is not there, or cannot be read, must not open the device: nothing stored is taken then.
+// Empty, or what is wrong.
 std::string read_owner(Settings& settings) {
   settings.owner.reset();
-  std::error_code error;
   if (settings.development || settings.owner_key.empty()) return {};
-  if (!std::filesystem::exists(settings.owner_key, error) && !error) return {};
   drivers::Ed25519::Key key{};
   std::string wrong = drivers::read_public_key(settings.owner_key, key);
   if (wrong.empty()) {
@@ -129,8 +127,8 @@ void add_settings(CLI::App& cli, Settings& settings) {
   cli.add_option("--models", settings.models_path,
                  "keep the model that the console loads in this file, and decide by it from the next start on");
   cli.add_option("--owner-key", settings.owner_key,
-                 "take only what is signed with the other half of this key (holdfast settings keygen); when there is "
-                 "no such file the device is in development mode");
+                 "take only what is signed with the other half of this key (holdfast settings keygen), and nothing "
+                 "when it cannot be read; without this option the device is in development mode");
   cli.add_flag("--development", settings.development, "development mode: take unsigned settings and models, too");
   cli.add_option("--notes", settings.notes_path,
                  "the folder where the board leaves what the console tells of release and updates");

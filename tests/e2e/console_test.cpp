@@ -234,6 +234,15 @@ TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
   (void)firmware->finish(kDeadline);
   start("port");
   STRCMP_CONTAINS("\"value\":555", tool({"--run", "get hold_ms json"}).out.c_str());
+
+  // A key that is gone opens nothing. (On the desk nothing starts; a board goes on with what is compiled in.)
+  fs::remove(at("keys/owner.pub"));
+  firmware->send(SIGKILL);
+  (void)firmware->finish(kDeadline);
+  firmware = device("port");
+  const Finished refused = firmware->finish(kDeadline);
+  CHECK(refused.status != 0);
+  STRCMP_CONTAINS("cannot read the owner's key", refused.err.c_str());
 }
 
 // From a model's text to a device that decides by it, and back; and what is left when the card damages what was stored.
