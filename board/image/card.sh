@@ -11,7 +11,7 @@
 #   env       the boot counters, one sector (boot.cmd)
 #   kernel-x  FAT: kernel, initrd, and what the initrd checks the root by
 #   root-x    squashfs, and behind it its hash tree
-#   data      ext4: settings, models, logs
+#   data      ext4: settings, models, the log
 card_partitions() {
   cat <<'TABLE'
 firmware 48 EBD0A0A2-B9E5-4433-87C0-68B6B72699C7
@@ -127,6 +127,7 @@ mkdir holdfast
 sif holdfast uid 989
 sif holdfast gid 989
 mkdir rauc
+mkdir log
 FOLDERS
   unset E2FSPROGS_FAKE_TIME
 }

@@ -158,6 +158,9 @@ TEST(Card, TakesAnUpdateAndKeepsItOnceItSeesFrames) {
   kept();
   STRCMP_EQUAL("3", word(std::string("BOOT_") + after + "_LEFT").c_str());
   STRCMP_EQUAL("", word("BOOT_TRIAL").c_str());
+  // What was said before the new start is on the card.
+  CHECK(machine.run_until(
+      "grep -q 'installed holdfast-virt.raucb' /data/log/log && grep -q 'first frame fine' /data/log/log", 1min));
   console_says(R"--("release":"2 (0.1.1-test)","slot":")--" + std::string(1, after) + R"(, kept","last_update":null)");
 }
 
