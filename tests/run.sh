@@ -252,7 +252,7 @@ part_long() {
       -sg Holdfastd -sg Card -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns \
       -sn OutlivesPowerCutsWhileItInstalls
     count_one "HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 system_scenarios -sg Holdfastd -sg Card" $?
-    run_ctest "long rpi4 tests" rpi4 --label-regex physics
+    run_ctest "long rpi4 tests" rpi4 --label-regex physics --exclude-regex "$slow_groups"
   else
     count_one "long: image" 1
   fi

@@ -40,6 +40,7 @@ std::string set(Params& params, const std::string& setting) {
 // Empty, or what is wrong.
 std::string read_owner(Settings& settings) {
   settings.owner.reset();
+  settings.key_unreadable = false;
   if (settings.development || settings.owner_key.empty()) return {};
   drivers::Ed25519::Key key{};
   std::string wrong = drivers::read_public_key(settings.owner_key, key);
@@ -47,6 +48,7 @@ std::string read_owner(Settings& settings) {
     settings.owner = std::make_unique<drivers::Ed25519>(key);
   } else {
     settings.owner = std::make_unique<hal::NoOwner>();
+    settings.key_unreadable = true;
     wrong += "; no stored settings and no stored model are taken";
   }
   return wrong;
@@ -83,7 +85,8 @@ void read_models(Settings& settings) {
   const Shelf shelf(sealed::Kind::kModel, models::good, settings.models.get(), settings.owner.get());
   settings.model_loaded = models::in_force(shelf, settings.loaded_model) != nullptr;
   bool told = false;
-  for (std::size_t slot = 0; slot < hal::Store::kSlots; ++slot) {
+  // Without the key every signature would be told as a stranger's.
+  for (std::size_t slot = 0; slot < hal::Store::kSlots && !settings.key_unreadable; ++slot) {
     const std::string wrong = look_at(settings.models->found(slot), settings.owner.get());
     if (wrong.empty()) continue;
     settings.told.push_back("slot " + std::to_string(slot + 1) + " of " + settings.models_path.string() + ": " + wrong);
@@ -136,7 +139,10 @@ void add_settings(CLI::App& cli, Settings& settings) {
 
 std::string read_settings(Settings& settings) {
   settings.params = {};
-  if (!settings.path.empty() && settings.path == settings.models_path) {
+  const auto place = [](const std::filesystem::path& path) {
+    return std::filesystem::absolute(path).lexically_normal();
+  };
+  if (!settings.path.empty() && !settings.models_path.empty() && place(settings.path) == place(settings.models_path)) {
     return "--models: names the file of --settings, and each needs one of its own";
   }
   settings.trouble = read_owner(settings);

@@ -33,11 +33,12 @@ struct Settings {
   std::filesystem::path path;       // --settings; empty: nothing is stored
   std::vector<std::string> given;   // --set, each name=value
   Params params;                    // after read_settings()
-  std::filesystem::path owner_key;  // --owner-key; empty, or no such file: development mode
+  std::filesystem::path owner_key;  // --owner-key; empty: development mode. Unreadable: nothing is taken
   bool development = false;         // --development
   // After read_settings() as well:
   std::string trouble;                        // why nothing can be stored, or nothing is taken; empty: all is well
   std::unique_ptr<hal::Verifier> owner;       // null: development mode
+  bool key_unreadable = false;                // then the owner is nobody
   std::unique_ptr<drivers::FileStore> store;  // null: there is no place
 
   std::filesystem::path models_path;           // --models; empty: none is stored

@@ -127,7 +127,6 @@ mkdir holdfast
 sif holdfast uid 989
 sif holdfast gid 989
 mkdir rauc
-mkdir log
 FOLDERS
   unset E2FSPROGS_FAKE_TIME
 }

@@ -30,6 +30,7 @@ class Shelf {
   Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifier* owner);
 
   [[nodiscard]] sealed::Kind kind() const { return kind_; }
+  [[nodiscard]] bool has_place() const { return store_ != nullptr; }
   // What was in force when the board started; empty: nothing was. Valid as long as the store.
   [[nodiscard]] std::span<const std::uint8_t> payload() const { return payload_; }
   // Of the record in force now; 0: there is none.

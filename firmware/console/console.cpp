@@ -452,6 +452,7 @@ Error Console::change(const Params& params) {
 
 // A record of the device's own; its payload of so many bytes stands in its place already.
 Error Console::store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size_t payload) {
+  if (!shelf.has_place()) return Error::kNotStored;
   if (!shelf.development()) return Error::kNotSigned;
   if (shelf.settle() == hal::Store::State::kBusy) return Error::kStillWriting;  // and then its number is the next
   const std::size_t bytes =

@@ -302,7 +302,10 @@ TEST(ConsoleTool, DecidesByTheModelThatTheOwnerSigned) {
   STRCMP_CONTAINS("ERR 29 too_old", unlocked({"--load", at("one")}).err.c_str());
   STRCMP_CONTAINS("the loaded model always decides, number 5", anew().c_str());
   decides(R"({"name":"never")");
-  CHECK(until([&] { return tool({"--run", "status json"}).out.find(R"("slip":false)") != std::string::npos; }));
+  CHECK(until([&] {
+    const std::string status = tool({"--run", "status json"}).out;
+    return status.find(R"("grip_ok":true)") != std::string::npos && status.find(R"("slip":false)") != std::string::npos;
+  }));
 
   // The card damages the newer slot, and then both.
   const auto damage = [&](std::streamoff at_byte) {

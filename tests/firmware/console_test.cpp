@@ -393,6 +393,14 @@ TEST(Console, HasNoPlaceToStoreWithoutOne) {
   check_error("model default", Error::kNotStored);
   check_error(load_model(model_record(1, {})).c_str(), Error::kNotStored);
   check_error(load(record(1, {})).c_str(), Error::kNotStored);
+  desk.end();
+  // Nobody is sent to sign what cannot be stored afterwards.
+  const hal::NoOwner owner;
+  desk.place.owner = &owner;
+  start();
+  (void)desk.unlock();
+  check_error("save", Error::kNotStored);
+  check_error("model default", Error::kNotStored);
 }
 
 TEST(Console, LoadsARecord) {

@@ -105,7 +105,6 @@ is "keys on the card" "" "$(grep -rl 'PRIVATE KEY' "$work/tree" "$work/boot" || 
 part data "$work/data"
 e2fsck -fn "$work/data" >/dev/null 2>&1
 is "settings' folder" "989 (holdfast) 40755" "$(debugfs -R 'stat /holdfast' "$work/data" 2>/dev/null | awk '/Mode:/ { mode = $6 } /User:/ { user = $2 } END { print user, "(holdfast)", "4" mode }')"
-is "log's folder" yes "$(debugfs -R 'stat /log' "$work/data" 2>/dev/null | grep -q 'Type: directory' && echo yes)"
 
 # The list of what is on it.
 is "SBOM" SPDX-2.3 "$(jq -r .spdxVersion "$out/holdfast-rpi4.spdx.json")"

@@ -43,7 +43,12 @@ card() {
   board/image/build.sh virt --install tests/system/root --keyring "$keys/owner.cert.pem" | grep -v '^   '
   board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/good"
   board/image/bundle.sh virt --keys "$work/other" --slot "$later/slot" --out "$work/wrong_key"
-  sed -i 's/^release=.*/release=0/' "$later/slot/release"
+  # The same once more under a higher number, so that it can be offered when it runs already.
+  sed -i 's/^release=.*/release=3/' "$later/slot/release"
+  board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/again"
+  sed -i 's/^board=.*/board=rpi4/' "$later/slot/release"
+  board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/other_board"
+  sed -i 's/^board=.*/board=virt/; s/^release=.*/release=0/' "$later/slot/release"
   board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/older"
   head -c $(($(stat -c %s "$work/good") * 2 / 3)) "$work/good" >"$work/truncated"
   # A byte of the signature, which is the file's end but for its length; and one of the pictures of the partitions.
@@ -52,7 +57,7 @@ card() {
   cp "$work/good" "$work/damaged"
   flip "$work/damaged" 20000000
   local name
-  for name in good wrong_key older truncated bad_signature damaged; do stick "$name" "$work/$name"; done
+  for name in good again wrong_key older other_board truncated bad_signature damaged; do stick "$name" "$work/$name"; done
   rm -rf "$work" "$later"
 }
 

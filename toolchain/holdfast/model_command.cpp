@@ -34,12 +34,13 @@ nlohmann::ordered_json json_of(const model::Tree& tree) {
           {"feature_set", std::string(tree.set->name)},
           {"nodes", tree.count},
           {"depth", model::depth_of(tree)},
-          {"text_crc32", fmt::format("{:08X}", tree.text_crc32)}};
+          {"text_crc32", fmt::format("{:08X}", tree.text_crc32)},
+          {"crc32", tree.text_crc32}};  // as the console writes it
 }
 
 std::string text_of(const model::Tree& tree) {
-  return fmt::format("{}, CRC-32 of its text {:08X}, set {}, {} nodes", name_of(tree), tree.text_crc32, tree.set->name,
-                     tree.count);
+  return fmt::format("{}, CRC-32 of its text {:08X} (at the console {}), set {}, {} nodes", name_of(tree),
+                     tree.text_crc32, tree.text_crc32, tree.set->name, tree.count);
 }
 
 int seal(const Options& options) {
