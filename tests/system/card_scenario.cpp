@@ -82,8 +82,9 @@ TEST_GROUP(Card) {
   void console_says(const std::string& text) {
     machine.diagnostics().clear();
     machine.type("\x03\rversion json\r");
-    const auto said = [&] { return machine.diagnostics().find(text) != std::string::npos; };
-    CHECK_TEXT(machine.wait(said, 1min), machine.diagnostics().c_str());
+    const auto answered = [&] { return machine.diagnostics().find("}\r\nOK\r\n") != std::string::npos; };
+    CHECK_TEXT(machine.wait(answered, 1min), machine.diagnostics().c_str());
+    STRCMP_CONTAINS(text.c_str(), machine.diagnostics().c_str());
   }
   // An update that differs from what runs.
   const char* other_release() {
