@@ -50,11 +50,11 @@ card() {
   board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/other_board"
   sed -i 's/^board=.*/board=virt/; s/^release=.*/release=0/' "$later/slot/release"
   board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/older"
-  head -c $(($(stat -c %s "$work/good") * 2 / 3)) "$work/good" >"$work/truncated"
+  head -c $(($(stat -c %s "$work/again") * 2 / 3)) "$work/again" >"$work/truncated"
   # A byte of the signature, which is the file's end but for its length; and one of the pictures of the partitions.
-  cp "$work/good" "$work/bad_signature"
-  flip "$work/bad_signature" $(($(stat -c %s "$work/good") - 300))
-  cp "$work/good" "$work/damaged"
+  cp "$work/again" "$work/bad_signature"
+  flip "$work/bad_signature" $(($(stat -c %s "$work/again") - 300))
+  cp "$work/again" "$work/damaged"
   flip "$work/damaged" 20000000
   local name
   for name in good again wrong_key older other_board truncated bad_signature damaged; do stick "$name" "$work/$name"; done
