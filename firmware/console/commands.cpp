@@ -488,18 +488,18 @@ Answer save(Console& console, const Words& words, std::int32_t step) {
   return begun_or_stored(console, step, What::kParameters);
 }
 
-// All of `text` is a number that `value` can hold.
-template <typename Integer>
-bool is_number(std::string_view text, Integer& value, int base = 10) {
-  const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), value, base);
-  return wrong == std::errc{} && end == text.data() + text.size();
-}
-
 // The same for what does not count yet; whoever stored it is told.
 Answer for_next_start(Console& console, std::int32_t step, What what) {
   const Answer answer = begun_or_stored(console, step, what);
   if (answer.kind == Answer::Kind::kDone) console.out().put("counts from the next start: reboot\r\n");
   return answer;
+}
+
+// All of `text` is a number that `value` can hold.
+template <typename Integer>
+bool is_number(std::string_view text, Integer& value, int base = 10) {
+  const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), value, base);
+  return wrong == std::errc{} && end == text.data() + text.size();
 }
 
 // A record, as lines: `load settings` or `load model`, then `load AT HEX` with the bytes from AT on, two digits each,

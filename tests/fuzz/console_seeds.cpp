@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // console_seeds FOLDER DICTIONARY: every command, locked and not, edited lines, frames among text, stored parameters
-// and models;
-// and the words of the console.
+// and models; and the words of the console.
 #include <algorithm>
 #include <array>
 #include <cstdint>
