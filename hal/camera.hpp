@@ -53,7 +53,7 @@ class Camera {
   // Why the last start() failed, one line for people: what, likely cause, next step. Empty: it did not, or the driver
   // cannot tell. Valid until the next call of the camera.
   [[nodiscard]] std::string_view problem() const { return do_problem(); }
-  // A sensor that sends pictures now: no two are alike, because they have noise, and their rate tells of its health.
+  // A sensor that sends pictures now: no two are alike, because they have noise, and it must neither hurry nor be late.
   // Not so a recording, or a scene that is drawn without noise.
   [[nodiscard]] bool live() const { return do_live(); }
 

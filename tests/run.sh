@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs what is missing, builds and runs every test. Works from a clean clone on Debian 12 with git and bash; the
-# real recordings are used when they lie in ../shared/data/real beside the clone. See --help.
+# Installs what is missing, builds, and runs the tests: without options those that prove the product in twelve minutes of
+# two cores, with --all every part, with --long the runs of hours, too. Works from a clean clone on Debian 12 with git and
+# bash; the real recordings are used when they lie in ../shared/data/real beside the clone. See --help.
 # The last line is "N passed, N failed, N skipped", summed over the parts; exit status 0 only when nothing failed.
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
@@ -9,43 +10,49 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 source toolchain/packages.sh
 
 parts=(packages format sim web tidy coverage asan tsan rpi4 system fuzz)
+short_parts=(packages format sim)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
   [format]="clang-format on every source"
   [sim]="host build and its tests, heap calls from start() to stop() among them"
   [web]="npm packages: logs read by the official reader, page in Chromium"
-  [tidy]="clang-tidy on what changed of late and an eighth of the rest (--tidy: on every source that the host build compiles)"
+  [tidy]="clang-tidy on what changed of late and an eighth of the rest (--tidy: on every source that the host build compiles), beside the parts that follow"
   [coverage]="lines and branches of the firmware that its tests run, against baseline and list"
   [asan]="host build and tests by clang: memory, undefined behaviour and, in the firmware, integers that wrap or lose bits"
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
   [system]="the cards; holdfastd with a stock kernel on an emulated machine: start, slip, replug, a kill, an update"
-  [long]="the runs that take long: faults in pairs, soak, kills, book pulls, all histograms"
+  [long]="the runs that take long: faults in pairs, soak, kills, book pulls, trials, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
 
 usage() {
   cat <<'USAGE'
-usage: tests/run.sh [--only PART]... [--long] [--system] [--tidy]
-Installs what is missing (apt-get, with sudo when not root), builds, and runs the tests part by part.
-  --only PART  just this part; may be given again. The parts, in order:
+usage: tests/run.sh [--all] [--only PART]... [--long] [--system] [--tidy]
+Installs what is missing (apt-get, with sudo when not root), builds, and runs the tests part by part: without options the
+parts packages, format and sim without its longest tests, twelve minutes of two cores on a fresh clone.
+  --all        every part in full, what continuous integration runs: forty minutes
+  --only PART  just this part in full; may be given again. The parts, in order:
 USAGE
   local part
   for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
-  --long       add the runs that take long, an hour or more: all pairs of faults, a soak of a day of frames, 200 kills and
-               stops, 200 book pulls, the entropy of every histogram; on the emulated machine 100 replugs, 100 kills,
-               50 power cuts of an update and the heap calls of 10 000 frames
-  --system     all scenarios on the emulated machine instead of the short set: hang, watchdog, gripper, and the machine
-               by itself
-  --tidy       clang-tidy on every source, 20 minutes on a fresh clone, instead of what changed of late and a share
+  --long       --all, or the parts named by --only, and the runs that take long, an hour or more: all pairs of faults, a
+               soak of a day of frames, a million frames of the firmware without a heap call, 200 kills and stops, 200
+               book pulls, 500 trials of each kind, the entropy of every histogram, what the sanitizers and the emulated
+               processor are spared; on the emulated machine 100 replugs, 100 kills, 50 power cuts of an update and the heap calls of 10 000
+               frames
+  --system     add part system with all scenarios instead of the short set: hang, watchdog, gripper, and the machine by
+               itself
+  --tidy       add part tidy on every source, 20 minutes on a fresh clone, instead of what changed of late and a share
   --help       this
-Logs are in build/test-logs. NO_COLOR is honoured.
+Logs are in build/test-logs. NO_COLOR is honoured. What ccache, where it is installed, has compiled in another clone is
+not compiled again.
 Example: tests/run.sh --only sim
 USAGE
 }
 
-chosen=() long=0 all_scenarios=0 whole_tidy=0
+chosen=() all=0 long=0 all_scenarios=0 whole_tidy=0
 while (($# > 0)); do
   case $1 in
     --only)
@@ -56,6 +63,7 @@ while (($# > 0)); do
       chosen+=("$2")
       shift
       ;;
+    --all) all=1 ;;
     --long) long=1 ;;
     --system) all_scenarios=1 ;;
     --tidy) whole_tidy=1 ;;
@@ -67,14 +75,43 @@ while (($# > 0)); do
   esac
   shift
 done
-((${#chosen[@]} > 0)) || chosen=("${parts[@]}")
-((long == 0)) || chosen+=(long)
+short=0
+if ((all || (long && ${#chosen[@]} == 0))); then
+  chosen=("${parts[@]}")
+elif ((${#chosen[@]} == 0)); then
+  short=1
+  chosen=("${short_parts[@]}")
+fi
+# add PART: unless it is there.
+add() { [[ " ${chosen[*]} " == *" $1 "* ]] || chosen+=("$1"); }
+((whole_tidy == 0)) || add tidy
+((all_scenarios == 0)) || add system
+((long == 0)) || add long
+
+# use_ccache: where it is installed and may write, the same sources are compiled once on a machine, whatever the clone's
+# folder. CMake takes the launchers from here when it configures for the first time.
+use_ccache() {
+  local cache
+  if [[ -z ${CMAKE_CXX_COMPILER_LAUNCHER:-} ]] && cache=$(ccache --get-config cache_dir 2>/dev/null) &&
+    mkdir -p "$cache" 2>/dev/null && [[ -w $cache ]]; then
+    export CMAKE_C_COMPILER_LAUNCHER=ccache CMAKE_CXX_COMPILER_LAUNCHER=ccache
+    export CCACHE_BASEDIR=${CCACHE_BASEDIR:-$PWD} CCACHE_NOHASHDIR=1
+  fi
+}
+stamps=${XDG_CACHE_HOME:-${HOME:-$PWD/build}/.cache}/holdfast/tidy
+if mkdir -p "$stamps" 2>/dev/null && [[ -w $stamps ]]; then export HOLDFAST_TIDY_STAMPS=$stamps; fi
 
 logs=build/test-logs
 # Groups whose work is the same as their neighbours', only more of it: the sanitizers and the emulator leave them out.
 slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.Process|host_tests.ConsoleFlood'
+# And what only --long runs there: long simulations under the sanitizers; under the emulator what knows no processor -
+# files, disks - and what the digest compares already.
+not_sanitized='PowerCut|host_tests.Gallery|host_tests.Paper|host_tests.SlipModel'
+not_emulated='PowerCut|Render|Tracker|ModelFile|firmware_tests.Models'
+# What the run without options leaves to --all, as well.
+not_short='RealClips|firmware_tests.Simulation|PowerCut|GalleryTwice|FaultsSoak|host_tests.Grip|JpegCorruption|JpegFuzz|PictureCheckOnClips|ContactGridFine|e2e.flash_loop'
 passed=0 failed=0 skipped=0
-failures=() skips=()
+failures=() skips=() times=()
 
 # count_one NAME STATUS: a check that is one test.
 count_one() {
@@ -96,7 +133,9 @@ step() {
 declare -A built=()
 build() {
   if [[ -z ${built[$1]:-} ]]; then
-    if step "$1 configure" cmake --preset "$1" && step "$1 build" cmake --build --preset "$1"; then
+    local -a forget=()
+    [[ -n ${CMAKE_CXX_COMPILER_LAUNCHER:-} ]] || forget=(-UCMAKE_C_COMPILER_LAUNCHER -UCMAKE_CXX_COMPILER_LAUNCHER)
+    if step "$1 configure" cmake --preset "$1" "${forget[@]}" && step "$1 build" cmake --build --preset "$1"; then
       built[$1]=yes
     else
       built[$1]=no
@@ -161,13 +200,25 @@ part_format() {
   step format tests/checks/format.sh || status=1
   count_one "format (tests/checks/format.sh --fix)" "$status"
 }
-part_sim() { build sim && run_ctest "sim tests" sim; }
+part_sim() {
+  local -a which=()
+  ((short == 0)) || which=(--exclude-regex "$not_short")
+  build sim && run_ctest "sim tests" sim "${which[@]}"
+}
+# Begins here and goes on, with what the parts after it leave of the cores, until end_tidy.
+tidy_pid=''
 part_tidy() {
   build sim || return 1
-  local status=0
   local -a share=(--some)
   ((whole_tidy == 0)) || share=()
-  step tidy tests/checks/tidy.sh "${share[@]}" build/sim || status=1
+  nice -n 19 tests/checks/tidy.sh "${share[@]}" build/sim >"$logs/tidy.log" 2>&1 </dev/null &
+  tidy_pid=$!
+}
+end_tidy() {
+  local status=0
+  wait "$tidy_pid" || status=1
+  tidy_pid=''
+  ((status == 0)) || sed 's/^/   | /' "$logs/tidy.log"
   grep '^tidy: ' "$logs/tidy.log" | sed 's/^/   /'
   count_one "tidy (tests/checks/tidy.sh)" "$status"
 }
@@ -177,21 +228,14 @@ part_coverage() {
   sed 's/^/   /' "$logs/coverage.log"
   count_one "coverage (tests/checks/coverage.sh)" "$status"
 }
-part_asan() { build asan && run_ctest "asan tests" asan --exclude-regex "$slow_groups"; }
+part_asan() { build asan && run_ctest "asan tests" asan --exclude-regex "$slow_groups|$not_sanitized" --label-exclude 'physics|long'; }
 part_tsan() {
-  step "tsan configure" cmake --preset tsan || {
-    count_one "tsan: configure" 1
-    return 1
-  }
-  step "tsan build" cmake --build --preset tsan --target firmware_tests jpeg_tests || {
-    count_one "tsan: build" 1
-    return 1
-  }
+  build tsan || return 1
   local status=0
-  step "tsan crew" build/tsan/bin/firmware_tests -v -sg Crew || status=1
-  step "tsan watchdog" build/tsan/bin/firmware_tests -v -sg Watchdog || status=1
-  step "tsan bridge" build/tsan/bin/firmware_tests -v -sg LinuxBridge || status=1
-  step "tsan jpeg" build/tsan/bin/jpeg_tests -v -sg JpegFast -sn NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures ||
+  step "tsan crew" build/tsan/bin/thread_tests -v -sg Crew || status=1
+  step "tsan watchdog" build/tsan/bin/thread_tests -v -sg Watchdog || status=1
+  step "tsan bridge" build/tsan/bin/thread_tests -v -sg LinuxBridge || status=1
+  step "tsan jpeg" build/tsan/bin/thread_tests -v -sg JpegFast -sn NeverDisagreesWithItselfOrThePlainWalkOnCameraPictures ||
     status=1
   count_one "tsan (tests/run.sh --only tsan)" "$status"
 }
@@ -242,19 +286,30 @@ part_long() {
   count_one "holdfast faults --pairs" $?
   step "long soak" env HOLDFAST_SOAK_FRAMES=2160000 build/sim/bin/host_tests -v -sg FaultsSoak
   count_one "HOLDFAST_SOAK_FRAMES=2160000 host_tests -sg FaultsSoak" $?
+  step "long heap" ctest --test-dir build/sim -R '^checks.heap_free_luma_million$' --output-on-failure --no-tests=error
+  count_one "ctest --test-dir build/sim -R '^checks.heap_free_luma_million$'" $?
   step "long kills" env HOLDFAST_KILLS=200 build/sim/bin/host_tests -v -sg Process
   count_one "HOLDFAST_KILLS=200 host_tests -sg Process" $?
   step "long grip" env HOLDFAST_GRIP_PULLS=200 build/sim/bin/host_tests -v -sg Grip
   count_one "HOLDFAST_GRIP_PULLS=200 host_tests -sg Grip" $?
+  step "long trials" env HOLDFAST_TRIALS=500 build/sim/bin/host_tests -v -sg Trials
+  count_one "HOLDFAST_TRIALS=500 host_tests -sg Trials" $?
   if step "long image" bash -c 'toolchain/sysroot.sh && cmake --preset rpi4 && cmake --build --preset rpi4 &&
     cmake --build --preset sim --target system_film_made && tests/system/prepare.sh'; then
     step "long machine" env HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 build/sim/bin/system_scenarios -v \
       -sg Holdfastd -sg Card -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns \
       -sn OutlivesPowerCutsWhileItInstalls
     count_one "HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 system_scenarios -sg Holdfastd -sg Card" $?
-    run_ctest "long rpi4 tests" rpi4 --label-regex physics --exclude-regex "$slow_groups"
+    run_ctest "long rpi4 physics" rpi4 --label-regex physics --exclude-regex "$slow_groups"
+    run_ctest "long rpi4 tests" rpi4 --tests-regex "$not_emulated"
   else
     count_one "long: image" 1
+  fi
+  if step "long asan" bash -c 'cmake --preset asan -DHOLDFAST_TOOL_TESTS=ON && cmake --build --preset asan'; then
+    run_ctest "long asan tests" asan --exclude-regex "$slow_groups"
+    cmake --preset asan -DHOLDFAST_TOOL_TESTS=OFF >/dev/null
+  else
+    count_one "long: asan" 1
   fi
   step "long histograms" env HOLDFAST_ALL_HISTOGRAMS=1 build/sim/bin/firmware_tests -v -sg Entropy
   count_one "HOLDFAST_ALL_HISTOGRAMS=1 firmware_tests -sg Entropy" $?
@@ -269,7 +324,7 @@ part_rpi4() {
   count_one "rpi4: integer gate" 0
   local status=0
   # That the simulator's arithmetic gives the same bits here is told by the group Portable, and the firmware's by the digest.
-  run_ctest "rpi4 tests" rpi4 --exclude-regex "$slow_groups" --label-exclude physics || status=1
+  run_ctest "rpi4 tests" rpi4 --exclude-regex "$slow_groups|$not_emulated" --label-exclude physics || status=1
   grep -oE '[a-z_]+: [0-9]+ instructions per frame \(limit [0-9]+' "$logs/rpi4-tests.xml" | grep -v insn_selftest | sed 's/^/   /; s/$/)/'
   return "$status"
 }
@@ -314,25 +369,53 @@ part_system() {
   count_one "system (build/sim/bin/system_scenarios)" "$status"
 }
 
+# processor_seconds: of all that this script has started and seen the end of.
+processor_seconds() {
+  local -a fields
+  read -ra fields </proc/$$/stat
+  echo $(((fields[15] + fields[16]) / $(getconf CLK_TCK)))
+}
+
+# timed NAME COMMAND: runs COMMAND, and keeps for the closing table how long it took and what it counted.
+timed() {
+  local start=$SECONDS cpu ok=$passed bad=$failed out=$skipped
+  cpu=$(processor_seconds)
+  "$2"
+  times+=("$(printf '%-11s%9d%9d%9d%8d%9d' "$1" $((SECONDS - start)) $(($(processor_seconds) - cpu)) \
+    $((passed - ok)) $((failed - bad)) $((skipped - out)))")
+}
+
 closing() {
   heading "result after $((SECONDS / 60)) min $((SECONDS % 60)) s"
   local line
+  printf '%-11s%9s%9s%9s%8s%9s\n' part seconds "cpu s" passed failed skipped
+  for line in "${times[@]}"; do say "$line"; done
   for line in "${skips[@]}"; do say "skipped: $line"; done
-  say "left out under sanitizers and emulation: ${slow_groups//|/, }; under emulation: the simulator's physics (they ran in part sim)"
-  ((long == 1)) || say "left out: long runs (--long): pairs of faults, soak of 2160000 frames, 200 kills, 200 book pulls, all histograms, the physics under emulation, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
-  ((all_scenarios == 1)) || say "left out: emulated machine (--system): hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an emulated Pi 3"
+  ((short == 0)) || {
+    say "left out: the parts web, coverage, asan, tsan, rpi4, tidy, system and fuzz (--all, or --only PART)"
+    say "left out: of part sim ${not_short//|/, } (--all, or --only sim)"
+  }
+  ((short == 1 || long == 1)) || {
+    say "left out under the sanitizers: the host tool, programs, physics, ${not_sanitized//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
+    say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
+  }
+  ((long == 1)) || say "left out (--long): pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
+  ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an emulated Pi 3"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"
 }
 
-trap 'failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
+trap '[[ -z $tidy_pid ]] || kill "$tidy_pid"; failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
 
 mkdir -p "$logs"
 for part in "${chosen[@]}"; do
   heading "$part: ${what[$part]}"
-  start=$SECONDS
-  "part_$part"
-  say "   part $part: $((SECONDS - start)) s"
+  use_ccache
+  timed "$part" "part_$part"
 done
+if [[ -n $tidy_pid ]]; then
+  heading "tidy: its end"
+  timed "tidy's end" end_tidy
+fi
 closing
 ((failed == 0))

@@ -33,6 +33,7 @@ build libusb-1.0-0-dev 2:1.0.26-1
 build libedit-dev 3.1-20221030-2
 build libsodium-dev 1.0.18-1+deb12u1
 build libtomlplusplus-dev 3.3.0+ds-1
+test ccache 4.8+really4.7.5-1
 test libcpputest-dev 4.0-2
 test libmodbus-dev 3.1.6-2.1+deb12u1
 test librapidcheck-dev 0~1033-08b5058-3

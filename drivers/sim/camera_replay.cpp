@@ -4,6 +4,12 @@
 #include <utility>
 
 namespace holdfast::sim {
+namespace {
+
+// A stamp further ahead is no gap but another clock's: a camera would have delivered the frame now.
+constexpr std::chrono::hours kLongestGap{1};
+
+}  // namespace
 
 CameraReplay::CameraReplay(Recording recording, Clock& clock) : recording_(std::move(recording)), clock_(clock) {}
 
@@ -19,12 +25,14 @@ hal::Capture CameraReplay::do_next(hal::Frame& frame, std::chrono::microseconds 
     pending_ = true;
   }
   const std::chrono::microseconds due = start_ + frame_.time;
-  if (due > clock_.now() + timeout) {
-    clock_.advance(timeout);
-    return hal::Capture::kTimeout;
+  if (due - clock_.now() < kLongestGap) {
+    if (due > clock_.now() + timeout) {
+      clock_.advance(timeout);
+      return hal::Capture::kTimeout;
+    }
+    clock_.advance_to(due);
   }
   pending_ = false;
-  clock_.advance_to(due);
   frame = as_frame(frame_);
   frame.timestamp = due;
   return hal::Capture::kFrame;

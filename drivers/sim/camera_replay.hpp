@@ -2,7 +2,7 @@
 // Plays a recording as a camera in virtual time.
 //
 // Each frame moves the simulated clock to its own time stamp: recording time + the clock's time at start(). A
-// frame that is further away than the time-out moves the clock by the time-out only, as a real camera would.
+// later one moves it by the time-out only. One stamped before the clock or an hour after it comes at once, as it is.
 // kGone at the end; error() then tells an ordinary end (empty) from a recording that breaks off.
 // Host only: reading allocates.
 #pragma once

@@ -32,6 +32,7 @@ scene::PictureConfig picture_of(const scene::Scene& scene) {
   picture.dot_level = scene.picture.dot_level;
   picture.shading = scene.picture.shading;
   picture.imprint_gain = scene.picture.imprint_gain;
+  picture.walls = {scene.picture.wall_gain, scene.picture.specular, scene.picture.shadow};
   picture.noise_sigma = scene.effects.pixel_noise;
   picture.seed = scene.seed;
   picture.effects.exposure_ms = scene.effects.exposure_ms;

@@ -420,7 +420,7 @@ class VideoSource final : public Recording::Source {
       if (skip() == Read::kEnd) return check_end();
       cv::VideoCapture& clock = mode_ == Mode::kPackets ? stamps_ : capture_;
       const double pts_ms = clock.isOpened() ? clock.get(cv::CAP_PROP_POS_MSEC) : 0;
-      if (pts_ms > 0 || count_ == 1) pts_s = pts_ms / 1000;
+      if (pts_ms != 0 || count_ == 1) pts_s = pts_ms / 1000;  // 0: the frame has no stamp
       cv::Mat picture;
       if (!capture_.retrieve(picture) || picture.empty()) return check_end();
       frame.sequence = static_cast<std::uint32_t>(count_ - 1);
@@ -675,21 +675,21 @@ Read Recording::next(RecordedFrame& frame) {
   const Read read = source_->next(frame, pts_s);
   if (read == Read::kError) error_ = source_->error();
   if (read != Read::kFrame) return read;
-  // A container's stamp is believed while it moves forward by less than an hour; otherwise the time base
-  // decides.
+  // A frame's own stamp stays as it is: the firmware rejects what is wrong with it, as it does with a camera. The time
+  // base is for frames that have none.
   if (count_ == 0) {
     first_pts_s_ = pts_s.value_or(0);
     frame.time = Micros{};
+  } else if (pts_s && std::isfinite(*pts_s)) {
+    constexpr double kFarthest_s = 1e9;  // 32 years: microseconds fit
+    frame.time = Micros{std::llround(std::clamp(*pts_s - first_pts_s_, -kFarthest_s, kFarthest_s) * 1e6)};
   } else {
-    const double since_first_s = pts_s.value_or(0) - first_pts_s_;
-    const Micros stamped{since_first_s < 1e9 ? std::llround(since_first_s * 1e6) : 0};
-    const bool plausible = stamped > last_time_ && stamped - last_time_ < std::chrono::hours(1);
     // n / fps is rounded once, not summed up: 18.75 fps must not drift.
     const double step_us = 1e6 / info_.time_base_fps;
     const Micros step{std::llround(step_us)};
     const Micros counted{std::llround(static_cast<double>(frame.sequence) * step_us)};
     const bool in_step = counted - last_time_ >= step - Micros{1};
-    frame.time = plausible ? stamped : in_step ? counted : last_time_ + step;
+    frame.time = in_step ? counted : last_time_ + step;
   }
   last_time_ = frame.time;
   frame.index = count_++;

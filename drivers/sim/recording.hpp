@@ -49,7 +49,7 @@ struct RecordingInfo {
   int height = 0;                      // pixels of the input
   long frames = -1;                    // as far as known without reading to the end; -1: unknown
   double fps = 0;                      // carried by the container; 0: none
-  double time_base_fps = kDefaultFps;  // used where a frame has no plausible time stamp of its own
+  double time_base_fps = kDefaultFps;  // used where a frame has no time stamp of its own
   bool mjpeg = false;                  // frames are JPEG bytes
   double scale = 1;  // input pixels per delivered pixel: x_in = (x + 0.5) * scale - 0.5; 1 for JPEG bytes
 };
@@ -63,7 +63,7 @@ struct RecordedFrame {
   int input_height = 0;
   long index = 0;              // counts the frames of the recording from 0
   std::uint32_t sequence = 0;  // counts what the camera sent: jumps where the container marks a dropped frame
-  Micros time{};               // since the first frame; strictly increasing
+  Micros time{};               // since the first frame, as stamped: it may stand still, run backwards or jump
   bool damaged = false;        // the JPEG bytes have no end: cut off by the end of the file or by the next picture
 };
 

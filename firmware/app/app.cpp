@@ -26,7 +26,6 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size, const mod
   };
   config.with_field = makes(Stage::kField);
   config.with_imprint = makes(Stage::kImprint);
-  config.classifier.sensitivity = static_cast<Sensitivity>(params.sensitivity);
   config.decision.raise_frames = params.raise_frames;
   config.decision.hold = Micros{std::int64_t{params.hold_ms} * 1000};
   config.fault_markers_pct = params.fault_markers_pct;
@@ -79,9 +78,14 @@ void App::configure(const Params& params) {
   config_ = pipeline_config(params, auto_size_, tree_);
   config_.follow_drift = devices_.camera.live();
   supervisor_config_ = supervisor_config(params);
+  health_config_ = {};
   if (!devices_.camera.live()) {  // a recording may have five frames a second, and nobody in it can say OPENING
     supervisor_config_.recover_frames = 1;
     supervisor_config_.lost_for = Micros{0};
+    // Too few frames a second are too few wherever they come from. More than the sensor has lose nothing; and how long
+    // a decision took is nothing that a recording could tell.
+    health_config_.shortest_period = Micros{0};
+    health_config_.deadline = Micros::max();
   }
 }
 
@@ -230,9 +234,6 @@ void App::take(const hal::Frame& frame) {
     result_.sequence = frame.sequence;
     result_.quality = news;
   }
-  if (!result_.quality.ok() || !devices_.camera.live()) return;
-  const Micros decided_after = devices_.clock.now() - timestamp;
-  strain_ = health::strain(health_, health_config_, timestamp, frame.sequence, decided_after);
 }
 
 void App::step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence) {
@@ -253,6 +254,10 @@ void App::conclude() {
     report();
   }
   last_rejection_ = result_.quality.reason;
+  if (result_.quality.ok()) {
+    const Micros decided_after = devices_.clock.now() - result_.timestamp;
+    strain_ = health::strain(health_, health_config_, result_.timestamp, result_.sequence, decided_after);
+  }
   state_.laps.begin();
   signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now(), health_now()));
   report();

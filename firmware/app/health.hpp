@@ -4,7 +4,7 @@
 //
 // The worst accident in the records is the frozen frame: a camera that stopped, the same picture served on with new
 // stamps, and a robot that went on open loop (pollen-robotics/grabette #89). No two pictures of a sensor are alike, so
-// one that is, byte for byte, is not news. For sources that are no sensor (hal::Camera::live()) nothing is judged.
+// one that is, byte for byte, is not news. Of sources that are no sensor (hal::Camera::live()) a low rate is reported.
 #pragma once
 
 #include <array>

@@ -26,7 +26,7 @@
 namespace holdfast::keepsake {
 
 inline constexpr std::uint32_t kMagic = 0x464B4448;  // "HDKF", little endian
-inline constexpr std::uint32_t kVersion = 1;
+inline constexpr std::uint32_t kVersion = 2;
 inline constexpr std::size_t kMaxIdentity = 64;
 
 struct Identity {

@@ -39,7 +39,6 @@ struct Params {
   std::int32_t jpeg_lanes = 3;
   std::int32_t jpeg_rows_pct = 100;
   std::int32_t all_features = 0;
-  std::int32_t sensitivity = static_cast<std::int32_t>(Sensitivity::kNormal);
   std::int32_t latch = 0;
   std::int32_t opening_max_ms = 5000;
   std::int32_t gripper = 0;
@@ -73,7 +72,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 26> kParams{{
+inline constexpr std::array<ParamInfo, 25> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000,
      "displacement at which the last of the 15 histogram bins begins to overflow",
      "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
@@ -112,9 +111,6 @@ inline constexpr std::array<ParamInfo, 26> kParams{{
      Applies::kAtRestart},
     {&Params::all_features, "all_features", "", 0, 1,
      "1: compute every feature, also those that the model does not read", "instructions only; for recording data"},
-    {&Params::sensitivity, "sensitivity", "", 0, static_cast<std::int32_t>(kSensitivityNames.size()) - 1,
-     "operating point of the model: 0 quiet, 1 normal, 2 sensitive",
-     "higher: weaker slips are told, and more that is none; a model may know one point only"},
     {&Params::latch, "latch", "", 0, 1, "1: after a FAULT wait for the command ARM",
      "1: a cable that was loose for a moment stops the robot until somebody has looked"},
     {&Params::opening_max_ms, "opening_max_ms", "ms", 100, 60'000, "OPENING and RELEASE mask slip for so long at most",
@@ -182,18 +178,15 @@ constexpr Status validate(const Params& params, ParamProblem* problem = nullptr)
 static_assert(validate(Params{}).ok(), "the defaults are valid");
 static_assert(kMaxMarkers == 128, "named in validate()");
 
-// Sets one parameter from its text, a decimal integer (or a name for `mode` and `sensitivity`). Checks the row's own
+// Sets one parameter from its text, a decimal integer (or a name for `mode`). Checks the row's own
 // range only; validate() judges the whole. `params` changes only on success.
 inline Status parse(std::string_view name, std::string_view text, Params& params, ParamProblem* problem = nullptr) {
   using params_detail::refuse;
   const ParamInfo* row = find_param(name);
   if (row == nullptr) return refuse(problem, nullptr, "no parameter of that name");
   std::int32_t value = 0;
-  const auto* const point = std::ranges::find(kSensitivityNames, text);
   if (const auto mode = find_mode(text); row->member == &Params::mode && mode) {
     value = *mode;
-  } else if (row->member == &Params::sensitivity && point != kSensitivityNames.end()) {
-    value = static_cast<std::int32_t>(point - kSensitivityNames.begin());
   } else {
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error == std::errc::result_out_of_range) return refuse(problem, row, "outside its range");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "app/pipeline.hpp"
 
+#include <algorithm>
 #include <cstdlib>
 
 #include "base/math.hpp"
@@ -40,6 +41,16 @@ Result rejected(const State& state, Result out, Status why) {
   return out;
 }
 
+// Nothing is learned across a change of light, the lattice least of all. True: it has changed since learning began.
+bool begin_anew_in_new_light(State& state, const Config& config, const LumaView& luma) {
+  if (state.reference.known || state.resuming) return false;
+  if (!light::update(state.light, config.light, luma)) {
+    tracker::reset(state.tracker);
+    reference::forget(state.reference);
+  }
+  return state.light.changed;
+}
+
 [[nodiscard]] Result feel(State& state, const Config& config, const LumaView* luma, Result out);
 [[nodiscard]] Result judge(State& state, const Config& config, Result out);
 
@@ -55,6 +66,7 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
     return rejected(state, out, s);
   }
   state.laps.lap(Task::kDecode);
+  out.light_changed = begin_anew_in_new_light(state, config, luma);
   if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) {
     return rejected(state, out, lit(luma, s));
   }
@@ -67,8 +79,9 @@ namespace {
 // The picture of the gel, as the rest position's is learned: nobody touches it then.
 void learn_empty(State& state, const Config& config, const LumaView& luma, const MarkerField& markers,
                  const MarkerField& rest, Micros now) {
-  (void)imprint::update(state.imprint, config.imprint, luma, markers, rest, reference::pitch_of(rest), true, now,
+  (void)imprint::update(state.imprint, config.imprint, luma, markers, rest, reference::pitch_of(rest), now,
                         state.saturations);
+  imprint::learn_empty(state.imprint, config.imprint);
 }
 
 // Only while there is provably no contact.
@@ -129,6 +142,7 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     imprint::place_again(state.imprint);
   }
   if (!state.reference.known) {
+    out.bent = state.reference.bent;
     if (luma == nullptr || !config.with_imprint) return out;
     if (state.reference.count == 1) imprint::forget(state.imprint);
     learn_empty(state, config, *luma, field, state.reference.first, out.timestamp);
@@ -144,17 +158,32 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
         field_features::update(state.field, config.field, state.displacement, out.timestamp, state.saturations);
   }
   if (luma != nullptr && config.with_imprint) {
-    out.features.imprint =
-        imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
-                        state.contact.empty, out.timestamp, state.saturations);
+    out.features.imprint = imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest,
+                                           state.reference.pitch, out.timestamp, state.saturations);
     out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,
                                   state.opening, out.timestamp);
-    if (!out.contact.settled) imprint::disbelieve(out.features.imprint);
     out.empty = state.contact.empty;
+    if (out.empty) imprint::learn_empty(state.imprint, config.imprint);
     follow_drift(state, config);
   }
   state.laps.lap(Task::kFeel);
   return judge(state, config, out);
+}
+
+// A contact that grows is one that is being made, until slip is raised: then the gripper presses harder. Range: a
+// third.
+Features while_raised(Features features) {
+  features.imprint.growth = Log2Q8::from_raw(features.imprint.growth.raw() / 3);
+  return features;
+}
+
+// Pressing harder moves the relief by itself, and the lag still shows a slip that has ended: the grip takes another
+// step only for twice the motion. Of 24 simulated pulls of a book 22 end with at most 1.3 times the least force that
+// holds, and one is lost; without it 18 do, and none is (seeds 1 to 24, 2026-11-24).
+Features for_a_step(Features features) {
+  constexpr std::int32_t kTwice = 256;
+  features.imprint.motion = Log2Q8::from_raw(std::max(features.imprint.motion.raw() - kTwice, 0));
+  return features;
 }
 
 // Judge: features to request. Nothing slips that does not touch, or is being let go.
@@ -162,9 +191,14 @@ Result judge(State& state, const Config& config, Result out) {
   out.referenced = true;
   const bool held = !state.opening && (!out.contact.judged || out.contact.touching);
   out.features.contact = Count::from_raw(held ? 1 : 0);
-  classifier::complete(config.classifier, out.features, state.saturations);
-  out.verdict = held ? classifier::classify(config.classifier, out.features) : Verdict::kHold;
+  const bool raised = state.decision.raised;
+  const Features judged = raised ? while_raised(out.features) : out.features;
+  const auto verdict_of = [&](const Features& features) {
+    return held ? classifier::classify(config.classifier, features) : Verdict::kHold;
+  };
+  out.verdict = verdict_of(judged);
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);
+  if (raised && out.verdict != Verdict::kHold) out.verdict = verdict_of(for_a_step(judged));
   state.laps.lap(Task::kJudge);
   return out;
 }
@@ -198,21 +232,12 @@ Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::F
   if (const Status s = enough(state.tracker.field, config.fault_markers_pct); !s.ok()) return s;
   reference::Config single = config.reference;
   single.frames = 1;
+  single.most_bend_permille = 0;  // somebody has chosen it
   if (!reference::update(state.reference, single, state.tracker.field)) return {Reason::kNoLattice};
   tracker::set_home(state.tracker, state.reference.rest);
   if (config.with_imprint) {
     learn_empty(state, config, luma, state.tracker.field, state.reference.rest, frame.timestamp);
   }
-  return kOkStatus;
-}
-
-// No tracking: the gel is still, and what follows starts from learn()'s frame all the same.
-Status learn_more(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame) {
-  if (!state.reference.known) return {Reason::kNoLattice};
-  LumaView luma;
-  if (const Status s = luma_input::update(state.luma, config.luma, jpeg, frame, luma); !s.ok()) return s;
-  const MarkerField& rest = state.reference.rest;
-  if (config.with_imprint) learn_empty(state, config, luma, rest, rest, frame.timestamp);
   return kOkStatus;
 }
 
@@ -241,6 +266,8 @@ void resume(State& state, const keepsake::Contents& contents) {
 
 void tare(State& state) {
   state.resuming = false;
+  light::forget(state.light);
+  state.reference.confirmed = state.reference.bent;
   reference::forget(state.reference);
   features::forget(state.features);
   field_features::forget(state.field);

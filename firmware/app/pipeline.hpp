@@ -18,6 +18,7 @@
 #include "tactile/reference.hpp"
 #include "tactile/types.hpp"
 #include "vision/jpeg.hpp"
+#include "vision/light.hpp"
 #include "vision/luma_input.hpp"
 #include "vision/tracker.hpp"
 
@@ -25,6 +26,7 @@ namespace holdfast::pipeline {
 
 struct Config {
   luma_input::Config luma;
+  light::Config light;
   tracker::Config tracker;
   reference::Config reference;
   displacement::Config displacement;
@@ -47,6 +49,7 @@ struct Config {
 // Everything that lives from frame to frame. One static object; its size is the firmware's memory (app.hpp).
 struct State {
   luma_input::State luma;
+  light::State light;
   tracker::State tracker;
   reference::State reference;
   DisplacementField displacement;
@@ -69,13 +72,15 @@ struct Result {
   Micros timestamp{};
   std::uint32_t sequence = 0;
   Status quality;
-  bool referenced = false;  // displacement and features refer to a learned rest position
-  int markers = 0;          // valid now
+  bool referenced = false;     // displacement and features refer to a learned rest position
+  bool light_changed = false;  // learning began anew because of it, and has not ended yet
+  bool bent = false;           // the rest position was refused, because something presses on the gel
+  int markers = 0;             // valid now
   GridSize grid;
   Features features;
   contact::Contact contact;
   bool empty = false;  // nothing touches the gel, and has not for half a second; false where nobody can tell
-  Verdict verdict = Verdict::kHold;
+  Verdict verdict = Verdict::kHold;          // of this frame; while slip is raised, whether the grip is to step further
   GripRequest request = GripRequest::kHold;  // kept from the frame before when this one is rejected
 };
 
@@ -91,9 +96,6 @@ struct Result {
 // Takes this one frame as the picture of the empty gel (tool `holdfast replay --reference`): registers the lattice
 // anew and learns the rest position from it.
 [[nodiscard]] Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
-// After learn(): one more picture of the same empty gel, in the order of time, so that its noise is known too. The rest
-// position stays.
-[[nodiscard]] Status learn_more(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
 
 // The gripper opens, until it says that it no longer does (OPENING): what moves now is let go, not lost. No verdict but
 // hold, and the end of the contact is a release.
@@ -105,7 +107,8 @@ void remember(const State& state, const Config& config, keepsake::Contents& cont
 // that does not ends the attempt, and the rest position is learned.
 void resume(State& state, const keepsake::Contents& contents);
 
-// Forgets the rest position (TARE): the next still frames teach it anew.
+// Forgets the rest position (TARE): the next still frames teach it anew. Where one was refused as bent, whoever says
+// TARE confirms that the gel is empty, and the next one is taken as it is.
 void tare(State& state);
 
 }  // namespace holdfast::pipeline

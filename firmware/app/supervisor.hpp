@@ -77,6 +77,8 @@ struct Seen {
   bool fault = false;
   bool needs_arm = false;
   bool recovering = false;
+  bool light_changed = false;
+  bool bent = false;
   bool learning = false;
   bool slip = false;
   bool force_limit = false;
@@ -103,7 +105,7 @@ struct Rule {
 };
 
 // clang-format off
-inline constexpr std::array<Rule, 15> kRules{{
+inline constexpr std::array<Rule, 17> kRules{{
     {"the gripper, an output line or the sensor's identity is at fault",
      &Seen::fault, false, false, DeviceState::kFault, Why::kHealthFault, Reason::kNone},
     {"no frame was accepted for 150 ms or ever, or the camera is gone",
@@ -114,6 +116,10 @@ inline constexpr std::array<Rule, 15> kRules{{
      &Seen::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
     {"fewer than `recover_frames` accepted frames in a row since the fault",
      &Seen::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
+    {"no rest position is known, and the light changed while it was being learned",
+     &Seen::light_changed, false, false, DeviceState::kReference, Why::kRow, Reason::kLightChanged},
+    {"the rest position was refused, and none has been learned since",
+     &Seen::bent, false, false, DeviceState::kReference, Why::kRow, Reason::kReferenceLoaded},
     {"no rest position is known",
      &Seen::learning, false, false, DeviceState::kReference, Why::kRow, Reason::kLearning},
     {"the object slips and the grip force is at its limit",
@@ -222,6 +228,8 @@ inline void arm(State& state) {
   seen.needs_arm = config.latch && !state.armed && state.faults > 0;
   seen.recovering = state.faults > 0 && state.good_frames < config.recover_frames;
   seen.learning = !result.referenced;
+  seen.light_changed = seen.learning && result.light_changed;
+  seen.bent = seen.learning && result.bent;
   seen.slip = result.request == GripRequest::kTighten;
   seen.force_limit = seen.slip && health.force_limit;
   if (result.contact.event == contact::Event::kLost) state.lost_until = now + config.lost_for;

@@ -63,6 +63,8 @@ enum class Reason : std::uint8_t {
   kOpening = 102,
   kForceLimit = 103,
   kContactLost = 104,
+  kLightChanged = 105,
+  kReferenceLoaded = 106,
   kConfig = 128,
   kModel = 129,
   kGripperSilent = 160,
@@ -86,7 +88,7 @@ struct ReasonInfo {
   std::string_view next;   // what to do next
 };
 
-inline constexpr std::array<ReasonInfo, 45> kReasons{{
+inline constexpr std::array<ReasonInfo, 47> kReasons{{
     {Reason::kNone, "none", "nothing to report", "-", "-"},
     {Reason::kNoFrame, "no_frame", "no frame arrived in time", "the camera stalls or the USB bus is overloaded",
      "check the cable and give the sensor a USB port of its own"},
@@ -151,6 +153,14 @@ inline constexpr std::array<ReasonInfo, 45> kReasons{{
      "object too heavy or too smooth for the limit", "lower the load, or raise max_force if the object bears it"},
     {Reason::kContactLost, "contact_lost", "the contact ended, and nobody had said OPENING",
      "the object fell or was pulled away", "look for the object; say OPENING before letting go on purpose"},
+    {Reason::kLightChanged, "light_changed",
+     "the light changed while the rest position was being learned: that begins anew",
+     "the camera's exposure settles after its start, or follows the picture",
+     "keep the gel empty and wait; if it stays, set manual exposure and check the sensor's light"},
+    {Reason::kReferenceLoaded, "reference_loaded",
+     "the lattice of the markers is bent: it was not taken for the rest position",
+     "something pressed on the gel while its rest position was being learned",
+     "open the gripper and wait; if the gel is empty all the same, send TARE once more"},
     {Reason::kConfig, "config", "a setting is out of its range", "edited by hand or for another version",
      "look at the named parameter's range"},
     {Reason::kModel, "model", "the slip model does not fit", "built for another feature set",

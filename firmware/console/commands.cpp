@@ -592,7 +592,6 @@ Answer model(Console& console, const Words& words, std::int32_t step) {
   page.integer("nodes", model.nodes);
   page.integer("depth", model.depth);
   page.integer("crc32", model.text_crc32);
-  page.text("sensitivity", kSensitivityNames[idx(console.params().sensitivity)]);
   page.text("from", model.from);
   sequence(page, "sequence", console.model_sequence());
   const bool stays = console.models().sequence() == console.model_sequence();
@@ -618,6 +617,7 @@ Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
   page.yes_no("known", state.known);
   page.integer("rows", state.rest.grid.rows);
   page.integer("cols", state.rest.grid.cols);
+  page.integer("lines_cut", console.daemon().app().state().tracker.cut.lines());
   page.integer("markers", known);
   page.decimal("pitch_px", state.pitch.raw(), 256, 2);
   page.integer("pitch_printed_um", console.params().pitch_um);

@@ -136,7 +136,7 @@ struct Command {
 
   if (state.phase == Phase::kGripping && now - state.last_step < config.grasp_for) return command_of(state, config);
   const Micros calm_for = calm(state, config, input, now);
-  if (input.request == GripRequest::kTighten && input.verdict == Verdict::kSlip && calm_for < config.calm_after) {
+  if (input.request == GripRequest::kTighten && input.verdict != Verdict::kHold && calm_for < config.calm_after) {
     state.phase = Phase::kTightening;
     state.at_limit = state.force >= config.max_force;
     if (!state.at_limit && now - state.last_step >= config.every) {

@@ -5,7 +5,7 @@
 // and judges by the features that stand on this frame only. A gripper that slides
 // already when the sensor starts is thus reported with the first frame. Whether a frame may be vouched for at
 // all is the supervisor's question. Range: any features. The tree compares and does no arithmetic: nothing
-// can overflow. The only feature that is computed here is the model's own: complete(), before classify().
+// can overflow.
 #pragma once
 
 #include <array>
@@ -38,47 +38,28 @@ using Inputs = std::array<std::int32_t, static_cast<std::size_t>(kCompiledSet.si
 
 // A loaded tree's set is known only now, so here it is the loop: one indirect call per feature. Not inlined, so that
 // the compiled tree's few compares need no stack for it.
-[[nodiscard, gnu::noinline]] constexpr Verdict classify_loaded(const model::Tree& tree, const Features& features,
-                                                               Sensitivity sensitivity) {
+[[nodiscard, gnu::noinline]] constexpr Verdict classify_loaded(const model::Tree& tree, const Features& features) {
   std::array<std::int32_t, kFeatureCount> x{};
   for (int i = 0; i < tree.set->size(); ++i) x[idx(i)] = input((*tree.set)[i], features);
-  return model::evaluate(tree, x, sensitivity);
+  return model::evaluate(tree, x);
 }
 
 struct Config {
   const model::Tree* loaded = nullptr;  // decides in place of the compiled tree; outlives the pipeline. nullptr: none
-  Sensitivity sensitivity = Sensitivity::kNormal;
 };
-
-static_assert(score::is_valid(slip_tree::kScore) &&
-              (slip_tree::kScore.count > 0) == reads(kCompiledSet, Stage::kScore));
 
 // Of the model in charge.
 [[nodiscard]] constexpr const FeatureSet& set_of(const Config& config) {
   return config.loaded != nullptr ? *config.loaded->set : kCompiledSet;
 }
-[[nodiscard]] constexpr const score::Score& score_of(const Config& config) {
-  return config.loaded != nullptr ? config.loaded->score : slip_tree::kScore;
-}
 
-// Whether the model in charge reads something that this stage makes, by its tree or by its score.
+// Whether the model in charge reads something that this stage makes.
 [[nodiscard]] constexpr bool needs(const Config& config, Stage stage) {
-  return reads(set_of(config), stage) || score::reads(score_of(config), stage);
-}
-
-// Fills Features::marker_score when the model in charge has a score; a score is of one model, so this is no stage of
-// tactile/. Features that are rates count as 0 while they are not valid, as for the tree.
-constexpr void complete(const Config& config, Features& features, Saturations& saturations) {
-  const score::Score& score = score_of(config);
-  if (score.count == 0) return;
-  std::array<std::int32_t, score::kMaxTerms> x{};
-  for (int i = 0; i < score.count; ++i) x[idx(i)] = input(kFeatures[score.terms[idx(i)].feature], features);
-  features.marker_score = score::of(score, x, saturations);
+  return reads(set_of(config), stage);
 }
 
 [[nodiscard]] constexpr Verdict classify(const Config& config, const Features& features) {
-  return config.loaded != nullptr ? classify_loaded(*config.loaded, features, config.sensitivity)
-                                  : slip_tree::evaluate(inputs(features), config.sensitivity);
+  return config.loaded != nullptr ? classify_loaded(*config.loaded, features) : slip_tree::evaluate(inputs(features));
 }
 
 }  // namespace holdfast::classifier

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Turns one verdict per frame into a steady grip request.
 //
-// Raises with the `raise_frames`-th slip in a row; drops with the first frame that holds and comes `hold` or
-// more after the last slip. "In a row" counts frames, not time: a gap neither ends a run nor lengthens it,
-// because the frames on both sides of it said slip and to tighten is the safe side. Range: now may jump by
-// hours; it never runs backwards (if it did, a raised request would stay raised). Does not judge frame
-// quality (supervisor) and knows no pins (board).
+// Raises with the `raise_frames`-th slip in a row, or at once where the model needs no second frame; drops with the
+// first frame that holds and comes `hold` or more after the last slip. "In a row" counts frames, not time: a gap
+// neither ends a run nor lengthens it, because the frames on both sides of it said slip and to tighten is the safe
+// side. Range: now may jump by hours; it never runs backwards (if it did, a raised request would stay raised). Does not
+// judge frame quality (supervisor) and knows no pins (board).
 #pragma once
 
 #include <cstdint>
@@ -31,10 +31,10 @@ struct State {
 };
 
 [[nodiscard]] constexpr GripRequest update(State& state, const Config& config, Verdict verdict, Micros now) {
-  if (verdict == Verdict::kSlip) {
+  if (verdict != Verdict::kHold) {
     if (state.run < config.raise_frames) ++state.run;
     state.last_slip = now;
-    state.raised = state.raised || state.run >= config.raise_frames;
+    state.raised = state.raised || verdict == Verdict::kSlipNow || state.run >= config.raise_frames;
   } else {
     state.run = 0;
     state.raised = state.raised && now - state.last_slip < config.hold;

@@ -13,7 +13,6 @@
 #include <string_view>
 
 #include "base/math.hpp"
-#include "slip/score.hpp"
 #include "slip/tree_io.hpp"
 
 namespace holdfast::model {
@@ -22,14 +21,12 @@ inline constexpr int kMaxNodes = 511;  // a complete tree of depth 8, the deepes
 inline constexpr int kMaxDepth = 20;   // predicates from the root to a leaf: bounds the work per frame
 inline constexpr int kNameBytes = 32;
 
-enum class Kind : std::uint8_t { kHold = 0, kSlip = 1, kSplit = 2 };  // leaves are numbered as their verdicts
-static_assert(static_cast<int>(Kind::kHold) == static_cast<int>(Verdict::kHold));
-static_assert(static_cast<int>(Kind::kSlip) == static_cast<int>(Verdict::kSlip));
+enum class Kind : std::uint8_t { kHold = 0, kSlip = 1, kSplit = 2, kSlipNow = 3 };
 
 struct Node {
   std::int32_t threshold = 0;     // split: x <= threshold goes to the next node,
   std::uint16_t child_false = 0;  // all else to this one
-  std::uint8_t feature = 0;       // split: which of the set's features x is; leaf slip: from which Sensitivity on
+  std::uint8_t feature = 0;       // split: which of the set's features x is
   Kind kind = Kind::kSlip;
   friend constexpr bool operator==(const Node&, const Node&) = default;
 };
@@ -40,7 +37,6 @@ struct Tree {
   std::array<char, kNameBytes> name{};            // zero-padded
   std::uint32_t text_crc32 = 0;                   // of the text that it was compiled from
   const FeatureSet* set = &kFeatureSets.front();  // what it reads; never null
-  score::Score score;                             // the marker_score of that set; no terms when the set has none
   int count = 1;                                  // nodes in use
   std::array<Node, kMaxNodes> nodes{};            // root first
 };
@@ -67,13 +63,13 @@ struct Tree {
 
 // `x`: the features of tree.set, in its order. At most kMaxDepth predicates; a longer path, which no checked tree has,
 // answers slip.
-[[nodiscard]] constexpr Verdict evaluate(const Tree& tree, std::span<const std::int32_t> x,
-                                         Sensitivity sensitivity = Sensitivity::kNormal) {
+[[nodiscard]] constexpr Verdict evaluate(const Tree& tree, std::span<const std::int32_t> x) {
   std::size_t at = 0;
   for (int step = 0; step <= kMaxDepth; ++step) {
     const Node& node = tree.nodes[at];
     if (node.kind == Kind::kHold) return Verdict::kHold;
-    if (node.kind == Kind::kSlip) return slip_from(static_cast<Sensitivity>(node.feature), sensitivity);
+    if (node.kind == Kind::kSlip) return Verdict::kSlip;
+    if (node.kind == Kind::kSlipNow) return Verdict::kSlipNow;
     at = x[node.feature] <= node.threshold ? at + 1 : node.child_false;
   }
   return Verdict::kSlip;

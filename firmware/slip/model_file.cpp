@@ -60,27 +60,6 @@ using Bytes = std::span<const std::uint8_t>;
   return Refusal::kNone;
 }
 
-[[nodiscard]] Refusal fill_score(Bytes bytes, model::Tree& tree) {
-  score::Score& score = tree.score;
-  score.count = bytes[kScoreAt];
-  score.bias_q8 = get_le<std::int32_t>(bytes, kScoreAt + 4);
-  if (score.count > score::kMaxTerms || !is_zero(bytes.subspan(kScoreAt + 1, 3))) return Refusal::kScore;
-  const std::size_t end = kTermsAt + idx(score.count) * kTermBytes;
-  if (!is_zero(bytes.subspan(end, kNodesAt - end))) return Refusal::kScore;
-  for (int i = 0; i < score.count; ++i) {
-    const std::size_t at = kTermsAt + idx(i) * kTermBytes;
-    const auto* const feature =
-        std::ranges::find_if(kFeatures, [&](const FeatureInfo& f) { return is_named(bytes, at, f.name); });
-    if (feature == kFeatures.end() || bytes[at + kNameBytes + 4] != feature->q) return Refusal::kScoreFeature;
-    if (!is_zero(bytes.subspan(at + kNameBytes + 5, 3))) return Refusal::kScore;
-    score.terms[idx(i)] = {static_cast<std::uint8_t>(feature - kFeatures.begin()),
-                           get_le<std::int16_t>(bytes, at + kNameBytes),
-                           get_le<std::uint16_t>(bytes, at + kNameBytes + 2)};
-  }
-  const bool agrees = (score.count > 0) == reads(*tree.set, Stage::kScore);
-  return agrees && score::is_valid(score) ? Refusal::kNone : Refusal::kScore;
-}
-
 [[nodiscard]] Refusal fill_nodes(Bytes bytes, model::Tree& tree) {
   tree.count = get_le<std::uint16_t>(bytes, kNodeCountAt);
   if (tree.count < 3 || tree.count > model::kMaxNodes) return Refusal::kForm;
@@ -125,12 +104,8 @@ Refusal check(const model::Tree& tree) {
       range.max = node.threshold;
       continue;
     }
-    const bool slips = node.kind == model::Kind::kSlip;
-    const model::Node leaf{.feature = slips ? node.feature : std::uint8_t{0}, .kind = node.kind};
-    if (node != leaf || node.kind > model::Kind::kSplit || leaf.feature >= kSensitivityNames.size()) {
-      return Refusal::kNode;
-    }
-    answers[static_cast<std::size_t>(node.kind)] = true;
+    if (node.kind > model::Kind::kSlipNow || node != model::Node{.kind = node.kind}) return Refusal::kNode;
+    answers[node.kind == model::Kind::kHold ? 0 : 1] = true;
     // Back to the last split whose second child is still to come: that child is the next node.
     while (depth > 0 && path[idx(depth - 1)].is_false) {
       const Split& done = path[idx(--depth)];
@@ -153,7 +128,7 @@ Refusal check(const model::Tree& tree) {
 Refusal read(std::span<const std::uint8_t> bytes, model::Tree& tree) {
   tree = {};
   Refusal refusal = check_envelope(bytes);
-  for (const auto fill : {fill_head, fill_set, fill_score, fill_nodes}) {
+  for (const auto fill : {fill_head, fill_set, fill_nodes}) {
     if (refusal == Refusal::kNone) refusal = fill(bytes, tree);
   }
   if (refusal == Refusal::kNone) refusal = check(tree);

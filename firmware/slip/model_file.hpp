@@ -6,7 +6,7 @@
 //
 //   offset  bytes  what
 //        0      8  magic: 89 48 46 54 0D 0A 1A 0A; a copy that changes line ends or the eighth bit breaks it
-//        8      2  version of this table: 2
+//        8      2  version of this table: 3
 //       10      2  nodes in use, 3 to 511
 //       12      1  features in use, 1 to 32
 //       13      3  zero
@@ -15,29 +15,19 @@
 //       52     32  name of its feature set, zero-padded
 //       84   1024  names of the set's features in its order, 32 bytes each, zero-padded
 //     1108     32  fraction bits (Qn) of these features, one byte each
-//     1140    328  score (score.hpp) of a model whose set reads marker_score; of any other all zero:
-//                    0  1  terms in use, 1 to 8
-//                    1  3  zero
-//                    4  4  bias, signed, Q8
-//                    8  8 terms of 40 bytes: 0  32  name of the feature, zero-padded
-//                                           32   2  weight, signed, Q8; not 0
-//                                           34   2  offset, at least 1
-//                                           36   1  fraction bits (Qn) of the feature
-//                                           37   3  zero
-//     1468   4088  nodes of 8 bytes, in preorder:
+//     1140   4088  nodes of 8 bytes, in preorder:
 //                    0  4  split: threshold, signed. x <= threshold goes to the next node,
 //                    4  2         all else to the node of this number
 //                    6  1         which of the features above x is
-//                          leaf slip: 0 always, 1 not when quiet, 2 only when sensitive
-//                    7  1  0 leaf hold, 1 leaf slip, 2 split; of a leaf all else is zero
-//     5556     64  signature: all zero, the only form that this version reads. What goes onto a device is signed as a
+//                    7  1  0 leaf hold, 1 leaf slip, 2 split, 3 leaf slip without a second frame; of a leaf
+//                       all else is zero
+//     5228     64  signature: all zero, the only form that this version reads. What goes onto a device is signed as a
 //                  whole, by the seal around these bytes (app/sealed.hpp), which covers number and kind as well;
 //                  a second signature here that nobody checks would only look like one
-//     5620      4  CRC-32 of all bytes before it
-//     5624
+//     5292      4  CRC-32 of all bytes before it
+//     5296
 //
 // The features are listed although the set's name stands for them: a firmware whose set of that name differs refuses.
-// So it is with the score's: by number they would become others when a row is added to kFeatures.
 #pragma once
 
 #include <algorithm>
@@ -48,14 +38,13 @@
 #include <string_view>
 
 #include "slip/model.hpp"
-#include "slip/score.hpp"
 #include "slip/tree_io.hpp"
 
 namespace holdfast::model_file {
 
 using model::kNameBytes;
 inline constexpr std::array<std::uint8_t, 8> kMagic{0x89, 'H', 'F', 'T', '\r', '\n', 0x1A, '\n'};
-inline constexpr std::uint16_t kVersion = 2;
+inline constexpr std::uint16_t kVersion = 3;
 inline constexpr int kMaxFeatures = 32;
 
 inline constexpr std::size_t kVersionAt = 8;
@@ -66,16 +55,12 @@ inline constexpr std::size_t kNameAt = 20;
 inline constexpr std::size_t kSetAt = kNameAt + kNameBytes;
 inline constexpr std::size_t kFeaturesAt = kSetAt + kNameBytes;
 inline constexpr std::size_t kQAt = kFeaturesAt + std::size_t{kMaxFeatures} * kNameBytes;
-inline constexpr std::size_t kScoreAt = kQAt + kMaxFeatures;
-inline constexpr std::size_t kTermsAt = kScoreAt + 8;
-inline constexpr std::size_t kTermBytes = kNameBytes + 8;
-inline constexpr std::size_t kNodesAt = kTermsAt + score::kMaxTerms * kTermBytes;
+inline constexpr std::size_t kNodesAt = kQAt + kMaxFeatures;
 inline constexpr std::size_t kNodeBytes = 8;
 inline constexpr std::size_t kSignatureAt = kNodesAt + model::kMaxNodes * kNodeBytes;
 inline constexpr std::size_t kCrcAt = kSignatureAt + 64;
 inline constexpr std::size_t kBytes = kCrcAt + 4;
-static_assert(kScoreAt == 1140 && kNodesAt == 1468 && kSignatureAt == 5556 && kBytes == 5624,
-              "the table above says so");
+static_assert(kNodesAt == 1140 && kSignatureAt == 5228 && kBytes == 5296, "the table above says so");
 static_assert(std::ranges::all_of(kFeatureSets, [](const FeatureSet& set) {
   return set.name.size() <= kNameBytes && set.size() <= kMaxFeatures;
 }));
@@ -91,8 +76,6 @@ enum class Refusal : std::uint8_t {
   kForm,
   kSetUnknown,
   kFeatures,
-  kScoreFeature,
-  kScore,
   kNode,
   kNoChild,
   kCircle,
@@ -129,9 +112,6 @@ inline constexpr auto kRefusals = std::to_array<RefusalInfo>({
      "give a model of a set that this firmware has, or update the firmware"},
     {Refusal::kFeatures, "the model's feature set has other features here", "made for another firmware",
      "train the model again for this firmware"},
-    {Refusal::kScoreFeature, "the model's score reads a feature that is not known here", "made for another firmware",
-     "train the model again for this firmware"},
-    {Refusal::kScore, "the model's score is missing, not asked for, or reads what it may not", kByHand, kCompileAgain},
     {Refusal::kNode, "a node is neither a split by a listed feature nor a leaf", kByHand, kCompileAgain},
     {Refusal::kNoChild, "a child lies outside of the model", kByHand, kCompileAgain},
     {Refusal::kCircle, "a path of the tree runs in a circle", kByHand, kCompileAgain},

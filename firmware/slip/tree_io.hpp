@@ -18,18 +18,11 @@
 
 namespace holdfast {
 
-enum class Verdict : std::uint8_t { kHold = 0, kSlip = 1 };
-
-// Operating points: how easily slip is told. A leaf of a tree says slip from one of them on.
-enum class Sensitivity : std::uint8_t { kQuiet, kNormal, kSensitive };
-inline constexpr std::array<std::string_view, 3> kSensitivityNames{"quiet", "normal", "sensitive"};
-
-[[nodiscard]] constexpr Verdict slip_from(Sensitivity least, Sensitivity chosen) {
-  return chosen >= least ? Verdict::kSlip : Verdict::kHold;
-}
+// kSlip counts towards decision::Config::raise_frames; kSlipNow stands on evidence that needs no second frame.
+enum class Verdict : std::uint8_t { kHold = 0, kSlip = 1, kSlipNow = 2 };
 
 // Which stage of pipeline.cpp makes a feature; all but the paper's and the contact are made only for who reads them.
-enum class Stage : std::uint8_t { kAlways, kField, kImprint, kScore };
+enum class Stage : std::uint8_t { kAlways, kField, kImprint };
 
 struct FeatureInfo {
   std::string_view name;  // as in model texts; ends in its unit and Q format
@@ -45,14 +38,11 @@ struct FeatureInfo {
 namespace tree_io_detail {
 
 template <auto Member>
-constexpr FeatureInfo feature(std::string_view name, std::string_view unit, int q, bool needs_earlier_frame,
-                              Stage stage = Stage::kAlways) {
+constexpr FeatureInfo feature(std::string_view name, std::string_view unit, int q, bool needs_earlier_frame) {
   using Type = std::remove_cvref_t<decltype(Features{}.*Member)>;
-  return {name,       unit,
-          q,          Type::kMin,
-          Type::kMax, needs_earlier_frame,
-          stage,      [](const Features& features) {
-            return (features.*Member).raw(); }};
+  return {name, unit, q, Type::kMin, Type::kMax, needs_earlier_frame, Stage::kAlways, [](const Features& features) {
+            return (features.*Member).raw();
+          }};
 }
 
 template <auto Member>
@@ -96,15 +86,20 @@ inline constexpr auto kFeatures = std::to_array<FeatureInfo>({
     tree_io_detail::field_feature<&FieldFeatures::dilation_rate>("dilation_rate_ppm_s", "1e-6/s", 0, true),
     tree_io_detail::field_feature<&FieldFeatures::easing>("easing_ppm_s", "1e-6/s", 0, true),
     // The picture between the dots.
-    tree_io_detail::imprint_feature<&ImprintFeatures::motion_short>("imprint_short_log2_um_q8", "log2(um)", 8),
     tree_io_detail::imprint_feature<&ImprintFeatures::motion>("imprint_log2_um_q8", "log2(um)", 8),
-    tree_io_detail::imprint_feature<&ImprintFeatures::motion_long>("imprint_long_log2_um_q8", "log2(um)", 8),
+    tree_io_detail::imprint_feature<&ImprintFeatures::growth>("imprint_growth_log2_q8", "log2", 8),
+    tree_io_detail::imprint_feature<&ImprintFeatures::coarse>("imprint_coarse_log2_um_q8", "log2(um)", 8),
     tree_io_detail::imprint_feature<&ImprintFeatures::patches>("imprint_patches", "1", 0),
     tree_io_detail::feature<&Features::contact>("contact", "1", 0, false),
-    // Log-odds from the marker features.
-    tree_io_detail::feature<&Features::marker_score>("marker_score_log2_q8", "log2", 8, false, Stage::kScore),
 });
 inline constexpr int kFeatureCount = static_cast<int>(kFeatures.size());
+
+// Index into kFeatures; kFeatureCount: no such feature.
+[[nodiscard]] constexpr std::uint8_t feature_index(std::string_view name) {
+  std::uint8_t i = 0;
+  while (i < kFeatureCount && kFeatures[i].name != name) ++i;
+  return i;
+}
 
 struct FeatureSet {
   std::string_view name;
@@ -123,10 +118,7 @@ inline constexpr std::array<std::uint8_t, 4> kPaper{0, 1, 2, 3};
 inline constexpr std::array<std::uint8_t, 6> kPaperAndRigid{0, 1, 2, 3, 6, 10};
 inline constexpr std::array<std::uint8_t, 13> kField{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
 inline constexpr std::array<std::uint8_t, 17> kAll{0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
-inline constexpr std::array<std::uint8_t, 1> kScore{23};
 inline constexpr std::array<std::uint8_t, 5> kImprint{18, 19, 20, 21, 22};
-inline constexpr std::array<std::uint8_t, 19> kFused{5,  6,  7,  8,  9,  10, 11, 12, 13, 14,
-                                                     15, 16, 17, 18, 19, 20, 21, 22, 23};
 inline constexpr std::array<std::uint8_t, 18> kTouch{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22};
 
 }  // namespace tree_io_detail
@@ -138,9 +130,7 @@ inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
     {"paper_rigid", tree_io_detail::kPaperAndRigid},  // and the residual from a rigid motion, with its rate
     {"field", tree_io_detail::kField},                // shape and flow of the field, without the paper's four
     {"all", tree_io_detail::kAll},                    // all of the markers' but the plain amount of shear (shift)
-    {"score", tree_io_detail::kScore},                // the linear score of the markers' features alone
     {"imprint", tree_io_detail::kImprint},            // the picture between the dots alone
-    {"fused", tree_io_detail::kFused},                // field, score and imprint
     {"touch", tree_io_detail::kTouch},                // field and imprint: what `holdfast fuse` puts together
 });
 

@@ -7,10 +7,6 @@
 // gel creeps back. The dots alone cannot tell: on the recordings the third largest displacement of the empty gel is
 // below 35 um in 99 of 100 frames, but below 70 in half of the held ones and below 42 in one of twenty that slip. So
 // there is a gate only where there is a picture.
-//
-// While an object is pressed on, its imprint grows, which looks like motion: 90 to 215 um in simulated grasps, where a
-// slip begins at 110. So the imprint is not believed in its first moments. Whether the markers are heard then is up to
-// the model: slip_v3 hears them only where fewer than 10 patches show relief.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +24,6 @@ struct Config {
   Micros begin_after{40'000};   // so long one of the witnesses must have spoken,
   Micros end_after{120'000};    // so long both must have been silent
   Micros empty_after{500'000};  // and so long before the gel is taken for empty
-  Micros settle{300'000};       // that the patches have been in contact, before their motion is believed
 };
 
 // Released: the contact ended while the gripper said that it was opening, which is what it was meant to do.
@@ -36,18 +31,15 @@ enum class Event : std::uint8_t { kNone, kTouched, kLost, kReleased };
 
 struct State {
   bool touching = false;
-  bool known = false;    // a frame came before
-  Micros since{};        // the witnesses say since then what they say now
-  bool spoke = false;    // what they said last
-  bool pressed = false;  // the patches alone
-  Micros pressed_since{};
+  bool known = false;  // a frame came before
+  Micros since{};      // the witnesses say since then what they say now
+  bool spoke = false;  // what they said last
   bool empty = false;  // nothing has touched the gel for so long that its picture may be learned
 };
 
 struct Contact {
   bool judged = false;  // false: no picture between the dots, and nobody can tell
   bool touching = false;
-  bool settled = false;  // the imprint's motion may be believed
   Event event = Event::kNone;
 };
 
@@ -68,12 +60,9 @@ inline void forget(State& state) {
 }
 
 // `patches`: ImprintFeatures::patches; `opening`: the gripper says that it is. What the first frame says counts as
-// having lasted: a gripper that holds something when the sensor starts is in contact at once, and its imprint believed.
+// having lasted: a gripper that holds something when the sensor starts is in contact at once.
 [[nodiscard]] inline Contact update(State& state, const Config& config, const DisplacementField& field, Count patches,
                                     bool opening, Micros now) {
-  const bool pressed = patches.raw() >= (state.pressed ? config.end_patches : config.begin_patches);
-  if (pressed && !state.pressed) state.pressed_since = state.known ? now : now - config.settle;
-  state.pressed = pressed;
   const bool speaks = state.touching ? patches.raw() >= config.end_patches || displaced(field, config.end_um)
                                      : patches.raw() >= config.begin_patches || displaced(field, config.begin_um);
   Contact out;
@@ -93,7 +82,6 @@ inline void forget(State& state) {
   }
   out.judged = true;
   out.touching = state.touching;
-  out.settled = state.touching && pressed && now - state.pressed_since >= config.settle;
   state.empty = !state.touching && !speaks && lasted >= config.empty_after;
   return out;
 }

@@ -2,8 +2,13 @@
 #include "tactile/imprint.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
+#include <numeric>
+#include <span>
 
 #include "base/math.hpp"
+#include "tactile/coarse.hpp"
 
 namespace holdfast::imprint {
 namespace {
@@ -42,6 +47,35 @@ constexpr auto kNeighbours = [] {
     }
   }
   return pairs;
+}();
+
+// Twice the mean slope along a and along b, kFree times, is a sum of samples with these weights: central differences,
+// and one-sided ones at the rim.
+struct SlopeWeights {
+  std::array<std::int8_t, kFree> a{}, b{};
+};
+
+constexpr SlopeWeights kSlope = [] {
+  SlopeWeights weights;
+  const auto at = [](int a, int b) {
+    if (a < 0 || b < 0 || !is_free(a, b)) return -1;
+    int i = 0;
+    while (kPlaces[idx(i)].a != a || kPlaces[idx(i)].b != b) ++i;
+    return i;
+  };
+  const auto add = [](std::array<std::int8_t, kFree>& to, int i, int before, int after) {
+    if (before < 0 && after < 0) return;
+    const int times = before < 0 || after < 0 ? 2 : 1;
+    const std::size_t last = idx(after < 0 ? i : after), first = idx(before < 0 ? i : before);
+    to[last] = static_cast<std::int8_t>(to[last] + times);
+    to[first] = static_cast<std::int8_t>(to[first] - times);
+  };
+  for (int i = 0; i < kFree; ++i) {
+    const Place p = kPlaces[idx(i)];
+    add(weights.a, i, at(p.a - 1, p.b), at(p.a + 1, p.b));
+    add(weights.b, i, at(p.a, p.b - 1), at(p.a, p.b + 1));
+  }
+  return weights;
 }();
 
 // --- The reduced picture ---
@@ -195,13 +229,10 @@ bool inside(const Reduced& picture, std::int32_t x_q12, std::int32_t y_q12) {
 }
 
 // All four corners of the patch lie in the picture.
-bool inside(const Reduced& picture, const Frame& f, std::int32_t dx_q12, std::int32_t dy_q12) {
+bool inside(const Reduced& picture, const Frame& f) {
   for (const std::int32_t a : {0, kSide - 1}) {
     for (const std::int32_t b : {0, kSide - 1}) {
-      if (!inside(picture, f.x_q12 + dx_q12 + a * f.ax_q12 + b * f.bx_q12,
-                  f.y_q12 + dy_q12 + a * f.ay_q12 + b * f.by_q12)) {
-        return false;
-      }
+      if (!inside(picture, f.x_q12 + a * f.ax_q12 + b * f.bx_q12, f.y_q12 + a * f.ay_q12 + b * f.by_q12)) return false;
     }
   }
   return true;
@@ -232,39 +263,47 @@ Frame frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t pat
   out.by_q12 = step(second.y.raw() - own.y.raw(), sb);
   out.x_q12 = reduced_q12(own.x.raw(), picture.left, picture.reduction_log2) + (out.ax_q12 + out.bx_q12) / 2;
   out.y_q12 = reduced_q12(own.y.raw(), picture.top, picture.reduction_log2) + (out.ay_q12 + out.by_q12) / 2;
-  out.usable = inside(picture, out, 0, 0);
+  out.usable = inside(picture, out);
   return out;
 }
 
-// The four dots around a patch, and what each counts for at its middle, a quarter of the way to each neighbour.
-// Sixteenths.
-std::array<std::int32_t, 4> dots_of(const Corner& corner) {
-  return {corner.own, corner.beside, corner.over, corner.across};
-}
-constexpr std::array<std::int32_t, 4> kWeights{9, 3, 3, 1};
-
-// Displacement of a patch's middle. false: one of its dots is lost.
-bool displacement_q12(const MarkerField& now, const MarkerField& rest, std::int32_t patch, std::int32_t reduction_log2,
-                      std::int32_t& dx_q12, std::int32_t& dy_q12) {
-  const std::array<std::int32_t, 4> dots = dots_of(corner_of(rest.grid, patch));
-  std::int32_t x = 0, y = 0;
+// Where the patch is now, on a gel that has moved and stretched: its middle, a quarter of the way from its dot to each
+// neighbour, takes the bilinear mean of the four dots' displacements, and its steps their slope there. Beside a contact
+// the gel bends within a pitch; without the slope that shows as motion. false: one of the dots is lost.
+// Range: displacements of 2^21 in Q8.
+bool follow(const MarkerField& now, const MarkerField& rest, std::int32_t patch, std::int32_t reduction_log2,
+            Frame& frame) {
+  const Corner corner = corner_of(rest.grid, patch);
+  std::array<std::int32_t, 4> x{}, y{};
+  const std::array<std::int32_t, 4> dots{corner.own, corner.beside, corner.over, corner.across};
   for (std::size_t k = 0; k < dots.size(); ++k) {
     const Marker& to = now.markers[idx(dots[k])];
     const Marker& from = rest.markers[idx(dots[k])];
     if (!to.valid || !from.valid) return false;
-    x += kWeights[k] * (to.x.raw() - from.x.raw());
-    y += kWeights[k] * (to.y.raw() - from.y.raw());
+    x[k] = to.x.raw() - from.x.raw();
+    y[k] = to.y.raw() - from.y.raw();
   }
-  dx_q12 = x >> reduction_log2;  // sixteenths of Q8 are Q12
-  dy_q12 = y >> reduction_log2;
+  // Sixteenths of Q8 are Q12; a slope is a quarter's 4 over the 16 steps of a pitch, so a quarter of Q8 is Q12 of it.
+  static_assert(kStepsPerPitch == 16);
+  const auto middle = [&](const std::array<std::int32_t, 4>& d) { return 9 * d[0] + 3 * d[1] + 3 * d[2] + d[3]; };
+  const auto slope_a = [&](const std::array<std::int32_t, 4>& d) { return (3 * (d[1] - d[0]) + d[3] - d[2]) / 4; };
+  const auto slope_b = [&](const std::array<std::int32_t, 4>& d) { return (3 * (d[2] - d[0]) + d[3] - d[1]) / 4; };
+  const std::int32_t ax = slope_a(x) >> reduction_log2, ay = slope_a(y) >> reduction_log2;
+  const std::int32_t bx = slope_b(x) >> reduction_log2, by = slope_b(y) >> reduction_log2;
+  frame.x_q12 += (middle(x) >> reduction_log2) - (kSide - 1) * (ax + bx) / 2;
+  frame.y_q12 += (middle(y) >> reduction_log2) - (kSide - 1) * (ay + by) / 2;
+  frame.ax_q12 += ax;
+  frame.ay_q12 += ay;
+  frame.bx_q12 += bx;
+  frame.by_q12 += by;
   return true;
 }
 
 // Between pixels in 1/256: coarser steps show at the dots' rims as relief. Range: 12 bits times 2^16 stay below 2^28.
-void sample(const Reduced& picture, const Frame& f, std::int32_t dx_q12, std::int32_t dy_q12, Samples& out) {
+void sample(const Reduced& picture, const Frame& f, Samples& out) {
   for (std::size_t i = 0; i < kPlaces.size(); ++i) {
-    const std::int32_t x = f.x_q12 + dx_q12 + kPlaces[i].a * f.ax_q12 + kPlaces[i].b * f.bx_q12;
-    const std::int32_t y = f.y_q12 + dy_q12 + kPlaces[i].a * f.ay_q12 + kPlaces[i].b * f.by_q12;
+    const std::int32_t x = f.x_q12 + kPlaces[i].a * f.ax_q12 + kPlaces[i].b * f.bx_q12;
+    const std::int32_t y = f.y_q12 + kPlaces[i].a * f.ay_q12 + kPlaces[i].b * f.by_q12;
     const std::uint16_t* from = picture.pixels.data() + std::ptrdiff_t{y >> 12} * picture.width + (x >> 12);
     const std::int32_t fx = (x >> 4) & 255, fy = (y >> 4) & 255;
     const std::int32_t upper = from[0] * (256 - fx) + from[1] * fx;
@@ -273,10 +312,22 @@ void sample(const Reduced& picture, const Frame& f, std::int32_t dx_q12, std::in
   }
 }
 
-// Gradient energy of what lies on the empty gel, kPairs times. Range: differences of 12 bits and a sign, twice.
-std::uint32_t relief_of(const Samples& now, const std::array<std::uint16_t, kFree>& empty_q4) {
-  Samples c{};
-  for (std::size_t i = 0; i < c.size(); ++i) c[i] = static_cast<std::int16_t>(now[i] - ((empty_q4[i] + 8) >> 4));
+// The empty gel's patch, 16 x luma.
+Samples rounded(const std::array<std::uint16_t, kFree>& empty_q4) {
+  Samples samples{};
+  for (std::size_t i = 0; i < samples.size(); ++i) samples[i] = static_cast<std::int16_t>((empty_q4[i] + 8) >> 4);
+  return samples;
+}
+
+// What lies on it.
+Samples over_empty(const Samples& now, const std::array<std::uint16_t, kFree>& empty_q4) {
+  Samples c = rounded(empty_q4);
+  for (std::size_t i = 0; i < c.size(); ++i) c[i] = static_cast<std::int16_t>(now[i] - c[i]);
+  return c;
+}
+
+// Its gradient energy, kPairs times. Range: differences of 12 bits and a sign, twice.
+std::uint32_t relief_of(const Samples& c) {
   std::uint32_t sum = 0;
   for (const Pair& pair : kNeighbours) {
     const std::int32_t slope = c[pair.second] - c[pair.first];
@@ -304,37 +355,14 @@ std::int64_t change_of(const Samples& now, const Samples& then) {
   return std::int64_t{kFree} * squares - square(sum);
 }
 
-// --- Motion ---
+// --- Evidence ---
 
-// Mean square of how the motion of a patch's dots since then differs from its middle's: in steps between samples, Q12,
-// at most half a pitch's. Both pictures have shown the patch, so its dots are there. Range: dots 2^21 apart, so squares
-// of 2^43 and a spread below 2^51; what is shifted is below 64 pitches squared, 2^46.
-constexpr int kBend_q = 12;
-constexpr std::int64_t kMostBend = square(kStepsPerPitch / 2) << kBend_q;
-std::int64_t bend(const MarkerField& now, const MarkerField& then, std::int32_t patch, std::int64_t pitch_q8) {
-  const std::array<std::int32_t, 4> dots = dots_of(corner_of(now.grid, patch));
-  std::int64_t x = 0, y = 0, squares = 0;
-  for (std::size_t k = 0; k < dots.size(); ++k) {
-    const Marker& to = now.markers[idx(dots[k])];
-    const Marker& from = then.markers[idx(dots[k])];
-    const std::int32_t dx = to.x.raw() - from.x.raw(), dy = to.y.raw() - from.y.raw();
-    x += std::int64_t{kWeights[k]} * dx;
-    y += std::int64_t{kWeights[k]} * dy;
-    squares += kWeights[k] * (square(dx) + square(dy));
-  }
-  // 256 times the mean square, by the square of 16 steps.
-  static_assert(kStepsPerPitch == 16);
-  const std::int64_t spread = 16 * squares - x * x - y * y;
-  const std::int64_t pitch2 = pitch_q8 * pitch_q8;
-  return spread >= pitch2 * (kMostBend >> kBend_q) ? kMostBend : div_round(spread << kBend_q, pitch2);
-}
-
-const Kept* picture_before(const State& state, Micros now, Micros lag) {
+const Kept* picture_before(const State& state, Micros now) {
   const Kept* best = nullptr;
-  Micros off = lag / 3;
+  Micros off = kLag / 3;
   for (int back = 0; back < state.count; ++back) {
     const Kept& kept = state.kept[idx((state.newest + kKept - back) % kKept)];
-    const Micros late = now - kept.at - lag;
+    const Micros late = now - kept.at - kLag;
     const Micros distance = late < Micros{0} ? -late : late;
     if (distance > off) continue;
     off = distance;
@@ -350,32 +378,139 @@ std::int64_t threshold_of(const State& state, const Config& config) {
   return std::max(floor, state.empty.noise_relief * config.contact_over_noise_q4 / 16);
 }
 
-// What keeps a few weak patches from showing noise as motion: of the whole contact as much as a relief of 1.2 levels^2
-// in one patch, and 0.12 levels^2 in each. Twice, as two reliefs are added.
-constexpr std::int64_t kLeastRelief = std::int64_t{2} * kPairs * 256 * 12 / 10;
-constexpr std::int64_t kLeastReliefPerPatch = std::int64_t{2} * kPairs * 256 * 12 / 100;
+// The patch among kSlope's weights, along the axes of the patch. Range: 25 weights of up to 4 on 12 bits.
+template <typename Value>
+std::int32_t slope_of(const std::array<std::int8_t, kFree>& weights, const std::array<Value, kFree>& samples) {
+  std::int32_t sum = 0;
+  for (std::size_t i = 0; i < weights.size(); ++i) sum += weights[i] * samples[i];
+  return sum;
+}
 
-// log2 of motion in um: R = change / kFree^2, G = relief / (2 kPairs). Range, of 320 patches: 0 < change < 2^42, relief
-// < 2^41; times 34 and 625 below 2^51.
-std::int64_t motion_log2_q8(std::int64_t change, std::int64_t relief, std::int32_t pitch_um) {
-  const std::int32_t ratio_q8 =
-      log2_q8(static_cast<std::uint64_t>(change) * (2 * kPairs)) -
-      log2_q8(static_cast<std::uint64_t>(std::max<std::int64_t>(relief, 1)) * (kFree * kFree));
-  const std::int32_t step_q8 = log2_q8(static_cast<std::uint64_t>(pitch_um)) - 4 * 256;
+// One patch in two pictures.
+struct Seen {
+  std::int32_t patch = 0;
+  std::uint32_t now = 0;    // kPairs G
+  std::uint32_t then = 0;   //
+  std::int32_t weight = 0;  // 68 g: of both, in 1/68 levels^2. At most 2^25.1
+  std::int32_t change = 0;  // 625 R, in 1/625 levels^2. At most 2^25.4
+};
+constexpr int kWeightShift = 7, kChangeShift = 8;
+constexpr std::int64_t kWeightUnit = (2 * kPairs * 256) >> kWeightShift;     // 68
+constexpr std::int64_t kChangeUnit = (kFree * kFree * 256) >> kChangeShift;  // 625
+static_assert(kWeightUnit == 68 && kChangeUnit == 625);
+
+// 0.2 levels^4 a patch, in squares of the weights' unit.
+constexpr std::int64_t kRegularisation = kWeightUnit * kWeightUnit / 5;
+// A relief is there when its mean square exceeds that of the empty gel's noise by 0.1 levels^4.
+constexpr std::int64_t kFloor = kWeightUnit * kWeightUnit / 10;
+
+// Those in which least is pressed, which come first. Range: at least kLeastPatches; reorders them.
+std::span<Seen> least_of(std::span<Seen> seen) {
+  const auto by_weight = [](const Seen& a, const Seen& b) { return a.weight < b.weight; };
+  const std::size_t quiet = seen.size() * 2 / 5;
+  std::nth_element(seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(quiet), seen.end(), by_weight);
+  return seen.first(quiet);
+}
+
+// What changed there; reorders them.
+std::int32_t noise_of(std::span<Seen> least) {
+  const auto at = least.begin() + static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4);
+  std::nth_element(least.begin(), at, least.end(), [](const Seen& a, const Seen& b) { return a.change < b.change; });
+  return at->change;
+}
+
+// Energy of the shading, and 1 level^2 a patch. Range: 320 squares of 18 bits.
+std::int64_t shading_energy(const Kept& kept, std::span<const Seen> seen, std::span<const Seen> least) {
+  constexpr std::int64_t kLevel = 16 * kFree;
+  std::int64_t base = 0;
+  for (const Seen& one : least) base += kept.shading[idx(one.patch)];
+  base = div_round(base, static_cast<std::int64_t>(least.size()));
+  std::int64_t sum = square(kLevel) * static_cast<std::int64_t>(seen.size());
+  for (const Seen& one : seen) sum += square(kept.shading[idx(one.patch)] - base);
+  return sum;
+}
+
+// Above this mean of g the relief inside the patches tells more than their means: 0.35 levels^2.
+constexpr std::int64_t kMostReliefForCoarse = kWeightUnit * 35;  // hundredths
+
+Log2Q8 coarse_motion(const State& state, const Kept& then, GridSize grid, std::span<const Seen> seen,
+                     std::int32_t step_q8, Saturations& saturations) {
+  std::int64_t relief = 0;
+  for (const Seen& one : seen) relief += one.weight;
+  if (relief * 100 > kMostReliefForCoarse * static_cast<std::int64_t>(seen.size())) return {};
+  static_assert(coarse::kMostPatches == kMaxPatches && coarse::kLeastPatches <= kLeastPatches);
+  std::array<coarse::Patch, kMaxPatches> patches;  // NOLINT: filled as far as it is read
+  std::size_t count = 0;
+  for (const Seen& one : seen) {
+    const std::size_t k = idx(one.patch);
+    const Corner corner = corner_of(grid, one.patch);
+    const Samples empty = rounded(state.empty.samples_q4[k]);
+    const auto both = [&](const std::array<std::int8_t, kFree>& weights) {
+      return slope_of(weights, state.last.samples[k]) + slope_of(weights, then.samples[k]);
+    };
+    coarse::Patch& patch = patches[count++];
+    patch.change = state.last.shading[k] - then.shading[k];
+    patch.shading = state.last.shading[k] + then.shading[k];
+    const std::int32_t empty_a = slope_of(kSlope.a, empty), empty_b = slope_of(kSlope.b, empty);
+    patch.slope_x = corner.sx * (both(kSlope.a) - 2 * empty_a);
+    patch.slope_y = corner.sy * (both(kSlope.b) - 2 * empty_b);
+    patch.empty_x = corner.sx * empty_a;
+    patch.empty_y = corner.sy * empty_b;
+    // From the lattice's middle.
+    patch.x = 4 * (corner.own % grid.cols) + corner.sx - 2 * (grid.cols - 1);
+    patch.y = 4 * (corner.own / grid.cols) + corner.sy - 2 * (grid.rows - 1);
+  }
+  return coarse::motion(std::span(patches).first(count), step_q8, saturations);
+}
+
+// Range, of 320 patches: weights of 2^25.1 and changes of 2^25.4 make sums below 2^59.
+void compare(const State& state, const Kept& then, const Config& config, GridSize grid, ImprintFeatures& out,
+             Saturations& saturations) {
+  const Kept& last = state.last;
+  std::array<Seen, kMaxPatches> both;  // NOLINT: filled as far as it is read
+  std::size_t count = 0;
+  for (std::int32_t p = 0; p < patches_of(grid); ++p) {
+    if (!last.seen[idx(p)] || !then.seen[idx(p)]) continue;
+    const std::uint32_t a = last.relief[idx(p)], b = then.relief[idx(p)];
+    both[count++] = {p, a, b, static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
+                     static_cast<std::int32_t>(change_of(last.samples[idx(p)], then.samples[idx(p)]) >> kChangeShift)};
+  }
+  if (count < kLeastPatches) return;
+  const auto n = static_cast<std::int64_t>(count);
+  const std::span<Seen> seen(both.data(), count);
+  const std::span<Seen> least = least_of(seen);
+  const std::int64_t noise = noise_of(least);
+  std::int64_t evidence = 0, energy = 0, energy_now = 0, energy_then = 0;
+  for (const Seen& one : seen) {
+    evidence += one.weight * (one.change - noise);
+    energy += square(one.weight);
+    energy_now += square(one.now >> (kWeightShift - 1));
+    energy_then += square(one.then >> (kWeightShift - 1));
+  }
+  const auto log_of = [](std::int64_t value) { return log2_q8(static_cast<std::uint64_t>(value)); };
+  out.growth = Log2Q8::saturate(log_of(shading_energy(last, seen, least)) - log_of(shading_energy(then, seen, least)),
+                                saturations);
   static_assert(kStepsPerPitch == 1 << 4);
-  return std::max(step_q8 + ratio_q8 / 2, 0);
+  const std::int32_t step_q8 = log_of(config.pitch_um) - 4 * 256;
+  out.coarse = coarse_motion(state, then, grid, seen, step_q8, saturations);
+  const std::int64_t floor = n * (kFloor + square(state.empty.noise_relief >> (kWeightShift - 1)));
+  if (evidence <= 0 || energy_now < floor || energy_then < floor) return;
+
+  const std::int32_t square_q8 =
+      log_of(evidence) + log_of(kWeightUnit) - log_of(energy + n * kRegularisation) - log_of(kChangeUnit);
+  out.motion = Log2Q8::saturate(std::max(step_q8 + square_q8 / 2, 0), saturations);
 }
 
 // Into the mean of the empty gel: of all frames up to kEmptyMean, then fading.
-void learn(State& state, std::int32_t patch, const Samples& now) {
-  std::array<std::uint16_t, kFree>& mean_q4 = state.empty.samples_q4[idx(patch)];
-  const bool first = !state.empty.learned[idx(patch)];
+void take_into(Empty& empty, std::int32_t patch, const Samples& now) {
+  std::array<std::uint16_t, kFree>& mean_q4 = empty.samples_q4[idx(patch)];
+  const bool first = !empty.learned[idx(patch)];
   for (std::size_t i = 0; i < now.size(); ++i) {
     const std::int32_t now_q4 = now[i] * 16;
-    const std::int64_t step = first ? now_q4 - mean_q4[i] : div_round(now_q4 - mean_q4[i], state.empty.frames);
+    const std::int64_t step = first ? now_q4 - mean_q4[i] : div_round(now_q4 - mean_q4[i], empty.frames);
     mean_q4[i] = static_cast<std::uint16_t>(mean_q4[i] + step);
   }
-  state.empty.learned[idx(patch)] = true;
+  empty.learned[idx(patch)] = true;
 }
 
 void place(State& state, const LumaView& picture, const MarkerField& rest, PixelsQ8 pitch) {
@@ -397,13 +532,11 @@ void forget(State& state) {
   state.empty.marked.fill(false);
   state.empty.frames = 0;
   state.empty.noise_relief = 0;
-  state.empty.noise_motion.fill(0);
-  state.empty.noise_frames.fill(0);
   state.count = 0;
 }
 
 ImprintFeatures update(State& state, const Config& config, const LumaView& picture, const MarkerField& markers,
-                       const MarkerField& rest, PixelsQ8 pitch, bool empty, Micros now, Saturations& saturations) {
+                       const MarkerField& rest, PixelsQ8 pitch, Micros now, Saturations& saturations) {
   ImprintFeatures out{};
   if (!state.placed || picture.width != state.width || picture.height != state.height) {
     place(state, picture, rest, pitch);
@@ -412,68 +545,31 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
   if (state.count > 0 && now <= state.kept[idx(state.newest)].at) state.count = 0;
   Kept& last = state.last;
   last.at = now;
-  last.markers = markers;
   last.seen.fill(false);
+  state.in_view.fill(false);
   if (state.picture.width == 0) return out;
 
   reduce(state.picture, picture);
   const std::int64_t threshold = threshold_of(state, config);
-  if (empty) state.empty.frames = std::min(state.empty.frames + 1, kEmptyMean);
-  std::int64_t reliefs_seen = 0;
-  std::int32_t in_contact = 0, patches_seen = 0;
+  std::int32_t in_contact = 0;
   const std::int32_t patches = patches_of(rest.grid);
   for (std::int32_t p = 0; p < patches; ++p) {
-    const Frame& frame = state.frames[idx(p)];
-    std::int32_t dx_q12 = 0, dy_q12 = 0;
-    if (!frame.usable || !displacement_q12(markers, rest, p, state.picture.reduction_log2, dx_q12, dy_q12)) continue;
-    if (!inside(state.picture, frame, dx_q12, dy_q12)) continue;
+    Frame frame = state.frames[idx(p)];
+    if (!frame.usable || !follow(markers, rest, p, state.picture.reduction_log2, frame)) continue;
+    if (!inside(state.picture, frame)) continue;
     Samples& samples = last.samples[idx(p)];
-    sample(state.picture, frame, dx_q12, dy_q12, samples);
-    last.relief[idx(p)] = state.empty.learned[idx(p)] ? relief_of(samples, state.empty.samples_q4[idx(p)]) : 0;
-    if (empty) {
-      learn(state, p, samples);
-      state.empty.marked[idx(p)] = is_marked(state.empty.samples_q4[idx(p)], config);
-    }
-    if (state.empty.marked[idx(p)]) continue;
+    sample(state.picture, frame, samples);
+    state.in_view[idx(p)] = true;
+    if (!state.empty.learned[idx(p)] || state.empty.marked[idx(p)]) continue;
     last.seen[idx(p)] = true;
+    const Samples c = over_empty(samples, state.empty.samples_q4[idx(p)]);
+    last.relief[idx(p)] = relief_of(c);
+    last.shading[idx(p)] = std::accumulate(c.begin(), c.end(), std::int32_t{0});
     if (last.relief[idx(p)] > threshold) ++in_contact;
-    reliefs_seen += last.relief[idx(p)];
-    ++patches_seen;
-  }
-  if (empty && patches_seen > 0 && state.empty.frames > kNoiseAfter) {
-    state.empty.noise_relief +=
-        div_round(reliefs_seen / patches_seen - state.empty.noise_relief, state.empty.frames - kNoiseAfter);
   }
   out.patches = Count::from_raw(in_contact);
-
-  const std::array<Log2Q8*, kLags.size()> motions{&out.motion_short, &out.motion, &out.motion_long};
-  for (std::size_t k = 0; k < kLags.size(); ++k) {
-    const Kept* const then = picture_before(state, now, kLags[k]);
-    if (then == nullptr) continue;
-    std::int64_t change = 0, relief = 0, bent = 0, all = 0;
-    std::int32_t pressed = 0, seen = 0;
-    for (std::int32_t p = 0; p < patches; ++p) {
-      if (!last.seen[idx(p)] || !then->seen[idx(p)]) continue;
-      const std::int64_t r = change_of(last.samples[idx(p)], then->samples[idx(p)]);
-      const std::int64_t reliefs = std::int64_t{last.relief[idx(p)]} + then->relief[idx(p)];
-      all += r;
-      ++seen;
-      if (reliefs <= 2 * threshold) continue;
-      change += r;
-      relief += reliefs;
-      bent += reliefs * bend(markers, then->markers, p, pitch.raw());
-      ++pressed;
-    }
-    if (empty && seen > 0) {
-      state.empty.noise_frames[k] = std::min(state.empty.noise_frames[k] + 1, kEmptyMean);
-      state.empty.noise_motion[k] += div_round(all / seen - state.empty.noise_motion[k], state.empty.noise_frames[k]);
-    }
-    if (pressed < config.least_patches) continue;
-    change -= pressed * state.empty.noise_motion[k];
-    // Range: reliefs of 2^32 times bends of 2^18, none negative, of 320 patches, stay below 2^59.
-    if (change <= bent / (std::int64_t{2} * kPairs << kBend_q) * (kFree * kFree)) continue;
-    relief += kLeastRelief + pressed * (kLeastReliefPerPatch - 2 * state.empty.noise_relief);
-    *motions[k] = Log2Q8::saturate(motion_log2_q8(change, relief, config.pitch_um), saturations);
+  if (const Kept* const then = picture_before(state, now); then != nullptr) {
+    compare(state, *then, config, rest.grid, out, saturations);
   }
 
   if (state.count == 0 || now - state.kept[idx(state.newest)].at >= kKeepEvery) {
@@ -482,6 +578,26 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
     state.kept[idx(state.newest)] = last;
   }
   return out;
+}
+
+void learn_empty(State& state, const Config& config) {
+  Empty& empty = state.empty;
+  if (std::none_of(state.in_view.begin(), state.in_view.end(), [](bool seen) { return seen; })) return;
+  empty.frames = std::min(empty.frames + 1, kEmptyMean);
+  std::int64_t reliefs = 0;
+  std::int32_t seen = 0;
+  for (std::int32_t p = 0; p < kMaxPatches; ++p) {
+    if (!state.in_view[idx(p)]) continue;
+    if (state.last.seen[idx(p)]) {
+      reliefs += state.last.relief[idx(p)];
+      ++seen;
+    }
+    take_into(empty, p, state.last.samples[idx(p)]);
+    empty.marked[idx(p)] = is_marked(empty.samples_q4[idx(p)], config);
+  }
+  if (seen > 0 && empty.frames > kNoiseAfter) {
+    empty.noise_relief += div_round(reliefs / seen - empty.noise_relief, empty.frames - kNoiseAfter);
+  }
 }
 
 }  // namespace holdfast::imprint

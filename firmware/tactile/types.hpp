@@ -43,13 +43,13 @@ struct FieldFeatures {
   StrainPpmPerSec easing;           // largest closing of late, fading: a grip that loosens
 };
 
-// How far the object's imprint moved against the gel (imprint.hpp), as log2 of um. 0 = nothing moved, no texture, or no
-// picture that long ago; `patches` tells how much the figures stand on.
+// How far the object's imprint moved against the gel over 0.16 s, and how the contact grew meanwhile (imprint.hpp). All
+// 0 without a picture that long ago.
 struct ImprintFeatures {
-  Log2Q8 motion_short;  // over 0.12 s
-  Log2Q8 motion;        // over 0.24 s
-  Log2Q8 motion_long;   // over 0.48 s
-  Count patches;        // in which something is pressed into the gel
+  Log2Q8 motion;  // log2 of um; 0 = nothing moved that stands out of the noise of these two pictures, or no relief
+  Log2Q8 growth;  // log2 of the shading now over then, by energy: +256 = doubled
+  Log2Q8 coarse;  // as motion, of what is smoother or finer than a patch shows (coarse.hpp); 0 where relief is strong
+  Count patches;  // in which something is pressed into the gel
 };
 
 // The paper's features. Shape of the histogram: count of markers per bin of abs(D) over [0, R).
@@ -65,7 +65,6 @@ struct Features {
   FieldFeatures field;      // all 0 unless the pipeline was told to compute them
   ImprintFeatures imprint;  // likewise
   Count contact;            // 1: something touches the gel (contact.hpp) and is not let go, or nobody can tell
-  Log2Q8 marker_score;      // log-odds of slip by the model's linear score (slip/score.hpp); 0 without one
 };
 
 }  // namespace holdfast

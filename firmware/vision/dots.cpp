@@ -172,6 +172,8 @@ bool looks_like_disc(const Blob& blob) {
 
 Status detect(State& state, const Config& config, const LumaView& luma, Dots& out) {
   out.count = 0;
+  out.width = luma.width;
+  out.height = luma.height;
   const std::int32_t step =
       std::max((luma.width + kMaxWidth - 1) / kMaxWidth, (luma.height + kMaxHeight - 1) / kMaxHeight);
   const Size size = shrink(state, luma, step);

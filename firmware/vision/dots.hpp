@@ -36,6 +36,8 @@ struct Dot {
 };
 
 struct Dots {
+  std::int32_t width = 0;  // of the picture that they were found in
+  std::int32_t height = 0;
   int count = 0;
   std::array<Dot, kMaxDots> dots{};
 };

@@ -320,6 +320,42 @@ void predict_missing(const State& state, const dots::Dots& dots, const Window& w
   }
 }
 
+// Leaves out the outer rows and columns that lie too near to the picture's edge. At least three of each stay.
+Cut leave_out_cut_lines(const dots::Dots& dots, std::int64_t margin_px_q8, MarkerField& field) {
+  const GridSize seen = field.grid;
+  // Distances to the edge that runs along the line.
+  const auto is_cut = [&](std::int32_t first, std::int32_t step, std::int32_t count, auto&& distance) {
+    std::int32_t near = 0;
+    for (std::int32_t k = 0; k < count; ++k) near += distance(field.markers[idx(first + k * step)]) < margin_px_q8;
+    return near * 3 >= count;
+  };
+  const std::int32_t right = (dots.width - 1) << 8;
+  const std::int32_t bottom = (dots.height - 1) << 8;
+  const auto row_is_cut = [&](std::int32_t r, auto&& distance) {
+    return is_cut(r * seen.cols, 1, seen.cols, distance);
+  };
+  const auto col_is_cut = [&](std::int32_t c, auto&& distance) { return is_cut(c, seen.cols, seen.rows, distance); };
+  Cut cut{};
+  const auto rows_left = [&] { return seen.rows - cut.top - cut.bottom; };
+  const auto cols_left = [&] { return seen.cols - cut.left - cut.right; };
+  while (rows_left() > 3 && row_is_cut(cut.top, [](const Marker& m) { return m.y.raw(); })) ++cut.top;
+  while (rows_left() > 3 && row_is_cut(seen.rows - 1 - cut.bottom, [&](const Marker& m) { return bottom - m.y.raw(); }))
+    ++cut.bottom;
+  while (cols_left() > 3 && col_is_cut(cut.left, [](const Marker& m) { return m.x.raw(); })) ++cut.left;
+  while (cols_left() > 3 && col_is_cut(seen.cols - 1 - cut.right, [&](const Marker& m) { return right - m.x.raw(); }))
+    ++cut.right;
+  if (cut.lines() == 0) return cut;
+  const MarkerField all = field;
+  field = {};
+  field.grid = {static_cast<std::uint8_t>(rows_left()), static_cast<std::uint8_t>(cols_left())};
+  for (std::int32_t r = 0; r < field.grid.rows; ++r) {
+    for (std::int32_t c = 0; c < field.grid.cols; ++c) {
+      field.markers[idx(r * field.grid.cols + c)] = all.markers[idx((r + cut.top) * seen.cols + c + cut.left)];
+    }
+  }
+  return cut;
+}
+
 }  // namespace
 
 Status register_dots(State& state, const Config& config, const dots::Dots& dots, const MarkerField* prior,
@@ -360,6 +396,9 @@ Status register_dots(State& state, const Config& config, const dots::Dots& dots,
     }
   }
   predict_missing(state, dots, window, out.field);
+  if (prior == nullptr) {
+    out.cut = leave_out_cut_lines(dots, std::int64_t{out.pitch.raw()} * config.edge_pct / 100, out.field);
+  }
   return kOkStatus;
 }
 

@@ -61,6 +61,7 @@ struct State {
   int frames_to_search = 0;
   std::uint32_t searches = 0;  // whole-picture searches since start
   GridSize found;              // lattice seen by the last registration, also when it failed
+  grid::Cut cut;               // what was left out of it at first sight
   dots::State dots_state;
   dots::Dots dots;
   grid::State grid_state;

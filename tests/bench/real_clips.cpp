@@ -47,7 +47,7 @@ int main(int argc, char** argv) {
   fmt::print(
       "all found: frames with every marker valid. confirmed: of the judged frames, those with a dark blob of "
       "OpenCV's\n"
-      "within 1 px of every marker. worst: largest such distance, px. order: inversions of neighbours. not "
+      "within 1 px of every valid marker. worst: largest such distance, px. order: inversions of neighbours. not "
       "home:\n"
       "markers over 0.3 pitch from rest on the empty gel. jitter: standard deviation on the empty gel, px at "
       "320x240.\n");

@@ -77,7 +77,7 @@ cv::Ptr<cv::ml::DTrees> opencv_tree(const model::Tree& table) {
   for (int i = 0; i < table.count; ++i) {
     const model::Node& node = table.nodes[idx(i)];
     const bool is_split = node.kind == model::Kind::kSplit;
-    const int verdict = is_split ? 0 : static_cast<int>(node.kind);
+    const int verdict = is_split || node.kind == model::Kind::kHold ? 0 : 1;
     const int depth = depths[idx(i)];
     yaml += fmt::format("      -\n         depth: {}\n         value: {}.\n         norm_class_idx: {}\n", depth,
                         verdict, verdict);
@@ -198,9 +198,11 @@ class Bench {
     return std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - start).count();
   }
 
-  [[gnu::noinline, gnu::aligned(64)]] static int header(const Row& x) { return static_cast<int>(Forms::header(x)); }
+  [[gnu::noinline, gnu::aligned(64)]] static int header(const Row& x) {
+    return Forms::header(x) != Verdict::kHold ? 1 : 0;
+  }
   [[gnu::noinline, gnu::aligned(64)]] static int loaded(const model::Tree& tree, const Row& x) {
-    return static_cast<int>(model::evaluate(tree, x));
+    return model::evaluate(tree, x) != Verdict::kHold ? 1 : 0;
   }
   [[gnu::noinline, gnu::aligned(64)]] static int emlearn(const std::int16_t* x) { return Forms::emlearn(x); }
   [[gnu::noinline, gnu::aligned(64)]] static int empty(const Row& x) {

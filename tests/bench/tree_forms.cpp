@@ -102,7 +102,7 @@ std::vector<Drawn> drawn_around(const treec::Model& model) {
 // emlearn compares `<`; on whole numbers x < t + 1 is our x <= t.
 std::string emlearn_node(const treec::Model& model, const std::vector<Drawn>& drawn, int id) {
   const treec::Node& node = model.nodes[idx(id)];
-  if (node.is_leaf) return "return " + std::to_string(static_cast<int>(node.verdict)) + ";\n";
+  if (node.is_leaf) return "return " + std::to_string(static_cast<int>(node.verdict != Verdict::kHold)) + ";\n";
   const std::string feature = std::to_string(node.feature);
   const int threshold = (node.threshold >> drawn[idx(node.feature)].shift) + 1;
   return "if (features[" + feature + "] < " + std::to_string(threshold) + ") {\n" +

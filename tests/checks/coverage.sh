@@ -20,6 +20,7 @@ command -v gcovr >/dev/null || {
   complain "no gcovr" "not installed" "apt-get install gcovr, or run tests/run.sh"
   exit 1
 }
+export CCACHE_BASEDIR=  # the objects name the folder that they count in: another clone's are of no use
 quietly "$build.log" cmake --preset coverage || exit 1
 quietly "$build.log" cmake --build --preset coverage || exit 1
 find -L "$build" -name '*.gcda' -delete  # counts of earlier runs

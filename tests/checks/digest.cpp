@@ -210,20 +210,17 @@ std::string luma_9x7(std::string_view name) {
   return grasp_of(name, gel, params_of(gel));
 }
 
-// The camera's picture in mode fast, and all features, most easily told.
+// The camera's picture in mode fast, and all features.
 std::string luma_410(std::string_view name) {
   const Gel gel{.width = 410, .height = 308, .pitch_px_q8 = 35 << 8};
   Params params = params_of(gel);
   params.all_features = 1;
-  params.sensitivity = static_cast<std::int32_t>(Sensitivity::kSensitive);
   return grasp_of(name, gel, params);
 }
 
 std::string luma_820(std::string_view name) {
   const Gel gel{.width = 820, .height = 616, .pitch_px_q8 = 17'777};
-  Params params = params_of(gel);
-  params.sensitivity = static_cast<std::int32_t>(Sensitivity::kQuiet);
-  return grasp_of(name, gel, params);
+  return grasp_of(name, gel, params_of(gel));
 }
 
 // The largest printed grid sold, twisted to and fro.
@@ -380,10 +377,8 @@ void roll(Random& random, Quantity& value) {
       Quantity::from_raw(static_cast<std::int32_t>(std::clamp<std::int64_t>(rolled, Quantity::kMin, Quantity::kMax)));
 }
 
-std::string features(std::string_view name, Sensitivity sensitivity) {
-  Params params;
-  params.sensitivity = static_cast<std::int32_t>(sensitivity);
-  Recorder recorder(params);
+std::string features(std::string_view name) {
+  Recorder recorder(Params{});
   Random random(6);
   for (int frame = 0; frame < 20'000; ++frame) {
     Features f;
@@ -392,23 +387,13 @@ std::string features(std::string_view name, Sensitivity sensitivity) {
     roll_all(f.vx, f.vy, f.entropy, f.entropy_rate, field.shift, field.reach, field.residual, field.unevenness,
              field.evenness, field.octave_entropy, field.residual_rate, field.flow_spread, field.flow_residual,
              field.flow_evenness, field.flow_along, field.flow_steady, field.dilation_rate, field.easing,
-             f.imprint.motion_short, f.imprint.motion, f.imprint.motion_long, f.imprint.patches);
+             f.imprint.motion, f.imprint.growth, f.imprint.coarse, f.imprint.patches);
     f.markers = random.within(45, 63);
     f.rates_valid = random.within(0, 9) != 0;
     f.gap = random.within(0, 99) == 0;
     recorder.show(f, {7, 9});
   }
   return recorder.line(name);
-}
-
-std::string features_quiet(std::string_view name) {
-  return features(name, Sensitivity::kQuiet);
-}
-std::string features_normal(std::string_view name) {
-  return features(name, Sensitivity::kNormal);
-}
-std::string features_sensitive(std::string_view name) {
-  return features(name, Sensitivity::kSensitive);
 }
 
 // --- What the simulator drew (tests/data) ---
@@ -461,7 +446,7 @@ struct Recording {
   std::string (*digest)(std::string_view name);
 };
 
-constexpr std::array<Recording, 16> kRecordings{{
+constexpr std::array<Recording, 14> kRecordings{{
     {"scene_mjpg", scene_mjpg},
     {"scene_luma", scene_luma},
     {"luma_9x7", luma_9x7},
@@ -475,9 +460,7 @@ constexpr std::array<Recording, 16> kRecordings{{
     {"jpeg_precise", jpeg_precise},
     {"markers_9x7", markers_9x7},
     {"markers_8x16", markers_8x16},
-    {"features_quiet", features_quiet},
-    {"features_normal", features_normal},
-    {"features_sensitive", features_sensitive},
+    {"features", features},
 }};
 
 }  // namespace

@@ -181,7 +181,7 @@ class Recorder {
     for (const MarkerDisplacement& d : state.displacement.markers) markers_.add(d.dx.raw(), d.dy.raw(), d.valid);
     hash(features_, result.features);
     features_.add(state.saturations.count, result.referenced, result.empty, result.contact.judged,
-                  result.contact.touching, result.contact.settled, static_cast<int>(result.contact.event));
+                  result.contact.touching, static_cast<int>(result.contact.event));
     const supervisor::Outputs& outputs = app_->outputs();
     signals_.add(result.timestamp.count(), result.sequence, static_cast<int>(result.quality.reason),
                  static_cast<int>(result.verdict), static_cast<int>(result.request), static_cast<int>(outputs.state),

@@ -45,7 +45,7 @@ work=build/mutate
 mkdir -p "$work/base"
 flags=(-std=c++20 -O0 -w -pipe -isystem /usr/include/opencv4 -D_GLIBCXX_ASSERTIONS -DHOLDFAST_LEAK_CHECK=1 "-DHOLDFAST_SOURCE_DIR=\"$PWD\"" "-DHOLDFAST_BIN_DIR=\"$PWD/$lib/bin\"" "-DHOLDFAST_VERSION=\"mutant\"")
 stages=(classifier contact decision displacement dots entropy exposure extremes features field_features grid imprint math
-  model_file picture_check pipeline reference_stage score tracker units window)
+  model_file picture_check pipeline reference_stage tracker units window)
 
 for file in "${files[@]}"; do
   awk -f tests/checks/mutants.awk "$file" | sed "s|^|$file\t|"

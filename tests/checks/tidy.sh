@@ -7,7 +7,8 @@
 # commit's name: so every source is looked at again within some tens of commits, without a record of who was when.
 # Compiler warnings are gcc's business (they are errors there), so clang's own are off.
 # A file that passed is not looked at again until it, a header of ours that it includes, its compile command, the
-# tool or a .clang-tidy changes: each pass leaves a stamp named by the hash of all these in BUILD_DIR/tidy.
+# tool or a .clang-tidy changes: each pass leaves a stamp named by the hash of all these in HOLDFAST_TIDY_STAMPS, a folder
+# that clones may share, or in BUILD_DIR/tidy.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=tests/checks/sources.sh
@@ -27,7 +28,7 @@ tool=$(command -v clang-tidy-14 || command -v clang-tidy) || {
   echo "error: no clang-tidy (not installed). Next: apt-get install clang-tidy, or run tests/run.sh" >&2
   exit 1
 }
-stamps=$build/tidy
+stamps=${HOLDFAST_TIDY_STAMPS:-$build/tidy}
 mkdir -p "$stamps"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -39,10 +40,11 @@ awk -v root="$root/" '
   key == "\"file\":" {
     if (index(value, root) == 1 && !seen[value]++) print substr(value, length(root) + 1) "\t" command
   }' "$build/compile_commands.json" | sort >"$work/commands"
-# object file -> our headers and sources that it was made of, as ninja recorded them.
-ninja -C "$build" -t deps 2>/dev/null | awk -v root="$root/" '
+# object file -> our headers and sources that it was made of, as ninja recorded them: relative ones by ccache.
+ninja -C "$build" -t deps 2>/dev/null | awk -v root="$root/" -v up="$(realpath --relative-to="$build" "$root")/" '
   /^[^ ].*: #deps/ { object = $1; sub(/:$/, "", object) }
-  /^ / { if (index($1, root) == 1) print object "\t" substr($1, length(root) + 1) }' >"$work/deps"
+  /^ / { if (index($1, root) == 1) print object "\t" substr($1, length(root) + 1) }
+  /^ / { if (index($1, up) == 1) print object "\t" substr($1, length(up) + 1) }' >"$work/deps"
 rules=$({ "$tool" --version; find . -name .clang-tidy -not -path './build/*' -exec cat {} +; } | sha256sum)
 
 # chosen: the sources to look at.
@@ -76,7 +78,7 @@ while read -r file; do
   mapfile -t made_of < <(awk -F '\t' -v object="$object" '$1 == object { print $2 }' "$work/deps")
   key=none
   if ((${#made_of[@]} > 0)); then
-    key=$({ echo "$rules $command" && cat "$file" "${made_of[@]}"; } 2>/dev/null | sha256sum | cut -d ' ' -f 1) || key=none
+    key=$({ echo "$rules ${command//$root/.}" && cat "$file" "${made_of[@]}"; } 2>/dev/null | sha256sum | cut -d ' ' -f 1) || key=none
   fi
   printf '%s\t%s\n' "$file" "$key"
 done <"$work/chosen" >"$work/files"

@@ -740,6 +740,63 @@ TEST(Render, ShadingIsTheSlopeTowardsTheLamp) {
   CHECK(off < 30);  // on the mitres of the rim, where the difference is of two sides
 }
 
+// Each lamp's law by hand on the walls of a box, whose slopes are differences of its height.
+TEST(Render, WallsAreLitByTheLampThatTheyFace) {
+  PictureConfig config = flat(0.0);
+  config.imprint_gain = 0.0;
+  const Shape box{.kind = ShapeKind::kBox, .half_x_mm = 4.0, .half_y_mm = 3.0, .rim_mm = 0.9};
+  const Underside underside(box, {}, 4);
+  const Imprint contact{{160.0, 120.0}, 3.9 * config.px_per_mm, 0.1, {160.0, 120.0}, 0.0, 0.3};
+  const Underside::Pose pose{{0.5 / config.px_per_mm, 0.5 / config.px_per_mm}, 0.0, 0.3, 3.9};
+  const auto slope_at = [&](int x) {
+    const double y_mm = (120 - config.center_y_px) / config.px_per_mm;
+    const auto rise = [&](double at) {
+      return underside.surface(pose, {(at - config.center_x_px) / config.px_per_mm, y_mm}).rise_mm;
+    };
+    return (rise(x + 0.05) - rise(x - 0.05)) / 0.1 * config.px_per_mm;
+  };
+  const auto green_at = [](const Pixels& picture, int x) {
+    return static_cast<int>(picture[static_cast<std::size_t>((120 * 320 + x) * 3 + 1)]) - 120;
+  };
+  config.walls = {.gain = 100.0};
+  const Pixels lit = rgb_of(config, {.contact = &contact, .underside = &underside});
+  config.walls = {.specular = 80.0};
+  const Pixels mirrored = rgb_of(config, {.contact = &contact, .underside = &underside});
+  config.walls = {.shadow = 50.0};
+  const Pixels shaded = rgb_of(config, {.contact = &contact, .underside = &underside});
+  int mirrors = 0;
+  int shades = 0;
+  for (int x = 40; x < 280; ++x) {
+    const double facing = -slope_at(x);                                   // green comes from the left
+    DOUBLES_EQUAL(100.0 * std::max(0.0, facing), green_at(lit, x), 1.1);  // truncated and rounded
+    const double off = (facing - 0.3) / 0.25;
+    const double mirror = 80.0 * std::pow(std::max(0.0, 1.0 - off * off), 2.0);
+    DOUBLES_EQUAL(mirror, green_at(mirrored, x), 1.5);
+    mirrors += mirror > 40.0 ? 1 : 0;
+    if (facing > -0.07) LONGS_EQUAL(0, green_at(shaded, x));
+    if (facing < -0.13) LONGS_EQUAL(-50, green_at(shaded, x));
+    shades += facing < -0.13 ? 1 : 0;
+  }
+  CHECK(mirrors > 3);
+  CHECK(shades > 3);
+}
+
+// Luma is the three lamps' sum on a wall as elsewhere, and a ball's bulge has walls without an Underside, too.
+TEST(Render, WallsOfABallAreTheSameInLumaAndColour) {
+  PictureConfig config = flat(0.0);
+  config.walls = {.gain = 150.0, .specular = 60.0, .shadow = 30.0};
+  const Imprint contact = ball_at({160.0, 120.0});
+  const Pixels colours = rgb_of(config, {.contact = &contact});
+  Pixels luma;
+  render_luma(config, {.contact = &contact}, luma);
+  const auto most = std::ranges::max(luma);
+  CHECK(most > 135);
+  for (std::size_t i = 0; i < luma.size(); ++i) {
+    const double sum = 0.299 * colours[3 * i] + 0.587 * colours[3 * i + 1] + 0.114 * colours[3 * i + 2];
+    DOUBLES_EQUAL(sum, luma[i], 1.6);  // four roundings
+  }
+}
+
 TEST(Render, PressingHarderShowsMoreOfTheRelief) {
   const PictureConfig config = flat(0.0);
   const Underside rough(kBall, kGrain, 3);

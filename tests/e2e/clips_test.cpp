@@ -36,14 +36,19 @@ TEST(RealClips, EveryMarkerIsFollowedAndNoneIsSwapped) {
     LONGS_EQUAL_TEXT(0, f.order_inversions, f.name.c_str());
     LONGS_EQUAL_TEXT(0, f.not_home, f.name.c_str());
     CHECK_TEXT(f.frames_all_confirmed * 100 >= f.frames_judged * 97, f.name.c_str());
+    // One dot beside the avocado's rim is dragged by its shadow by 2 px, and lost in 5 frames (tracker.cpp).
+    CHECK_TEXT(f.frames_all_valid * 100 >= f.frames * 98, f.name.c_str());
   }
   LONGS_EQUAL(27, all.size());
-  long judged = 0, confirmed = 0;
+  long frames = 0, found = 0, judged = 0, confirmed = 0;
   for (const test::ClipFigures& f : all) {
+    frames += f.frames;
+    found += f.frames_all_valid;
     judged += f.frames_judged;
     confirmed += f.frames_all_confirmed;
   }
   CHECK(confirmed * 100 >= judged * 99);
+  CHECK(found * 1000 >= frames * 999);
   // px at 320x240, over all empty intervals; the recordings' key frames alone move dots by some hundredths.
   CHECK(test::jitter_x_px(all) <= 0.06);
   CHECK(test::jitter_y_px(all) <= 0.06);

@@ -29,18 +29,16 @@ constexpr int kEmptyFrames = 12;
 
 TEST_GROUP(ImprintClips){};
 
-// Bounds. Samples are rounded to 1/16 level and logarithms to 1/256: of the same patches 99 motions in 100 agree to
-// 0.05 of log2 (3.5 %), the weakest reliefs, which change by a level or two, to 0.12. Rounding is 1 to 2 % of G where G
-// is near its threshold, and a frame may have four of five patches within a factor of 3 of it: so a few are counted on
-// one side only, none further than 15 % from the threshold.
+// Bounds. Patches and the noise's rank: see ImprintReference::kRanks. Logarithms are rounded down to 1/256: 2/256 for a
+// motion, of which one is that of the pitch, and 1/256 for growth; another 1/256 is for samples rounded to 1/16 level.
 TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
   const auto folder = test::clips_folder();
   if (folder.empty()) {
     test::skip("the real recordings are not beside the clone (../shared/data/real)");
     return;
   }
-  std::vector<double> off;
-  double disputed = 0.0;
+  std::vector<double> off, plain, grown, counted;
+  int coarse = 0;
   int clips = 0;
   for (const test::Clip& clip : test::clips_in(folder)) {
     auto opened = sim::Recording::open(clip.path);
@@ -62,27 +60,22 @@ TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
       const LumaView luma{frame.bytes.data(), frame.width, frame.height, frame.stride};
       const reference::State& rest = state->reference;
       const ImprintFeatures seen =
-          imprint::update(*imprint, config.imprint, luma, markers, rest.rest, rest.pitch, empty, now, saturations);
-      // The empty frames are all the same, so there is no noise above the floor.
-      const std::uint32_t threshold = std::uint32_t{imprint::kPairs} * std::uint32_t(config.imprint.contact_floor_q8);
-      const auto counted = [&](std::size_t patch, double then_s) {
-        const auto* const kept = std::ranges::find_if(imprint->kept, [&](const imprint::Kept& k) {
-          return std::abs(1e-6 * double(k.at.count()) - then_s) < 1e-7;
-        });
-        CHECK(kept != imprint->kept.end());
-        return imprint->last.relief[patch] + kept->relief[patch] > 2 * threshold;
-      };
-      const auto expected =
-          reference->update(luma, markers, rest.rest, rest.pitch, empty, 1e-6 * double(now.count()), counted);
+          imprint::update(*imprint, config.imprint, luma, markers, rest.rest, rest.pitch, now, saturations);
+      if (empty) imprint::learn_empty(*imprint, config.imprint);
+      const auto expected = reference->update(luma, markers, rest.rest, rest.pitch, empty, 1e-6 * double(now.count()));
       if (empty) return;
-      CHECK_TEXT(std::abs(seen.patches.raw() - expected.patches) <= 8, clip.name.c_str());
-      disputed = std::max(disputed, expected.disputed);
-      const Log2Q8 motions[] = {seen.motion_short, seen.motion, seen.motion_long};
-      for (int k = 0; k < 3; ++k) {
-        if (expected.close[k]) continue;
-        if (expected.motion_um[k] < 10.0) continue;  // below a tenth of a sample it is rounding that is measured
-        off.push_back(std::abs(motions[k].raw() / 256.0 - std::log2(expected.motion_um[k])));
+      const char* const name = clip.name.c_str();
+      CHECK_TEXT(seen.patches.raw() >= expected.least_patches && seen.patches.raw() <= expected.most_patches, name);
+      counted.push_back(std::abs(seen.patches.raw() - expected.patches));
+      grown.push_back(std::abs(seen.growth.raw() / 256.0 - expected.growth));
+      if (expected.tells_coarse()) {
+        CHECK_EQUAL_TEXT(expected.coarse_um > 1.0, seen.coarse.raw() > 0, name);
+        ++coarse;
       }
+      CHECK_TEXT(test::ImprintReference::may_move(expected, seen.motion.raw()), name);
+      if (seen.motion.raw() == 0 || expected.motion_um < 10.0) return;  // less is rounding, too
+      off.push_back(test::ImprintReference::off(expected, seen.motion.raw()));
+      plain.push_back(std::abs(seen.motion.raw() / 256.0 - std::log2(expected.motion_um)));
     };
     for (int k = 0; k < kEmptyFrames; ++k) {
       both(sim::as_frame(last), state->tracker.field, true, Micros{40'000 * (k - 2 * kEmptyFrames)});
@@ -95,13 +88,19 @@ TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
     ++clips;
   }
   LONGS_EQUAL(27, clips);
-  std::sort(off.begin(), off.end());
-  const double p99 = off[off.size() * 99 / 100];
-  std::printf("\nimprint against double on 27 clips: %zu motions, median %.4f, p99 %.3f, worst %.3f of log2, ",
-              off.size(), off[off.size() / 2], p99, off.back());
-  std::printf("disputed patches within %.1f %% of the threshold\n", 100.0 * disputed);
-  CHECK(off.size() > 3000);
-  CHECK(p99 <= 0.05);
-  CHECK(off.back() <= 0.12);
-  CHECK(disputed <= 0.15);
+  for (std::vector<double>* const all : {&off, &plain, &grown, &counted}) std::sort(all->begin(), all->end());
+  const auto p50 = [](const std::vector<double>& sorted) { return sorted[sorted.size() / 2]; };
+  const auto p99 = [](const std::vector<double>& sorted) { return sorted[sorted.size() * 99 / 100]; };
+  std::printf("\nimprint against double on 27 clips: %zu motions, median %.4f of log2, ", off.size(), p50(plain));
+  std::printf("worst %.4f beyond other ranks of the noise; growth p99 %.4f, worst %.4f; ", off.back(), p99(grown),
+              grown.back());
+  std::printf("patches median %.0f, worst %.0f; %d frames without coarse motion\n", p50(counted), counted.back(),
+              coarse);
+  CHECK(off.size() > 1000);
+  CHECK(coarse > 1000);
+  CHECK(off.back() <= 3.0 / 256);
+  CHECK(p50(plain) <= 0.01);
+  CHECK(p99(grown) <= 2.0 / 256);
+  CHECK(grown.back() <= 4.0 / 256);
+  CHECK(p50(counted) <= 1.0);
 }

@@ -278,7 +278,7 @@ TEST(LogFiles, OfASceneHaveThePicturesThatTheFirmwareGot) {
 }
 
 TEST(LogFiles, SayWhenThereAreNoPictures) {
-  const std::string scene = kScenes + std::string("sphere_slip.json");
+  const std::string scene = kScenes + std::string("relief_slip_20_mm_s.json");
   const Finished done = succeed(
       {"sim", scene, "--inject", "grey", "--features", in("f.csv"), "--log", in("l.csv"), "--mcap", in("l.mcap")});
   check_against_features(dir / "l.csv", dir / "f.csv");

@@ -41,6 +41,7 @@ using Words = std::vector<std::string>;
 
 constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 constexpr const char* kScene = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
+constexpr const char* kGreyScene = HOLDFAST_SOURCE_DIR "/tests/scenes/relief_slip_20_mm_s.json";
 const std::string kFirstSet(kFeatureSets.front().name);
 constexpr const char* kFeaturesHeader =
     "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
@@ -378,7 +379,6 @@ TEST(Tool, DecidesWithAModelOfAnySetInEitherForm) {
       text += "feature " + std::string(set[i].name) + " " + std::string(set[i].unit) + " Q" + std::to_string(set[i].q) +
               "\n";
     }
-    if (reads(set, Stage::kScore)) text += "score bias_q8 0\nscore vx_um_s weight_q8 256 offset 64\n";
     text += "node 0: " + std::string(set[set.size() - 1].name) + " <= " + std::to_string(set[set.size() - 1].max - 1) +
             " ? 1 : 2\nleaf 1: slip\nleaf 2: hold\n";
     write_file(dir / (name + ".tree"), text);
@@ -394,7 +394,6 @@ TEST(Tool, DecidesWithAModelOfAnySetInEitherForm) {
   // The paper's tree needs no file.
   (void)succeed({"replay", in("gel.avi"), "--feature-set", "paper", "--features", in("f.csv")});
   CHECK(read_csv(dir / "f.csv").rows.back()[11].empty());  // which does not read the picture
-  refused({"replay", in("gel.avi"), "--sensitivity", "loud"}, "--sensitivity 'loud'", "quiet, normal, sensitive");
   const std::string model = in("always_" + kFirstSet + ".model");
   refused({"replay", in("gel.avi"), "--model", model, "--feature-set", std::string(kFeatureSets[1].name)}, model,
           "reads the set " + kFirstSet);
@@ -690,6 +689,28 @@ TEST(Tool, FindsTheLatticeByItself) {
   refused({"replay", in("tall")}, in("tall"), "found 8x10");
 }
 
+// The top row's centres a quarter of a pitch below the picture's edge, the right column's a quarter left of it: their
+// dots reach the edge. What stays is 8x6, and the summary, the JSON and the report name the rest.
+TEST(Tool, NamesTheLinesThatThePictureCuts) {
+  Film film;
+  const double pitch_px = film.grid.pitch_mm * film.picture.px_per_mm;
+  const std::vector<scene::PointPx> dots = film.dots(0);
+  film.picture.center_y_px += pitch_px / 4 - dots.front().y;
+  film.picture.center_x_px += film.picture.width - 1 - pitch_px / 4 - dots.back().x;
+  write_frames(dir / "gel", 3, film);
+  const std::string said = "the top row and the right column";
+  for (const char* grid : {"auto", "9x7"}) {
+    const Finished done = succeed({"replay", in("gel"), "--grid", grid, "--report", in("r.html")});
+    STRCMP_CONTAINS(("8x6 kept; left out, because the picture's edge cuts it: " + said).c_str(), done.out.c_str());
+    STRCMP_CONTAINS(said.c_str(), read_file(dir / "r.html").c_str());
+    const auto json = nlohmann::json::parse(succeed({"replay", in("gel"), "--grid", grid, "--json"}).out);
+    STRCMP_EQUAL("8x6", json["grid"].get<std::string>().c_str());
+    CHECK(json["cut"] == nlohmann::json({{"top", 1}, {"bottom", 0}, {"left", 0}, {"right", 1}}));
+  }
+  write_frames(dir / "whole", 3);
+  CHECK(succeed({"replay", in("whole"), "--grid", "auto"}).out.find("left out") == std::string::npos);
+}
+
 TEST(Tool, TakesTheReferenceThatIsGiven) {
   const Film small, medium = vga(), camera{scene::camera_3280x2464(), {}};
   write_frames(dir / "small", 4);
@@ -727,7 +748,7 @@ TEST(Tool, SimulatesAGraspAndSaysItTwiceTheSame) {
   std::map<std::string, std::string> first;
   for (int round = 0; round < 2; ++round) {
     const Finished done =
-        succeed({"sim", kScene, "--inject", "grey", "--truth", in("t.csv"), "--features", in("f.csv"), "--markers",
+        succeed({"sim", kGreyScene, "--inject", "grey", "--truth", in("t.csv"), "--features", in("f.csv"), "--markers",
                  in("m.csv"), "--report", in("r.html"), "--overlay", in("o.png"), "--truth-markers", in("tm.csv")});
     STRCMP_EQUAL("", done.err.c_str());
     STRCMP_CONTAINS("GRIP_OK", done.out.c_str());
@@ -738,7 +759,7 @@ TEST(Tool, SimulatesAGraspAndSaysItTwiceTheSame) {
       CHECK_TEXT(first[name] == text, name);
     }
   }
-  const auto frames = static_cast<std::size_t>(scene::frame_count(*scene::read_scene_file(kScene).scene));
+  const auto frames = static_cast<std::size_t>(scene::frame_count(*scene::read_scene_file(kGreyScene).scene));
   LONGS_EQUAL(frames, read_csv(dir / "t.csv").rows.size());
   LONGS_EQUAL(frames * 63, read_csv(dir / "tm.csv").rows.size());
   LONGS_EQUAL(frames, read_csv(dir / "f.csv").rows.size());
@@ -767,8 +788,8 @@ TEST(Tool, ReplaysTheSameFileTwiceTheSame) {
 TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   write_frames(dir / "gel", 2);
   const auto summary = nlohmann::json::parse(succeed({"replay", in("gel"), "--json"}).out);
-  const std::set<std::string> expected{"accepted",    "frames",   "grid",        "markers_least", "markers_mean",
-                                       "saturations", "searches", "slip_frames", "slip_times_s"};
+  const std::set<std::string> expected{"accepted",     "cut",         "frames",   "grid",        "markers_least",
+                                       "markers_mean", "saturations", "searches", "slip_frames", "slip_times_s"};
   std::set<std::string> keys;
   for (const auto& item : summary.items()) keys.insert(item.key());
   CHECK(keys == expected);

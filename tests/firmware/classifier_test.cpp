@@ -2,7 +2,6 @@
 #include "slip/classifier.hpp"
 
 #include <array>
-#include <cmath>
 #include <vector>
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -105,78 +104,12 @@ TEST(Classifier, ALoadedTreeSeesRatesOfZeroWhenTheyAreNotValid) {
   }
 }
 
-TEST(Classifier, AModelWithAScoreFillsIt) {
-  model::Tree tree = slip_up_to(*find_feature_set("score"), 0, 0);
-  tree.score.count = 3;
-  tree.score.bias_q8 = -1000;
-  tree.score.terms = {{{score::index_of("vy_um_s"), 300, 16},
-                       {score::index_of("entropy_nat_q16"), -200, 5},
-                       {score::index_of("residual_um_q4"), 256, 7}}};
-  features.field.residual = MicrometresQ4::from_raw(121);
-  Saturations saturations;
-  classifier::complete({&tree}, features, saturations);
-  const double want = -1000 + 300 * std::log2(22.0 + 16.0) - 200 * std::log2(33.0 + 5.0) + 256 * std::log2(128.0);
-  DOUBLES_EQUAL(want, features.marker_score.raw(), 0.5 + (300 + 200 + 256) / 256.0);  // score.hpp: rounding
-  UNSIGNED_LONGS_EQUAL(0, saturations.count);
-
-  // Without valid rates vy counts as 0; what stands on the frame alone still counts.
-  features.rates_valid = false;
-  classifier::complete({&tree}, features, saturations);
-  const double at_rest = want - 300 * (std::log2(22.0 + 16.0) - 4.0);
-  DOUBLES_EQUAL(at_rest, features.marker_score.raw(), 0.5 + (300 + 200 + 256) / 256.0);
-
-  // The tree reads what was filled in, and a clamp is counted.
-  const std::int32_t filled = features.marker_score.raw();
-  CHECK_TRUE(Verdict::kSlip == with(slip_up_to(*tree.set, 0, filled)));
-  CHECK_TRUE(Verdict::kHold == with(slip_up_to(*tree.set, 0, filled - 1)));
-  tree.score.bias_q8 = 100'000;
-  classifier::complete({&tree}, features, saturations);
-  LONGS_EQUAL(Log2Q8::kMax, features.marker_score.raw());
-  UNSIGNED_LONGS_EQUAL(1, saturations.count);
-}
-
-// As many terms as there may be: eight times log2(0 + 2). In a constant expression, where nothing may be read beyond
-// the last of them.
-TEST(Classifier, AScoreMayHaveEightTerms) {
-  constexpr std::int32_t kFilled = [] {
-    model::Tree tree;
-    tree.set = find_feature_set("score");
-    tree.score.count = score::kMaxTerms;
-    for (int i = 0; i < score::kMaxTerms; ++i) tree.score.terms[idx(i)] = {static_cast<std::uint8_t>(i), 256, 2};
-    Features at_rest;
-    Saturations saturations;
-    classifier::complete({&tree}, at_rest, saturations);
-    return at_rest.marker_score.raw();
-  }();
-  LONGS_EQUAL(8 * 256, kFilled);
-}
-
-TEST(Classifier, AModelWithoutAScoreFillsNothing) {
-  const model::Tree tree = slip_up_to(*find_feature_set("paper"), 0, 0);
-  features.marker_score = Log2Q8::from_raw(77);
-  Saturations saturations;
-  classifier::complete({&tree}, features, saturations);
-  LONGS_EQUAL(77, features.marker_score.raw());
-  if (slip_tree::kScore.count > 0) return;
-  classifier::complete({}, features, saturations);
-  LONGS_EQUAL(77, features.marker_score.raw());
-}
-
-TEST(Classifier, NeedsTheStagesOfItsTreeAndOfItsScore) {
+TEST(Classifier, NeedsTheStagesOfItsTree) {
   for (const FeatureSet& set : kFeatureSets) {
-    model::Tree tree = slip_up_to(set, 0, 0);
-    for (const Stage stage : {Stage::kAlways, Stage::kField, Stage::kImprint, Stage::kScore}) {
+    const model::Tree tree = slip_up_to(set, 0, 0);
+    for (const Stage stage : {Stage::kAlways, Stage::kField, Stage::kImprint}) {
       CHECK_EQUAL(reads(set, stage), classifier::needs({&tree}, stage));
     }
   }
-  model::Tree scored = slip_up_to(*find_feature_set("score"), 0, 0);
-  scored.score.count = 1;
-  scored.score.terms[0] = {score::index_of("vx_um_s"), 1, 1};
-  CHECK_TRUE(classifier::needs({&scored}, Stage::kScore));
-  CHECK_FALSE(classifier::needs({&scored}, Stage::kField));
-  scored.score.count = 2;
-  scored.score.terms[1] = {score::index_of("flow_spread_um_s"), 1, 1};
-  CHECK_TRUE(classifier::needs({&scored}, Stage::kField));
-  CHECK_FALSE(classifier::needs({&scored}, Stage::kImprint));
   CHECK_EQUAL(reads(classifier::kCompiledSet, Stage::kImprint), classifier::needs({}, Stage::kImprint));
 }

@@ -273,11 +273,9 @@ TEST(Console, SetsAndRefusesByTheTable) {
   check_ok("set raise_frames 3");
   check_ok("set hold_ms = 300");
   check_ok("set max_gap_ms=300");
-  check_ok("set sensitivity quiet");
   LONGS_EQUAL(3, desk.console->params().raise_frames);
   LONGS_EQUAL(300, desk.console->params().hold_ms);
   LONGS_EQUAL(300, desk.console->params().max_gap_ms);
-  LONGS_EQUAL(0, desk.console->params().sensitivity);
   for (const ParamInfo& row : kParams) {
     for (const std::int64_t wrong : {std::int64_t{row.min} - 1, std::int64_t{row.max} + 1}) {
       std::string line = "set " + std::string(row.name) + " " + std::to_string(wrong);
@@ -516,7 +514,7 @@ TEST(Console, LoadsAModel) {
   start();
   check_says("model json",
              R"({"name":"loaded_one","feature_set":"paper","features":4,"nodes":3,"depth":1,"crc32":16909060,)"
-             R"("sensitivity":"normal","from":"loaded","sequence":7,"next_start":"the same"})");
+             R"("from":"loaded","sequence":7,"next_start":"the same"})");
   check_says("version json",
              R"("model":"loaded_one","model_crc32":16909060,"model_from":"loaded","model_sequence":7,)");
   (void)desk.unlock();
@@ -566,9 +564,9 @@ TEST(Console, LoadsOnlyModelsOfThisFirmware) {
   std::vector<std::uint8_t> other = kLoaded;
   other[84] = 'x';
   std::vector<std::uint8_t> node = kLoaded;
-  node[1474] = 30;
+  node[1146] = 30;
   std::vector<std::uint8_t> version = kLoaded;
-  version[8] = 3;
+  version[8] = 4;
   const auto refused = [&](const std::vector<std::uint8_t>& payload, model_file::Refusal why) {
     const model_file::RefusalInfo& row = model_file::info(why);
     std::string line = "ERR 37 not_this_model: ";
@@ -830,7 +828,7 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   desk.gpio.drive(hal::Input::kTare, hal::Level::kHigh);
   check_says("devices", "TARE HIGH");
   check_says("modes json", R"({"mode":"fast","now":"yes","us":)");
-  check_says("model", "slip_v3");
+  check_says("model", "slip_v4");
   check_says("version", "desk");
   check_says("frame json", "{\"sequence\":");
   check_says("frame", "dx_um");
@@ -905,7 +903,7 @@ TEST(Console, RemembersASlip) {
 
 TEST(Console, ShowsTheReferenceAndLearnsIt) {
   start();
-  check_says("reference json", R"({"known":true,"rows":7,"cols":9,"markers":63,"pitch_px":)");
+  check_says("reference json", R"({"known":true,"rows":7,"cols":9,"lines_cut":0,"markers":63,"pitch_px":)");
   (void)desk.unlock();
   check_ok("reference learn");
   desk.run(30ms);

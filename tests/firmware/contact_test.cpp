@@ -86,19 +86,6 @@ TEST(Contact, EndsWhenBothHaveBeenSilentForLong) {
   CHECK(gate.see(0).event == contact::Event::kNone);
 }
 
-// 300 ms after the first word of the patches, whatever the dots said before.
-TEST(Contact, ImprintIsBelievedAfterAWhile) {
-  Gate gate;
-  (void)gate.wait(20, 0);
-  CHECK(gate.wait(20, 4, 10, 500).touching);
-  CHECK_FALSE(gate.see(4, 10, 500).settled);
-  for (int k = 0; k < 8; ++k) CHECK_FALSE(gate.see(5).settled);
-  CHECK(gate.see(3).settled);
-  CHECK_FALSE(gate.see(2).settled);  // the patches are silent
-  CHECK_FALSE(gate.wait(8, 5).settled);
-  CHECK(gate.see(5).settled);
-}
-
 TEST(Contact, WhatIsLetGoIsNotLost) {
   Gate gate;
   (void)gate.wait(20, 100);
@@ -128,7 +115,7 @@ TEST(Contact, EmptyOnlyAfterHalfASecond) {
 
 TEST(Contact, WhatTheFirstFrameSaysCounts) {
   Gate gate;
-  CHECK(gate.see(100).settled);
+  CHECK(gate.see(100).touching);
   contact::forget(gate.state);
   CHECK_FALSE(gate.see(0).touching);
   CHECK(gate.state.empty);

@@ -195,6 +195,7 @@ TEST(Extremes, DriftIsFollowedWithoutSummingUp) {
   reference::State learned;
   reference::Config one;
   one.frames = 1;
+  one.most_bend_permille = 0;  // no gel has these places
   MarkerField rest = lattice(0, 0);
   rest.markers[0] = {raw(PixelsQ8::kMin), raw(PixelsQ8::kMin), true};
   CHECK_TRUE(reference::update(learned, one, rest));
@@ -580,6 +581,7 @@ TEST(Extremes, LargestFlows) {
 TEST(Extremes, RestPositionAtTheEndsOfTheFormat) {
   reference::State learned;
   reference::Config rules;
+  rules.most_bend_permille = 0;  // no gel has these places
   rules.frames = 100;
   rules.still = raw(PixelsQ8::kMax);
   MarkerField corners;

@@ -315,6 +315,73 @@ TEST(Grid, SaysMismatchWhenTheEdgeCutsALine) {
   CHECK_TRUE(lattice.found.cols < 9);
 }
 
+// The lattice moved over the picture's edge in small steps, to each side: a line stays exactly while its dots are more
+// than 0.32 pitch inside; within 1 px of that either answer is right. What stays is named right, and what was left out
+// is told by side. A line whose dots are hardly seen may not be part of the lattice at all.
+TEST(Grid, LeavesOutTheLinesThatTheEdgeCuts) {
+  const scene::PictureConfig middle = scene::cropped_320x240();
+  const double pitch_px = 2.02 * middle.px_per_mm;
+  int cut_seen = 0;
+  for (const Point direction : {Point{1, 0}, Point{-1, 0}, Point{0, 1}, Point{0, -1}, Point{-1, -1}}) {
+    for (double by = 0.0; by <= 1.6 * pitch_px; by += 2.0) {
+      scene::PictureConfig config = middle;
+      config.center_x_px += direction.x * by;
+      config.center_y_px += direction.y * by;
+      const auto truth = reference_model::lattice_px({}, config);
+      int top = 0, bottom = 0, left = 0, right = 0;
+      bool unsure = false;
+      const auto judge = [&](double inside_px, int& lines) {
+        if (std::abs(inside_px - 0.32 * pitch_px) < 1.0) unsure = true;
+        lines += inside_px < 0.32 * pitch_px ? 1 : 0;
+      };
+      for (std::size_t r = 0; r < 7; ++r) {
+        judge(truth[9 * r].y, top);
+        judge(239.0 - truth[9 * r].y, bottom);
+      }
+      for (std::size_t c = 0; c < 9; ++c) {
+        judge(truth[c].x, left);
+        judge(319.0 - truth[c].x, right);
+      }
+      if (unsure) continue;
+      const std::string what = "moved by " + std::to_string(direction.x * by) + ", " + std::to_string(direction.y * by);
+      reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5), {}, true));
+      const int rows = 7 - top - bottom, cols = 9 - left - right;
+      LONGS_EQUAL_TEXT(rows, lattice.field.grid.rows, what.c_str());
+      LONGS_EQUAL_TEXT(cols, lattice.field.grid.cols, what.c_str());
+      LONGS_EQUAL_TEXT(lattice.found.rows - rows, lattice.cut.top + lattice.cut.bottom, what.c_str());
+      LONGS_EQUAL_TEXT(lattice.found.cols - cols, lattice.cut.left + lattice.cut.right, what.c_str());
+      if (top == 0) LONGS_EQUAL_TEXT(0, lattice.cut.top, what.c_str());
+      if (bottom == 0) LONGS_EQUAL_TEXT(0, lattice.cut.bottom, what.c_str());
+      if (left == 0) LONGS_EQUAL_TEXT(0, lattice.cut.left, what.c_str());
+      if (right == 0) LONGS_EQUAL_TEXT(0, lattice.cut.right, what.c_str());
+      cut_seen += lattice.cut.lines();
+      std::vector<Point> kept;
+      for (int r = top; r < 7 - bottom; ++r) {
+        for (int c = left; c < 9 - right; ++c) kept.push_back(truth[static_cast<std::size_t>(9 * r + c)]);
+      }
+      named_right(kept, {}, what);
+    }
+  }
+  CHECK_TRUE(cut_seen >= 20);
+}
+
+// A printed size that is given is kept as far as it can be; an earlier field keeps its own.
+TEST(Grid, LeavesOutCutLinesOfAGivenSizeAtFirstSightOnly) {
+  scene::PictureConfig config = scene::cropped_320x240();
+  const double pitch_px = 2.02 * config.px_per_mm;
+  const double margin_px = reference_model::lattice_px({}, config)[0].y;
+  config.center_y_px -= margin_px - 0.25 * pitch_px;  // the top row's dots reach the picture's edge
+  const auto truth = reference_model::lattice_px({}, config);
+  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  CHECK_TRUE((lattice.field.grid == GridSize{6, 9}));
+  CHECK_TRUE((lattice.cut == grid::Cut{.top = 1}));
+  CHECK_TRUE(lattice.found == kGrid);
+  const MarkerField prior = lattice.field;
+  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5), kGrid, false, &prior));
+  CHECK_TRUE((lattice.field.grid == GridSize{6, 9}));
+  named_right({truth.begin() + 9, truth.end()}, {}, "with an earlier field");
+}
+
 TEST(Grid, SaysTooFewDotsWhenThereAreNone) {
   for (const int level : {0, 127, 255}) {
     reason_is(Reason::kTooFewDots, look(reference_model::flat(320, 240, static_cast<std::uint8_t>(level))));

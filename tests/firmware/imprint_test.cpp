@@ -37,8 +37,9 @@ struct Gel {
   int height = 240;
   double noise = 0.0;  // sigma, levels
   std::function<double(Mm)> relief = [](Mm) { return 0.0; };
-  Mm dots{};                                             // where all dots have moved
-  std::function<Mm(Mm)> bend = [](Mm) { return Mm{}; };  // and each of them by itself, from its rest position
+  std::function<double(Mm)> light = [](Mm) { return 0.0; };  // that the empty gel shows, fixed to the camera
+  Mm dots{};                                                 // where all dots have moved
+  std::function<Mm(Mm)> bend = [](Mm) { return Mm{}; };      // and each of them by itself, from its rest position
   std::vector<int> lost{};
   std::vector<int> without_rest{};  // not there when the rest position was learned; guessed far off
 
@@ -80,7 +81,7 @@ struct Gel {
         const double dx = from.x - nearest(from.x, grid.cols);
         const double dy = from.y - nearest(from.y, grid.rows);
         const double dot = 1.0 / (1.0 + std::exp((std::hypot(dx, dy) - 0.525) / 0.03));
-        const double level = (120.0 + relief(at)) * (1.0 - dot) + 45.0 * dot + noise * normal(random);
+        const double level = (120.0 + light(at) + relief(at)) * (1.0 - dot) + 45.0 * dot + noise * normal(random);
         out.push_back(static_cast<std::uint8_t>(std::clamp(std::lround(level), 0L, 255L)));
       }
     }
@@ -106,11 +107,42 @@ std::function<double(Mm)> ribs(double levels, double wavelength_mm, Mm moved = {
   return [=](Mm at) { return levels * std::sin(2.0 * std::numbers::pi / wavelength_mm * (at.x - moved.x)); };
 }
 
-// Motion of the header's formula, from the relief itself: no picture, no dots, no pixels. What the camera's smoothing
-// takes it takes from change and gradient alike.
+// The light on a ball in the middle of the gel, or moved from there.
+std::function<double(Mm)> dome(double levels, Mm moved = {}, double sigma_mm = 2.0) {
+  return [=](Mm at) {
+    const double x = at.x - moved.x, y = at.y - moved.y;
+    return levels * std::exp(-(x * x + y * y) / (2.0 * sigma_mm * sigma_mm));
+  };
+}
+
+// Sum of the squares of the patches' means, from the relief itself. Where the quiet patches show none.
+double shading_of(const Gel& gel, const std::function<double(Mm)>& relief) {
+  constexpr double kStep_mm = kPitch_mm / imprint::kStepsPerPitch;
+  double energy = 0.0;
+  for (int dot = 0; dot < gel.grid.count(); ++dot) {
+    const Mm from = gel.rest_of(dot);
+    for (const int sx : {1, -1}) {
+      for (const int sy : {1, -1}) {
+        double mean = 0.0;
+        for (int b = 0; b < imprint::kSide; ++b) {
+          for (int a = 0; a < imprint::kSide; ++a) {
+            if (!imprint::is_free(a, b)) continue;
+            mean += relief({from.x + sx * (a + 0.5) * kStep_mm, from.y + sy * (b + 0.5) * kStep_mm}) / imprint::kFree;
+          }
+        }
+        energy += mean * mean;
+      }
+    }
+  }
+  return energy;
+}
+
+// Motion of the header's formula, from the relief itself: no picture, no dots, no pixels, no noise. What the camera's
+// smoothing takes it takes from change and gradient alike.
 double motion_of(const Gel& gel, const std::function<double(Mm)>& then, const std::function<double(Mm)>& now) {
   constexpr double kStep_mm = kPitch_mm / imprint::kStepsPerPitch;
-  double change = 0.0, energy = 0.0;
+  double evidence = 0.0, energy = 0.0;
+  std::vector<std::pair<double, double>> all;  // g and R
   for (int dot = 0; dot < gel.grid.count(); ++dot) {
     for (const int sx : {1, -1}) {
       for (const int sy : {1, -1}) {
@@ -118,23 +150,44 @@ double motion_of(const Gel& gel, const std::function<double(Mm)>& then, const st
           const Mm from = gel.rest_of(dot);
           return relief({from.x + sx * (a + 0.5) * kStep_mm, from.y + sy * (b + 0.5) * kStep_mm});
         };
-        double sum = 0.0, squares = 0.0;
+        double sum = 0.0, squares = 0.0, g = 0.0;
         for (int b = 0; b < imprint::kSide; ++b) {
           for (int a = 0; a < imprint::kSide; ++a) {
             if (!imprint::is_free(a, b)) continue;
-            const double r = at(now, a, b) - at(then, a, b);
-            sum += r;
-            squares += r * r;
-            if (imprint::is_free(a + 1, b)) energy += std::pow(at(now, a + 1, b) - at(now, a, b), 2);
-            if (imprint::is_free(a, b + 1)) energy += std::pow(at(now, a, b + 1) - at(now, a, b), 2);
+            const double change = at(now, a, b) - at(then, a, b);
+            sum += change;
+            squares += change * change;
+            for (const auto& relief : {then, now}) {
+              const double here = at(relief, a, b);
+              if (imprint::is_free(a + 1, b)) g += std::pow(at(relief, a + 1, b) - here, 2);
+              if (imprint::is_free(a, b + 1)) g += std::pow(at(relief, a, b + 1) - here, 2);
+            }
           }
         }
-        change += (squares - sum * sum / imprint::kFree) / imprint::kFree;
+        all.emplace_back(g / (2 * imprint::kPairs), (squares - sum * sum / imprint::kFree) / imprint::kFree);
       }
     }
   }
-  return 1e3 * kStep_mm * std::sqrt(change / (energy / imprint::kPairs));
+  std::sort(all.begin(), all.end());
+  std::vector<double> quiet;
+  for (std::size_t i = 0; i < all.size() * 2 / 5; ++i) quiet.push_back(all[i].second);
+  std::sort(quiet.begin(), quiet.end());
+  const double noise = quiet[(quiet.size() - 1) * 3 / 4];
+  for (const auto& [g, change] : all) {
+    evidence += g * (change - noise);
+    energy += g * g;
+  }
+  return 1e3 * kStep_mm * std::sqrt(std::max(0.0, evidence) / energy);
 }
+
+// A contact in the middle of the gel, round, of this radius: a relief outside of it is pressed in nowhere.
+std::function<double(Mm)> within(double radius_mm, const std::function<double(Mm)>& relief) {
+  return [=](Mm at) {
+    const double r = std::hypot(at.x, at.y);
+    return relief(at) / (1.0 + std::exp((r - radius_mm) / 0.2));
+  };
+}
+constexpr double kContact_mm = 4.5;
 
 // Firmware and reference side by side.
 struct Bench {
@@ -159,7 +212,9 @@ struct Bench {
     if (compares) {
       expected = reference.update(view, now, home, gel.pitch(), empty, static_cast<double>(time.count()) * 1e-6);
     }
-    return imprint::update(*state, config, view, now, home, gel.pitch(), empty, time, saturations);
+    const ImprintFeatures seen = imprint::update(*state, config, view, now, home, gel.pitch(), time, saturations);
+    if (empty) imprint::learn_empty(*state, config);
+    return seen;
   }
   // `frames` of the same picture, noise and all; the last one's features.
   ImprintFeatures wait(int frames) {
@@ -192,10 +247,11 @@ double um(Log2Q8 motion) {
 
 // Ribs on an empty gel's picture that move by 0.08 mm: as much as that is in these patches.
 void sees_ribs_move(Bench& bench) {
-  bench.gel.relief = ribs(12.0, 2.4);
+  const auto then = within(kContact_mm, ribs(12.0, 2.4)), now = within(kContact_mm, ribs(12.0, 2.4, {0.08, 0.0}));
+  bench.gel.relief = then;
   (void)bench.wait(8);
-  bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
-  const double expected = motion_of(bench.gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {0.08, 0.0}));
+  bench.gel.relief = now;
+  const double expected = motion_of(bench.gel, then, now);
   DOUBLES_EQUAL(expected, um(bench.step().motion), 0.1 * expected);
 }
 
@@ -209,7 +265,7 @@ TEST(Imprint, EmptyGelShowsNothing) {
   Bench bench(gel);
   for (int k = 0; k < 30; ++k) {
     const ImprintFeatures seen = bench.step(true);
-    CHECK(seen.patches.raw() < bench.config.least_patches);
+    CHECK(seen.patches.raw() < 5);
     LONGS_EQUAL(0, seen.motion.raw());
   }
 }
@@ -223,66 +279,191 @@ TEST(Imprint, ShiftOfAReliefIsWhatTheFormulaSays) {
     for (const Mm shift : {Mm{0.03, 0.0}, Mm{0.08, 0.0}, Mm{-0.06, 0.08}}) {
       Gel gel;
       Bench bench(gel);
-      bench.gel.relief = relief({});
+      bench.gel.relief = within(kContact_mm, relief({}));
       (void)bench.wait(20);
-      bench.gel.relief = relief(shift);
+      bench.gel.relief = within(kContact_mm, relief(shift));
       const ImprintFeatures seen = bench.step();
-      CHECK(seen.patches.raw() > 200);
-      const double expected = motion_of(gel, relief({}), relief(shift));
+      CHECK(seen.patches.raw() > 60);
+      const double expected = motion_of(gel, within(kContact_mm, relief({})), within(kContact_mm, relief(shift)));
       DOUBLES_EQUAL(expected, um(seen.motion), 0.08 * expected + 1.0);
-      DOUBLES_EQUAL(um(seen.motion), um(seen.motion_short), 1.0);
-      DOUBLES_EQUAL(um(seen.motion), um(seen.motion_long), 1.0);
+      CHECK(std::abs(seen.growth.raw()) < 26);  // a tenth of an octave: as much relief as before
     }
   }
+}
+
+// Twice the shading is four times its energy, and the level^2 a patch counts beside it: 1.5 and 1.9. 0.03 of log2:
+// logarithms to 1/256, and 0.5 % of the energy that the camera's smoothing takes from the dome's rim.
+TEST(Imprint, GrowthIsTheShadingsEnergyNowOverThen) {
+  for (const double levels : {6.0, 15.0}) {
+    Gel gel;
+    Bench bench(gel);
+    const auto weak = within(kContact_mm, dome(levels)), strong = within(kContact_mm, dome(2.0 * levels));
+    const double n = 4.0 * gel.grid.count();
+    const double expected = std::log2((shading_of(gel, strong) + n) / (shading_of(gel, weak) + n));
+    bench.gel.relief = weak;
+    (void)bench.wait(8);
+    bench.gel.relief = strong;
+    DOUBLES_EQUAL(expected, bench.step().growth.raw() / 256.0, 0.03);
+    (void)bench.wait(8);
+    bench.gel.relief = weak;
+    DOUBLES_EQUAL(-expected, bench.step().growth.raw() / 256.0, 0.03);
+  }
+}
+
+// Light on the quiet patches is light everywhere, no shading of the contact. 2/256 for the logarithms.
+TEST(Imprint, LightIsNoGrowth) {
+  Gel gel;
+  Bench bench(gel);
+  const auto held = within(kContact_mm, dome(20.0));
+  bench.gel.relief = held;
+  (void)bench.wait(8);
+  bench.gel.relief = [=](Mm at) { return held(at) + 25.0; };
+  CHECK(std::abs(bench.step().growth.raw()) <= 2);
+}
+
+// A ball that is pressed in at a constant rate, from a quarter of its shading to all of it in a second: growth is above
+// what a slip may have (learn::kMostGrowth, 31), and nothing moves.
+TEST(Imprint, AContactThatGrowsHasGrowth) {
+  Gel gel;
+  gel.noise = 1.0;
+  Bench bench(gel);
+  for (int k = 0; k <= 25; ++k) {
+    bench.gel.relief = dome(10.0 + 30.0 * k / 25.0, {}, 1.5);
+    const ImprintFeatures seen = bench.step();
+    if (k < 5) continue;  // compared with the empty gel
+    CHECK_TEXT(seen.growth.raw() > 31, std::to_string(seen.growth.raw()).c_str());
+    LONGS_EQUAL(0, seen.coarse.raw());
+  }
+  // Let go, it shrinks.
+  bench.gel.relief = dome(30.0, {}, 1.5);
+  CHECK(bench.step().growth.raw() < -31);
+}
+
+// A ball's shading is too smooth for a patch, which sees hardly more than its mean change. All patches together see it
+// move by about its length, less what linear light could have done.
+TEST(Imprint, CoarseMotionSeesASmoothDomeMove) {
+  for (const Mm shift : {Mm{0.15, 0.0}, Mm{0.0, -0.15}, Mm{-0.2, 0.2}}) {
+    Gel gel;
+    gel.noise = 0.5;
+    Bench bench(gel);
+    bench.gel.relief = dome(25.0);
+    (void)bench.wait(8);
+    LONGS_EQUAL(0, bench.step().coarse.raw());
+    bench.gel.relief = dome(25.0, shift);
+    const ImprintFeatures seen = bench.step();
+    const double length_um = 1e3 * std::hypot(shift.x, shift.y);
+    CHECK(um(seen.coarse) > 0.85 * length_um && um(seen.coarse) < 1.05 * length_um);
+    CHECK(um(seen.motion) < 0.5 * um(seen.coarse));
+    CHECK(std::abs(seen.growth.raw()) <= 31);
+  }
+}
+
+// With the gel it does not move; left behind by the gel it does.
+TEST(Imprint, CoarseMotionIsAgainstTheGel) {
+  Gel gel;
+  gel.noise = 0.5;
+  Bench bench(gel);
+  bench.gel.relief = dome(25.0);
+  (void)bench.wait(8);
+  bench.gel.dots = {0.15, 0.1};
+  bench.gel.relief = dome(25.0, bench.gel.dots);
+  LONGS_EQUAL(0, bench.step().coarse.raw());
+  bench.gel.dots = {0.3, 0.2};
+  (void)bench.wait(3);
+  const ImprintFeatures left = bench.step();
+  CHECK(um(left.coarse) > 100.0);
+}
+
+// Up to 0.35 levels^2 of relief; with more, the patches themselves tell what moves.
+TEST(Imprint, CoarseMotionIsForWeakRelief) {
+  int weak = 0, strong = 0;
+  for (double fine = 0.5; fine < 1.5; fine += 0.1) {
+    Bench bench(Gel{}, true);
+    const auto at = [fine](Mm moved) {
+      return [=](Mm place) { return dome(25.0, moved)(place) + grain(fine, moved)(place); };
+    };
+    bench.gel.relief = at({});
+    (void)bench.wait(8);
+    bench.gel.relief = at({0.15, 0.0});
+    const bool moves = bench.step().coarse.raw() > 0;
+    const double relief = bench.expected.relief;
+    if (std::abs(relief - test::ImprintReference::kMostReliefForCoarse) < 0.01) continue;
+    CHECK_EQUAL_TEXT(relief < test::ImprintReference::kMostReliefForCoarse, moves, std::to_string(relief).c_str());
+    if (relief > 0.25 && relief < 0.35) ++weak;
+    if (relief > 0.35 && relief < 0.45) ++strong;
+  }
+  CHECK(weak > 0);
+  CHECK(strong > 0);
+}
+
+// What changes everywhere alike is noise of these two pictures: light that flickers, a codec's key frame.
+TEST(Imprint, WhatChangesWhereNothingIsPressedInIsNoMotion) {
+  Gel gel;
+  Bench bench(gel);
+  bench.gel.relief = within(kContact_mm, grain(10.0));
+  (void)bench.wait(20);
+  const auto texture = ribs(1.2, 0.9);
+  const auto still = bench.gel.relief;
+  bench.gel.relief = [=](Mm at) { return still(at) + texture(at); };
+  const double seen = um(bench.step().motion);
+  CHECK_TEXT(seen < 20.0, std::to_string(seen).c_str());
+  Bench slips(gel);
+  slips.gel.relief = still;
+  (void)slips.wait(20);
+  slips.gel.relief = [=](Mm at) { return still({at.x - 0.1, at.y}) + texture(at); };
+  const double slipped = um(slips.step().motion);
+  CHECK_TEXT(slipped > 40.0, std::to_string(slipped).c_str());
 }
 
 // Along its waves, if they are short against a patch, a relief moves by its own length.
 TEST(Imprint, ShortWavesMoveByTheirLength) {
   const Gel gel;
-  DOUBLES_EQUAL(50.0, motion_of(gel, ribs(12.0, 1.0), ribs(12.0, 1.0, {0.05, 0.0})), 5.0);
+  DOUBLES_EQUAL(50.0, motion_of(gel, within(4.5, ribs(12.0, 1.0)), within(4.5, ribs(12.0, 1.0, {0.05, 0.0}))), 8.0);
 }
 
 TEST(Imprint, WhatMovesWithTheGelDoesNotMove) {
   Gel gel;
   Bench bench(gel);
-  bench.gel.relief = grain(10.0);
+  const auto held = within(kContact_mm, grain(10.0));
+  const auto carried = [&](Mm by) { return [=](Mm at) { return held({at.x - by.x, at.y - by.y}); }; };
+  bench.gel.relief = held;
   (void)bench.wait(20);
   for (int k = 1; k <= 20; ++k) {  // up to 1 mm, half of the pitch
     bench.gel.dots = {0.05 * k, -0.03 * k};
-    bench.gel.relief = grain(10.0, bench.gel.dots);
+    bench.gel.relief = carried(bench.gel.dots);
     const ImprintFeatures seen = bench.step();
-    CHECK(seen.patches.raw() > 150);
+    CHECK(seen.patches.raw() > 60);
     CHECK(um(seen.motion) < 15.0);  // interpolation between pixels of 0.127 mm
   }
   // The same relief left behind: as far as the gel goes.
   Bench slips(gel);
-  slips.gel.relief = grain(10.0);
+  slips.gel.relief = held;
   (void)slips.wait(20);
   slips.gel.dots = {0.1, 0.0};
-  const double expected = motion_of(gel, grain(10.0), grain(10.0, {0.1, 0.0}));
+  const double expected = motion_of(gel, held, carried({0.1, 0.0}));
   DOUBLES_EQUAL(expected, um(slips.step().motion), 0.1 * expected);
 }
 
-// Beside a contact the gel bends within a pitch, and what rides on it between the dots is not where they say. That is
-// no slip; a slip on top of it still is.
+// Beside a contact the gel bends within a pitch. Patches follow the slope between their dots, so that is no slip; a
+// slip on top of it still is.
 TEST(Imprint, GelThatBendsBetweenTheDotsIsNoMotion) {
-  const auto wave = [](Mm at) { return Mm{0.2 * std::sin(2.0 * std::numbers::pi / 4.5 * at.x), 0.0}; };
+  const auto wave = [](Mm at) { return Mm{0.2 * std::sin(2.0 * std::numbers::pi / 9.0 * at.x), 0.0}; };
   Gel gel;
   const auto seen_after = [&](Mm slip) {
     Bench now(gel);
-    now.gel.relief = grain(10.0);
+    now.gel.relief = within(kContact_mm, grain(10.0));
     (void)now.wait(20);
     now.gel.bend = wave;
-    now.gel.relief = [=, still = grain(10.0)](Mm at) {
+    now.gel.relief = [=, still = within(kContact_mm, grain(10.0))](Mm at) {
       const Mm own = wave(at);
       return still({at.x - own.x - slip.x, at.y - own.y - slip.y});
     };
     return um(now.step().motion);
   };
   const double stuck = seen_after({});
-  const double slipped = seen_after({0.4, 0.0});
-  CHECK_TEXT(stuck < 20.0, std::to_string(stuck).c_str());  // 58 if the bend were not taken off
-  CHECK_TEXT(slipped > 80.0, std::to_string(slipped).c_str());
+  const double slipped = seen_after({0.3, 0.0});
+  CHECK_TEXT(stuck < 30.0, std::to_string(stuck).c_str());
+  CHECK_TEXT(slipped > 100.0, std::to_string(slipped).c_str());
 }
 
 TEST(Imprint, FlatLightIsNoTextureAndLightThatChangesIsNoMotion) {
@@ -297,7 +478,7 @@ TEST(Imprint, FlatLightIsNoTextureAndLightThatChangesIsNoMotion) {
   }
   Bench held(gel);
   for (int k = 0; k < 40; ++k) {
-    held.gel.relief = [k, relief = grain(10.0)](Mm at) { return relief(at) + 0.5 * k; };
+    held.gel.relief = [k, relief = within(kContact_mm, grain(10.0))](Mm at) { return relief(at) + 0.5 * k; };
     const double moved = um(held.step().motion);
     if (k > 6) CHECK_TEXT(moved < 25.0, std::to_string(moved).c_str());  // before it has just been pressed on
   }
@@ -363,8 +544,8 @@ TEST(Imprint, OnlyWhatTheLatticeCanReachIsReduced) {
       const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(width * height), 200);
       auto state = std::make_unique<imprint::State>();
       Saturations saturations;
-      (void)imprint::update(*state, {}, {pixels.data(), width, height, width}, rest, rest, gel.pitch(), true,
-                            Micros{40'000}, saturations);
+      (void)imprint::update(*state, {}, {pixels.data(), width, height, width}, rest, rest, gel.pitch(), Micros{40'000},
+                            saturations);
       const auto boxes = [side = side](double px) { return static_cast<int>(std::floor(px)) / side; };
       LONGS_EQUAL(boxes(std::max(left, 0.0)), state->picture.left);
       LONGS_EQUAL(boxes(std::max(top, 0.0)), state->picture.top);
@@ -386,12 +567,12 @@ TEST(Imprint, ReducedByPowersOfTwo) {
     auto state = std::make_unique<imprint::State>();
     Saturations saturations;
     (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, gel.field({}), gel.field({}),
-                          gel.pitch(), true, Micros{40'000}, saturations);
+                          gel.pitch(), Micros{40'000}, saturations);
     const imprint::Reduced& reduced = state->picture;
     LONGS_EQUAL(std::clamp(std::lround(std::log2(pitch_px / 16.0)), 0L, 4L), reduced.reduction_log2);
     for (int i = 0; i < reduced.width * reduced.height; ++i) LONGS_EQUAL(16 * 255, reduced.pixels[idx(i)]);
     for (int p = 0; p < 4 * gel.grid.count(); ++p) {
-      CHECK(state->last.seen[idx(p)]);
+      CHECK(state->in_view[idx(p)]);
       for (const std::int16_t sample : state->last.samples[idx(p)]) LONGS_EQUAL(16 * 255, sample);
     }
   }
@@ -412,7 +593,7 @@ TEST(Imprint, ReducedPixelsAreSmoothedMeansOfBoxes) {
     auto state = std::make_unique<imprint::State>();
     Saturations saturations;
     (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, gel.field({}), gel.field({}),
-                          gel.pitch(), true, Micros{40'000}, saturations);
+                          gel.pitch(), Micros{40'000}, saturations);
     const imprint::Reduced& reduced = state->picture;
     std::vector<double> boxes(static_cast<std::size_t>(reduced.width * reduced.height));
     for (int y = 0; y < reduced.height * side; ++y) {
@@ -447,7 +628,7 @@ TEST(Imprint, APatchBeginsHalfAStepFromItsDot) {
     const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(gel.width * gel.height), 200);
     auto state = std::make_unique<imprint::State>();
     Saturations saturations;
-    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, rest, rest, gel.pitch(), true,
+    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, rest, rest, gel.pitch(),
                           Micros{40'000}, saturations);
     LONGS_EQUAL(side, 1 << state->picture.reduction_log2);
     for (int p = 0; p < 16; ++p) {
@@ -483,8 +664,8 @@ TEST(Imprint, APatchIsSeenUntilItsFarCornerLeavesThePicture) {
     auto state = std::make_unique<imprint::State>();
     Saturations saturations;
     (void)imprint::update(*state, {}, {pixels.data(), kWidth, kHeight, kWidth}, lattice(dx_q8, dy_q8), lattice(0, 0),
-                          PixelsQ8::from_raw(20 * 256), true, Micros{40'000}, saturations);
-    return state->last.seen[idx(patch)];
+                          PixelsQ8::from_raw(20 * 256), Micros{40'000}, saturations);
+    return state->in_view[idx(patch)];
   };
   constexpr int kFirst = 4 * 0 + 3, kLast = 4 * 8;  // the first dot's towards (-x, -y), the last one's towards (+x, +y)
   const int left = kFar_q8 - 256 * 30, top = kFar_q8 - 256 * 20;
@@ -517,8 +698,10 @@ struct Slope {
                                  true};
     }
     time += Micros{120'000};
-    return imprint::update(*state, config, {pixels.data(), size, size, size}, lattice, lattice,
-                           PixelsQ8::from_raw(pitch_q8), empty, time, saturations);
+    const ImprintFeatures seen = imprint::update(*state, config, {pixels.data(), size, size, size}, lattice, lattice,
+                                                 PixelsQ8::from_raw(pitch_q8), time, saturations);
+    if (empty) imprint::learn_empty(*state, config);
+    return seen;
   }
 
   int size, pitch_q8;
@@ -537,30 +720,18 @@ TEST(Imprint, AReliefMustExceedTheThreshold) {
   for (const int floor_q8 : {399, 400}) {
     slope.config.contact_floor_q8 = floor_q8;
     LONGS_EQUAL(floor_q8 == 399 ? 16 : 0, slope.step(1).patches.raw());
-    CHECK_EQUAL(floor_q8 == 399, slope.step(-1).motion_short.raw() > 0);
   }
 }
 
-// 1.2 levels^2 and 0.12 for each patch are added to both reliefs, and what noise has in them taken off. Here, half a
-// pixel apart, samples differ by 8, and those of the empty gel by nothing. Rounding: three logarithms, two of them
-// halved.
-TEST(Imprint, OfAWeakReliefMotionIsHeldDown) {
-  double sum = 0.0, squares = 0.0;
-  for (int b = 0; b < imprint::kSide; ++b) {
-    for (int a = 0; a < imprint::kSide; ++a) {
-      if (!imprint::is_free(a, b)) continue;
-      sum += 8.0 * a;
-      squares += 8.0 * a * 8.0 * a;
-    }
-  }
-  const double change = squares / imprint::kFree - std::pow(sum / imprint::kFree, 2);
-  for (const int noise : {0, 8}) {
-    Slope slope(8);
-    slope.config.contact_floor_q8 = 10;
-    slope.state->empty.noise_relief = noise * imprint::kPairs;
-    const double relief = (64.0 - 2 * noise + 2 * 256 * (1.2 / 16 + 0.12)) / 2;
-    const double want_um = slope.config.pitch_um / 16.0 * std::sqrt(change / relief);
-    DOUBLES_EQUAL(256.0 * std::log2(want_um), slope.step(1).motion_short.raw(), 2.0);
+// Now and then: a relief of 10 levels is one, one of a third of a level is none.
+TEST(Imprint, WithoutReliefNothingMoves) {
+  for (const double levels : {0.3, 10.0}) {
+    Gel gel;
+    Bench bench(gel);
+    bench.gel.relief = within(kContact_mm, grain(levels));
+    (void)bench.wait(20);
+    bench.gel.relief = within(kContact_mm, grain(levels, {0.2, 0.0}));
+    CHECK_EQUAL(levels > 1.0, bench.step().motion.raw() > 0);
   }
 }
 
@@ -569,13 +740,13 @@ TEST(Imprint, PicturesOfAnotherStreamDoNotCount) {
   Gel gel;
   Bench bench(gel);
   bench.time += Micros{2'000'000};
-  bench.gel.relief = ribs(12.0, 2.4);
+  bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4));
   (void)bench.step();
-  bench.time -= Micros{140'000};
-  bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
+  bench.time -= Micros{180'000};
+  bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4, {0.08, 0.0}));
   (void)bench.step();
-  bench.fps = 1e6 / 220'000;  // 120 ms after the picture of the other stream
-  LONGS_EQUAL(0, bench.step().motion_short.raw());
+  bench.fps = 1e6 / 300'000;  // 160 ms after the picture of the other stream
+  LONGS_EQUAL(0, bench.step().motion.raw());
 }
 
 TEST(Imprint, APictureBesideTheLatticeTellsNothingOfTheEmptyGel) {
@@ -583,8 +754,9 @@ TEST(Imprint, APictureBesideTheLatticeTellsNothingOfTheEmptyGel) {
   const std::uint8_t pixel = 120;
   auto state = std::make_unique<imprint::State>();
   Saturations saturations;
-  (void)imprint::update(*state, {}, {&pixel, 1, 1, 1}, gel.field({}), gel.field({}), gel.pitch(), true, Micros{40'000},
+  (void)imprint::update(*state, {}, {&pixel, 1, 1, 1}, gel.field({}), gel.field({}), gel.pitch(), Micros{40'000},
                         saturations);
+  imprint::learn_empty(*state, {});
   LONGS_EQUAL(0, state->empty.frames);
 }
 
@@ -594,24 +766,16 @@ TEST(Imprint, APictureCountsWithinAThirdOfItsLag) {
   Bench bench(gel);
   const auto moves = [&](std::int64_t age_us) {
     bench.time += Micros{2'000'000};
-    bench.gel.relief = ribs(12.0, 2.4);
+    bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4));
     (void)bench.step();
-    bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
+    bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4, {0.08, 0.0}));
     bench.fps = 1e6 / static_cast<double>(age_us);
-    return bench.step();
+    return bench.step().motion.raw() > 0;
   };
-  CHECK(moves(80'000).motion_short.raw() > 0);
-  LONGS_EQUAL(0, moves(79'999).motion_short.raw());
-  CHECK(moves(160'000).motion_short.raw() > 0);
-  LONGS_EQUAL(0, moves(160'001).motion_short.raw());
-  CHECK(moves(160'000).motion.raw() > 0);
-  LONGS_EQUAL(0, moves(159'999).motion.raw());
-  CHECK(moves(320'000).motion.raw() > 0);
-  LONGS_EQUAL(0, moves(320'001).motion.raw());
-  CHECK(moves(320'000).motion_long.raw() > 0);
-  LONGS_EQUAL(0, moves(319'999).motion_long.raw());
-  CHECK(moves(640'000).motion_long.raw() > 0);
-  LONGS_EQUAL(0, moves(640'001).motion_long.raw());
+  CHECK(moves(106'667));
+  CHECK_FALSE(moves(106'666));
+  CHECK(moves(213'333));
+  CHECK_FALSE(moves(213'334));
 }
 
 TEST(Imprint, PicturesAreKeptEvery35Milliseconds) {
@@ -619,48 +783,45 @@ TEST(Imprint, PicturesAreKeptEvery35Milliseconds) {
   for (const int apart_us : {34'999, 35'000}) {
     Bench bench(gel);
     bench.time += Micros{2'000'000};
-    bench.gel.relief = ribs(12.0, 2.4);
+    bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4));
     (void)bench.step();
     bench.fps = 1e6 / apart_us;
     (void)bench.step();
-    bench.gel.relief = ribs(12.0, 2.4, {0.08, 0.0});
-    bench.fps = 1e6 / 160'000;  // too long after the first of the two for the shortest lag
-    CHECK_EQUAL(apart_us == 35'000, bench.step().motion_short.raw() > 0);
+    bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4, {0.08, 0.0}));
+    bench.fps = 1e6 / 213'000;  // too long after the first of the two
+    CHECK_EQUAL(apart_us == 35'000, bench.step().motion.raw() > 0);
   }
 }
 
 TEST(Imprint, LagsAreTimesNotFrames) {
   constexpr double kSpeed_mm_s = 0.5;
-  for (const double fps : {6.3, 8.33, 10.0, 11.2, 12.0, 12.5, 13.3, 15.0, 18.75, 25.0, 27.0, 60.0}) {
+  for (const double fps : {6.3, 8.33, 9.0, 10.0, 11.2, 12.0, 12.5, 13.3, 15.0, 18.75, 25.0, 27.0, 60.0}) {
     Gel gel;
     Bench bench(gel);
     bench.fps = fps;
     ImprintFeatures seen{};
     for (int k = 0; k < fps; ++k) {
-      bench.gel.relief = ribs(12.0, 2.4, {kSpeed_mm_s * k / fps, 0.0});
+      bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4, {kSpeed_mm_s * k / fps, 0.0}));
       seen = bench.step();
     }
-    const auto expected = [&](double lag_s) {
-      return motion_of(gel, ribs(12.0, 2.4), ribs(12.0, 2.4, {kSpeed_mm_s * lag_s, 0.0}));
-    };
+    const double expected = motion_of(gel, within(kContact_mm, ribs(12.0, 2.4)),
+                                      within(kContact_mm, ribs(12.0, 2.4, {kSpeed_mm_s * 0.16, 0.0})));
     // The lag itself may be off by a third.
-    DOUBLES_EQUAL(expected(0.12), um(seen.motion_short), 0.4 * expected(0.12));
-    DOUBLES_EQUAL(expected(0.24), um(seen.motion), 0.4 * expected(0.24));
-    DOUBLES_EQUAL(expected(0.48), um(seen.motion_long), 0.4 * expected(0.48));
+    DOUBLES_EQUAL(expected, um(seen.motion), 0.4 * expected);
   }
 }
 
 TEST(Imprint, NothingToCompareWithIsNoMotion) {
   Gel gel;
   Bench bench(gel);
-  bench.gel.relief = grain(10.0);
+  bench.gel.relief = within(kContact_mm, grain(10.0));
   (void)bench.wait(20);
-  bench.gel.relief = grain(10.0, {0.1, 0.0});
+  bench.gel.relief = within(kContact_mm, grain(10.0, {0.1, 0.0}));
   bench.time += Micros{2'000'000};
   LONGS_EQUAL(0, bench.step().motion.raw());
   (void)bench.wait(20);
   bench.time = Micros{1000};  // another stream
-  bench.gel.relief = grain(10.0);
+  bench.gel.relief = within(kContact_mm, grain(10.0));
   LONGS_EQUAL(0, bench.step().motion.raw());
   imprint::forget(*bench.state);
   LONGS_EQUAL(0, bench.wait(20).patches.raw());  // no empty gel was seen
@@ -708,42 +869,46 @@ TEST(Imprint, AnEmptyGelThatIsNotSeenHasNoNoise) {
   Bench bench(gel);
   for (int k = 0; k < 10; ++k) (void)bench.step(true);
   const auto before = std::make_unique<imprint::Empty>(bench.state->empty);
-  CHECK(before->noise_relief > 0 && before->noise_motion[0] > 0);
+  CHECK(before->noise_relief > 0);
   for (int i = 0; i < 63; ++i) bench.gel.lost.push_back(i);
   for (int k = 0; k < 2; ++k) (void)bench.step(true);
   CHECK(before->noise_relief == bench.state->empty.noise_relief);
-  CHECK(before->noise_motion == bench.state->empty.noise_motion);
-  CHECK(before->noise_frames == bench.state->empty.noise_frames);
+  LONGS_EQUAL(before->frames, bench.state->empty.frames);
 }
 
-// A corner marker twenty pitches outside takes the patches that hang on it out of the picture, but for the one that
-// hangs on it least: bent by five pitches, which no gel is. What a patch says of the bend has an end, so that the slip
-// of all the others is still heard.
+// A corner marker twenty pitches outside takes the patches that hang on it out of the picture; the slip of all the
+// others is still seen.
 TEST(Imprint, OneDotThatJumpsDoesNotSilenceTheRest) {
   Gel gel;
   Bench bench(gel);
-  bench.gel.relief = ribs(12.0, 2.4);
+  bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4));
   (void)bench.wait(20);
   bench.gel.bend = [&gel](Mm at) {
     const Mm corner = gel.rest_of(0);
     return std::hypot(at.x - corner.x, at.y - corner.y) < 0.1 ? Mm{-20.0 * kPitch_mm, 0.0} : Mm{};
   };
-  bench.gel.relief = ribs(12.0, 2.4, {0.4, 0.0});
+  bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4, {0.4, 0.0}));
   const double slipped = um(bench.step().motion);
   CHECK_TEXT(slipped > 200.0, std::to_string(slipped).c_str());
 }
 
-// Rounding of samples to 1/16 level and of logarithms to 1/256: below 0.02 of log2 unless a patch is so near to
-// its threshold that the two count it differently.
+// Grains that slip over a gel that stretches, and balls, whose motion is a coarse one, on a gel that is lit unevenly.
+// Logarithms are rounded down to 1/256: two of it for a motion, one of them for the pitch's; two of opposite sign for
+// growth; another one, with smooth pictures two, for samples rounded to 1/16 level. What rounding decides about ranks
+// and thresholds: ImprintReference::kRanks. Of quiet patches it may exchange a few, which moves the base that shading
+// is measured from: alike in both pictures, unless one of them is of the empty gel (0.027 of log2).
 TEST(Imprint, EqualsTheReferenceInDouble) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  double worst = 0.0;
-  int compared = 0;
-  for (int trial = 0; trial < 4; ++trial) {
+  double worst = 0.0, worst_touch = 0.0, worst_growth = 0.0, worst_coarse = 0.0;
+  std::vector<double> plain;
+  int still = 0, coarse = 0;
+  for (int trial = 0; trial < 6; ++trial) {
     Gel gel;
     if (trial % 3 == 1) gel = {.px_per_mm = 14.43, .width = 410, .height = 308};
-    gel.noise = trial % 2 == 0 ? 0.0 : 2.0;
+    const bool smooth = trial >= 4;
+    gel.noise = trial % 2 == 0 ? 0.0 : smooth ? 0.7 : 2.0;
+    if (smooth) gel.light = [](Mm at) { return 8.0 * std::sin(1.1 * at.x + 0.4) + 6.0 * std::cos(0.9 * at.y); };
     Bench bench(gel, true, trial);
     Mm dots{}, object{};
     const double levels = 4.0 + trial;
@@ -752,23 +917,41 @@ TEST(Imprint, EqualsTheReferenceInDouble) {
       object = k < 10 ? dots : Mm{object.x + 0.03 * uniform(random), object.y + 0.02};
       bench.gel.dots = dots;
       bench.gel.bend = [=](Mm at) { return Mm{0.004 * k * std::sin(at.x + at.y), -0.002 * k * std::cos(at.y)}; };
-      bench.gel.relief = grain(levels, object);
+      bench.gel.relief = smooth ? dome(30.0 + 3.0 * (k % 3), object) : within(kContact_mm, grain(levels, object));
       const ImprintFeatures seen = bench.step();
-      CHECK(std::abs(seen.patches.raw() - bench.expected.patches) <= 2);
-      const double expected[] = {bench.expected.motion_um[0], bench.expected.motion_um[1], bench.expected.motion_um[2]};
-      const Log2Q8 motions[] = {seen.motion_short, seen.motion, seen.motion_long};
-      for (int m = 0; m < 3; ++m) {
-        if (bench.expected.close[m]) continue;
-        CHECK((expected[m] > 0) == (motions[m].raw() > 0) || expected[m] < 3.0);
-        if (expected[m] < 10.0) continue;  // below a tenth of a sample it is rounding that is measured
-        worst = std::max(worst, std::abs(motions[m].raw() / 256.0 - std::log2(expected[m])));
-        ++compared;
+      const test::ImprintReference::Seen& expected = bench.expected;
+      CHECK(seen.patches.raw() >= expected.least_patches && seen.patches.raw() <= expected.most_patches);
+      double& grown = k < 4 ? worst_touch : worst_growth;
+      grown = std::max(grown, std::abs(seen.growth.raw() / 256.0 - expected.growth));
+      if (expected.tells_coarse()) {
+        CHECK_EQUAL(expected.coarse_um > 1.0, seen.coarse.raw() > 0);
+        if (seen.coarse.raw() == 0) ++still;
       }
+      if (expected.tells_coarse() && seen.coarse.raw() > 0) {
+        worst_coarse = std::max(worst_coarse, std::abs(seen.coarse.raw() / 256.0 - std::log2(expected.coarse_um)));
+        ++coarse;
+      }
+      CHECK(test::ImprintReference::may_move(expected, seen.motion.raw()));
+      // Below a tenth of a sample, and with next to no relief, it is rounding that is measured.
+      if (smooth || seen.motion.raw() == 0 || expected.motion_um < 10.0) continue;
+      worst = std::max(worst, test::ImprintReference::off(expected, seen.motion.raw()));
+      plain.push_back(std::abs(seen.motion.raw() / 256.0 - std::log2(expected.motion_um)));
     }
   }
-  std::printf("\nimprint against double: worst %.3f of log2 in %d motions\n", worst, compared);
-  CHECK(compared > 80);
-  CHECK(worst <= 0.02);
+  CHECK(plain.size() > 20);
+  CHECK(coarse > 10);
+  CHECK(still > 10);
+  std::sort(plain.begin(), plain.end());
+  std::printf("\nimprint against double: median %.4f of log2 in %zu motions, ", plain[plain.size() / 2], plain.size());
+  std::printf(
+      "worst %.4f beyond other ranks of the noise; growth worst %.4f, from an empty gel %.4f; coarse worst %.4f of "
+      "%d\n",
+      worst, worst_growth, worst_touch, worst_coarse, coarse);
+  CHECK(worst <= 3.0 / 256);
+  CHECK(plain[plain.size() / 2] <= 2.0 / 256);
+  CHECK(worst_touch <= 0.04);
+  CHECK(worst_growth <= 3.0 / 256);
+  CHECK(worst_coarse <= 4.0 / 256);
 }
 
 // What no sensor shows: nothing may be read or written outside, and nothing may wrap (sanitizers see to it).
@@ -781,15 +964,15 @@ TEST(Imprint, ExtremesStayInRange) {
     for (const double far_mm : {0.0, 0.5, 5.0, 50.0, -200.0}) {
       bench.time += Micros{40'000};
       const ImprintFeatures seen = imprint::update(*bench.state, bench.config, view, gel.field({far_mm, -far_mm}),
-                                                   gel.field({}), gel.pitch(), false, bench.time, bench.saturations);
+                                                   gel.field({}), gel.pitch(), bench.time, bench.saturations);
       CHECK(seen.patches.raw() <= imprint::kMaxPatches);
     }
     // Black and white pixels by turns: the largest differences there are.
     for (std::size_t i = 0; i < flat.size(); ++i) flat[i] = (i / 16 + i / 5120) % 2 == 0 ? 0 : 255;
     for (int k = 0; k < 20; ++k) {
       bench.time += Micros{40'000};
-      (void)imprint::update(*bench.state, bench.config, view, gel.field({}), gel.field({}), gel.pitch(), false,
-                            bench.time, bench.saturations);
+      (void)imprint::update(*bench.state, bench.config, view, gel.field({}), gel.field({}), gel.pitch(), bench.time,
+                            bench.saturations);
       for (std::uint8_t& pixel : flat) pixel = static_cast<std::uint8_t>(255 - pixel);
     }
   }
@@ -808,7 +991,7 @@ TEST(Imprint, SmallerPictureIsLaidOutAnew) {
     const LumaView view{pixels.data(), width, height, width};
     bench.time += Micros{40'000};
     const ImprintFeatures seen = imprint::update(*bench.state, bench.config, view, gel.field({}), gel.field({}),
-                                                 gel.pitch(), false, bench.time, bench.saturations);
+                                                 gel.pitch(), bench.time, bench.saturations);
     CHECK(seen.patches.raw() < 100);  // those that the smaller picture still shows
   }
   CHECK(bench.wait(2).patches.raw() > 200);
@@ -835,8 +1018,9 @@ TEST(Imprint, AnyLatticeInAnyPicture) {
           marker.x = PixelsQ8::saturate(marker.x.raw() + static_cast<int>(random() % 512) - 256, saturations);
         }
         for (int k = 0; k < 4; ++k) {
-          (void)imprint::update(*state, {}, view, gel.field({0.3 * k, 0.1 * k}), rest, gel.pitch(), k < 2,
+          (void)imprint::update(*state, {}, view, gel.field({0.3 * k, 0.1 * k}), rest, gel.pitch(),
                                 Micros{40'000 * (k + 1)}, saturations);
+          if (k < 2) imprint::learn_empty(*state, {});
         }
         LONGS_EQUAL(0, saturations.count);
         // A single line tells nothing of what lies beside it.

@@ -107,6 +107,68 @@ TEST(Pipeline, LearnsFromTheFirstStillFramesThenMeasures) {
   LONGS_EQUAL(0, state->saturations.count);
 }
 
+// A camera's first frames: dark, lighter, and then as it stays. The ten still frames count from the last step on, in
+// the light of which the lattice is registered; a step that comes later, within the ten, begins them again.
+TEST(Pipeline, LearnsNothingWhileTheLightSettles) {
+  const auto show_at = [&](int percent) {
+    Picture shown = picture();
+    for (std::uint8_t& level : shown.pixels) level = static_cast<std::uint8_t>(level * percent / 100);
+    return give(frame_of(shown), 40ms);
+  };
+  int frames = 0;
+  for (const int percent : {74, 97, 100, 100, 100, 96}) {
+    const pipeline::Result result = show_at(percent);
+    CHECK_TRUE(result.quality.ok());
+    CHECK_FALSE(result.referenced);
+    CHECK_EQUAL(frames > 0, result.light_changed);
+    ++frames;
+  }
+  for (int k = 2; k <= 10; ++k) {
+    const pipeline::Result result = show_at(96);
+    CHECK_EQUAL(k == 10, result.referenced);
+  }
+  CHECK_FALSE(show_at(70).light_changed);  // learned: the light may change
+  pipeline::tare(*state);
+  CHECK_FALSE(show_at(70).light_changed);  // begins in this light
+}
+
+// What is learned while something presses is refused and said; when it is gone the empty gel is learned. A TARE after
+// the refusal confirms that the gel is empty.
+TEST(Pipeline, RefusesARestPositionLearnedInContact) {
+  const Warp pressed = bulged(0.6, 2.0);
+  const auto ten = [&](const Warp& warp) {
+    pipeline::Result result;
+    for (int k = 0; k < 11; ++k) result = show(warp);  // the first may only end the stillness
+    return result;
+  };
+  pipeline::Result result = ten(pressed);
+  CHECK_TRUE(result.quality.ok());
+  CHECK_TRUE(result.bent);
+  CHECK_FALSE(result.referenced);
+  result = ten({});
+  CHECK_FALSE(result.bent);
+  CHECK_TRUE(result.referenced);
+  pipeline::tare(*state);
+  CHECK_TRUE(ten(pressed).bent);  // nothing was refused before: a TARE alone is no confirmation
+  pipeline::tare(*state);
+  CHECK_TRUE(ten(pressed).referenced);
+  pipeline::tare(*state);
+  CHECK_TRUE(ten(pressed).bent);  // and one confirmation is for one rest position
+}
+
+// A light that never settles is said in every frame, however long it lasts; nothing is learned in it.
+TEST(Pipeline, SaysThatTheLightNeverSettles) {
+  for (int k = 0; k < 500; ++k) {
+    Picture shown = picture();
+    const int percent = 80 + k * 7 % 20;
+    for (std::uint8_t& level : shown.pixels) level = static_cast<std::uint8_t>(level * percent / 100);
+    const pipeline::Result result = give(frame_of(shown), 40ms);
+    CHECK_TRUE(result.quality.ok());
+    CHECK_FALSE(result.referenced);
+    CHECK_EQUAL(k > 0, result.light_changed);
+  }
+}
+
 // Displacement against rendered truth. Centres: 0.029 px rms in two axes, 0.0205 px each; of a displacement with the
 // rest mean of 10 frames 0.0215 px = 1.36 um. V is a mean over 63 markers of two of them: 0.23 um / dt, and the common
 // part of the rest error drops out; E is compared through the histogram of the firmware's own displacements.
@@ -460,29 +522,6 @@ TEST(Pipeline, SaysWhyAPictureIsNoReference) {
   config.fault_markers_pct = 1;
   LONGS_EQUAL(static_cast<int>(Reason::kNoLattice), why(with_highlights([](std::size_t i) { return i != 31; })));
   LONGS_EQUAL(static_cast<int>(Reason::kNone), why(picture()));
-}
-
-// More pictures of the same empty gel teach the imprint its noise; the rest position stays the first one's.
-TEST(Pipeline, LearnsTheNoiseOfTheEmptyGelFromMorePictures) {
-  const Picture more = picture();
-  const auto learn_more = [&](const Picture& shown) {
-    return pipeline::learn_more(*state, config, jpeg, frame_of(shown)).reason;
-  };
-  CHECK_TRUE(learn_more(more) == Reason::kNoLattice);  // nothing was learned that it could add to
-  CHECK_TRUE(pipeline::learn(*state, config, jpeg, frame_of(picture())).ok());
-  const MarkerField rest = state->reference.rest;
-  LONGS_EQUAL(1, state->imprint.empty.frames);
-  for (int k = 0; k < 5; ++k) CHECK_TRUE(learn_more(picture()) == Reason::kNone);
-  LONGS_EQUAL(6, state->imprint.empty.frames);
-  CHECK_TRUE(learn_more(flat(160, 120, 100)) == Reason::kFrameFormat);
-  LONGS_EQUAL(6, state->imprint.empty.frames);
-  config.with_imprint = false;
-  CHECK_TRUE(learn_more(picture()) == Reason::kNone);
-  LONGS_EQUAL(6, state->imprint.empty.frames);
-  for (std::size_t i = 0; i < 63; ++i) {
-    CHECK_TRUE(rest.markers[i].x == state->reference.rest.markers[i].x);
-    CHECK_TRUE(rest.markers[i].y == state->reference.rest.markers[i].y);
-  }
 }
 
 // A simulation that leaves the picture out is held to the order of time as well.

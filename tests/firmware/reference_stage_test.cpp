@@ -243,6 +243,76 @@ TEST(ReferenceStage, LearnsAgainAfterForget) {
   LONGS_EQUAL(8300, state.rest.markers[0].x.raw());
 }
 
+// Against double: a field of independent offsets of sigma s bends by s sqrt(1 + 4 + 1). Whole thousandths, and the root
+// is cut: one below.
+TEST(ReferenceStage, BendIsTheRootMeanSquareOfTheSecondDifferences) {
+  std::mt19937 random(91);
+  for (int round = 0; round < 50; ++round) {
+    std::uniform_int_distribution<std::int32_t> offset(-40 * round, 40 * round);
+    MarkerField field = lattice({7, 10});
+    for (std::size_t i = 0; i < 70; ++i) field = moved(field, i, offset(random), offset(random));
+    if (round % 2 == 1) field.markers[33].valid = false;
+    double sum = 0.0;
+    int terms = 0;
+    const auto add = [&](std::size_t a, std::size_t b, std::size_t c) {
+      const auto& m = field.markers;
+      if (!m[a].valid || !m[b].valid || !m[c].valid) return;
+      const double x = m[a].x.raw() - 2.0 * m[b].x.raw() + m[c].x.raw();
+      const double y = m[a].y.raw() - 2.0 * m[b].y.raw() + m[c].y.raw();
+      sum += x * x + y * y;
+      terms += 2;
+    };
+    for (std::size_t r = 0; r < 7; ++r) {
+      for (std::size_t c = 0; c < 10; ++c) {
+        if (c < 8) add(10 * r + c, 10 * r + c + 1, 10 * r + c + 2);
+        if (r < 5) add(10 * r + c, 10 * r + c + 10, 10 * r + c + 20);
+      }
+    }
+    const double want = std::sqrt(sum / terms) * 1000.0 / reference::pitch_of(field).raw();
+    DOUBLES_EQUAL(want, reference::bend_permille(field), 1.2);
+  }
+  LONGS_EQUAL(0, reference::bend_permille(lattice()));
+  LONGS_EQUAL(0, reference::bend_permille(MarkerField{}));
+  MarkerField point = lattice();
+  for (Marker& marker : point.markers) marker = {PixelsQ8::from_raw(256), PixelsQ8::from_raw(256), true};
+  LONGS_EQUAL(0, reference::bend_permille(point));  // no pitch
+}
+
+// A lattice that a ball presses apart in its middle is refused for as long as it is pressed; what is learned is the
+// empty gel afterwards. Shear, turning and scale bend nothing. Whoever confirms it gets what he asked for.
+TEST(ReferenceStage, RefusesABentLatticeUnlessItIsConfirmed) {
+  const auto pressed = [](double by_pitches) {
+    MarkerField field = lattice();
+    for (int r = 0; r < 7; ++r) {
+      for (int c = 0; c < 9; ++c) {
+        const double x = c - 4.0, y = r - 3.0;
+        const double out = by_pitches * kPitchQ8 * std::exp(-(x * x + y * y) / 4.5);
+        field = moved(field, static_cast<std::size_t>(9 * r + c), static_cast<std::int32_t>(out * x),
+                      static_cast<std::int32_t>(out * y));
+      }
+    }
+    return field;
+  };
+  CHECK_TRUE(reference::bend_permille(pressed(0.6)) > config.most_bend_permille);
+  for (int k = 0; k < 100; ++k) {
+    CHECK_FALSE(update(pressed(0.6)));
+    CHECK_EQUAL(k >= 9, state.bent);
+  }
+  for (int k = 1; k <= 10; ++k) CHECK_EQUAL(k == 10, update(lattice()));
+  CHECK_FALSE(state.bent);
+  LONGS_EQUAL(8000, state.rest.markers[0].x.raw());
+
+  MarkerField sheared = lattice();
+  for (int i = 0; i < 63; ++i) sheared = moved(sheared, static_cast<std::size_t>(i), 900 * (i / 9), 500 * (i % 9));
+  reference::forget(state);
+  for (int k = 1; k <= 10; ++k) CHECK_EQUAL(k == 10, update(sheared));
+
+  reference::forget(state);
+  state.confirmed = true;
+  for (int k = 1; k <= 10; ++k) CHECK_EQUAL(k == 10, update(pressed(0.6)));
+  CHECK_TRUE(state.known);
+}
+
 // Nothing to learn from: no markers, or none beside another. It must not claim a reference, nor divide by zero; and it
 // learns from the next frames as if nothing had been.
 TEST(ReferenceStage, LearnsNothingWithoutNeighbours) {

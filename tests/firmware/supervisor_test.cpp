@@ -89,6 +89,26 @@ TEST_GROUP(Supervisor) {
 };
 
 // A number from somewhere else: a table must have an answer, and none is the only one that claims nothing.
+// While there is no rest position the reason says what keeps it from being learned; afterwards neither counts.
+TEST(Supervisor, SaysWhatKeepsTheRestPositionFromBeingLearned) {
+  pipeline::Result result = result_of(Input::kLearning);
+  const auto reason = [&] {
+    now += 40ms;
+    const supervisor::Outputs out = supervisor::update(state, config, result, now);
+    CHECK_EQUAL(out.grip_ok, result.referenced);
+    CHECK_TRUE(out.state == (result.referenced ? DeviceState::kOk : DeviceState::kReference));
+    return out.reason;
+  };
+  CHECK_TRUE(reason() == Reason::kLearning);
+  result.bent = true;
+  CHECK_TRUE(reason() == Reason::kReferenceLoaded);
+  result.light_changed = true;
+  CHECK_TRUE(reason() == Reason::kLightChanged);
+  result.referenced = true;
+  result.features.markers = 63;
+  CHECK_TRUE(reason() == Reason::kNone);
+}
+
 TEST(Supervisor, AReasonThatThereIsNotSaysNone) {
   POINTERS_EQUAL(&info(Reason::kNone), &info(static_cast<Reason>(255)));
   CHECK_TRUE(info(Reason::kGpioFailed).reason == Reason::kGpioFailed);

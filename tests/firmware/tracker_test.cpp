@@ -693,6 +693,55 @@ TEST(Tracker, StartsAnewWhenNoWindowConfirmsADot) {
   nobody_swapped("after highlights");
 }
 
+// The shadow of a round contact's rim grows over a still gel, 0.75 of a dot's contrast deep and some pixels wide at its
+// edge: it takes a part of a dot's surroundings for the dot. Of the markers that stay valid 56 of 2482 are more than
+// 2 px off (86 of 2520 before dragged ones were lost); a shadow that drags neighbours alike is not seen.
+TEST(Tracker, LosesDotsThatAShadowDrags) {
+  std::uniform_real_distribution<double> place(-16.0, 16.0);
+  std::mt19937 random(71);
+  int valid = 0, dragged = 0, all = 0;
+  for (int round = 0; round < 40; ++round) {
+    begin({}, scene::cropped_320x240());
+    const Point middle{160.0 + place(random), 120.0 + place(random)};
+    const double radius_px = 70.0 + place(random);
+    for (int frame = 1; frame <= 5; ++frame) {
+      Picture shown = picture({});
+      for (int y = 0; y < shown.height; ++y) {
+        for (int x = 0; x < shown.width; ++x) {
+          const double inside = radius_px - distance(middle, {static_cast<double>(x), static_cast<double>(y)});
+          const double depth = 0.47 * frame / 5.0 * (0.5 + 0.5 * std::tanh(inside / 2.0));
+          std::uint8_t& level = shown.pixels[static_cast<std::size_t>(y * shown.width + x)];
+          level = static_cast<std::uint8_t>(level * (1.0 - depth));
+        }
+      }
+      CHECK_TRUE(show(shown).ok());
+    }
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+      ++all;
+      if (!state->field.markers[i].valid) continue;
+      ++valid;
+      dragged += off(i) > 2.0 ? 1 : 0;
+    }
+  }
+  CHECK_TRUE(valid * 100 >= all * 97);
+  CHECK_TRUE(dragged * 100 <= valid * 3);
+}
+
+// Pressure enlarges dots: by a third of their area, and where they are. At the lattice's edge and corners fewer than
+// four neighbours tell whether they moved; a search of the whole picture takes them as well.
+TEST(Tracker, KeepsDotsThatOnlyGrow) {
+  begin({}, wide_view());
+  view.dot_diameter_mm *= 1.15;
+  CHECK_TRUE(show(Warp{}).ok());
+  LONGS_EQUAL(0, lost());
+  nobody_swapped("larger dots");
+  const std::uint32_t searches = state->searches;
+  CHECK_TRUE(show(shifted(3.0, 2.0)).ok());
+  LONGS_EQUAL(searches + 1, state->searches);
+  LONGS_EQUAL(0, lost());
+  nobody_swapped("larger dots after a jump");
+}
+
 TEST(Tracker, WaitsForALatticeAndSaysWhy) {
   for (const std::uint8_t level : {std::uint8_t{0}, std::uint8_t{120}, std::uint8_t{255}}) {
     LONGS_EQUAL(static_cast<int>(Reason::kTooFewDots), static_cast<int>(show(flat(320, 240, level)).reason));

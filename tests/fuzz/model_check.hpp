@@ -20,7 +20,7 @@
 namespace holdfast::test {
 
 using ModelBytes = std::vector<std::uint8_t>;
-inline constexpr std::size_t kModelBytes = 5624;
+inline constexpr std::size_t kModelBytes = 5296;
 
 inline void put_number(ModelBytes& bytes, std::size_t at, std::int64_t value, int size) {
   for (int i = 0; i < size; ++i) bytes[at++] = static_cast<std::uint8_t>(value >> (8 * i));
@@ -39,61 +39,15 @@ inline void put_name(ModelBytes& bytes, std::size_t at, std::string_view name) {
 // With the CRC that belongs to the rest.
 inline ModelBytes repaired(ModelBytes bytes) {
   bytes.resize(kModelBytes);
-  put_number(bytes, 5620, crc32(std::span(bytes).first(5620)), 4);
+  put_number(bytes, 5292, crc32(std::span(bytes).first(5292)), 4);
   return bytes;
-}
-
-// A score as its file has it, terms by name.
-struct ScoreTerm {
-  std::string feature;
-  int weight_q8 = 0;
-  int offset = 0;
-  int q = 0;
-};
-struct ScoreBlock {
-  std::int32_t bias_q8 = 0;
-  std::vector<ScoreTerm> terms;
-};
-
-// 1 to 8 terms, of the features that a score may read.
-inline ScoreBlock random_score(std::uint32_t seed) {
-  std::mt19937 random(seed);
-  ScoreBlock score;
-  for (std::size_t i = 0; i < 18; ++i) {  // before the imprint's
-    const int weight = (static_cast<int>(random() % 65535) - 32767) / (seed % 3 == 0 ? 1 : 64) | 1;  // never 0
-    const int offset = 1 + static_cast<int>(random() % 65535);
-    score.terms.push_back({std::string(kFeatures[i].name), weight, offset, kFeatures[i].q});
-  }
-  std::shuffle(score.terms.begin(), score.terms.end(), random);
-  score.terms.resize(1 + random() % 8);
-  score.bias_q8 = static_cast<std::int32_t>(random() % 20'000) - 10'000;
-  return score;
-}
-
-// What a model of this set must have, for tests that look at something else.
-inline ScoreBlock score_for(const FeatureSet& set, std::uint32_t seed = 1) {
-  const bool asked = std::ranges::any_of(
-      set.members, [](std::uint8_t member) { return kFeatures[member].name == "marker_score_log2_q8"; });
-  return asked ? random_score(seed) : ScoreBlock{};
-}
-
-inline void put_score(ModelBytes& bytes, const ScoreBlock& score) {
-  std::fill(bytes.begin() + 1140, bytes.begin() + 1468, std::uint8_t{0});
-  put_number(bytes, 1140, static_cast<std::int64_t>(score.terms.size()), 1);
-  put_number(bytes, 1144, score.bias_q8, 4);
-  for (std::size_t i = 0; i < score.terms.size() && i < 8; ++i) {
-    put_name(bytes, 1148 + 40 * i, score.terms[i].feature);
-    put_number(bytes, 1180 + 40 * i, score.terms[i].weight_q8, 2);
-    put_number(bytes, 1182 + 40 * i, score.terms[i].offset, 2);
-    put_number(bytes, 1184 + 40 * i, score.terms[i].q, 1);
-  }
 }
 
 inline ModelBytes model_bytes(const FeatureSet& set, std::span<const model::Node> nodes,
                               std::string_view name = "test") {
   ModelBytes bytes(kModelBytes);
   put_name(bytes, 0, std::string_view("\x89HFT\r\n\x1a\n"));
-  put_number(bytes, 8, 2, 2);
+  put_number(bytes, 8, 3, 2);
   put_number(bytes, 10, static_cast<std::int64_t>(nodes.size()), 2);
   put_number(bytes, 12, set.size(), 1);
   put_number(bytes, 16, 0x01020304, 4);
@@ -103,12 +57,11 @@ inline ModelBytes model_bytes(const FeatureSet& set, std::span<const model::Node
     put_name(bytes, 84 + 32 * static_cast<std::size_t>(i), set[i].name);
     put_number(bytes, 1108 + static_cast<std::size_t>(i), set[i].q, 1);
   }
-  put_score(bytes, score_for(set));
   for (std::size_t i = 0; i < nodes.size(); ++i) {
-    put_number(bytes, 1468 + 8 * i, nodes[i].threshold, 4);
-    put_number(bytes, 1472 + 8 * i, nodes[i].child_false, 2);
-    put_number(bytes, 1474 + 8 * i, nodes[i].feature, 1);
-    put_number(bytes, 1475 + 8 * i, static_cast<int>(nodes[i].kind), 1);
+    put_number(bytes, 1140 + 8 * i, nodes[i].threshold, 4);
+    put_number(bytes, 1144 + 8 * i, nodes[i].child_false, 2);
+    put_number(bytes, 1146 + 8 * i, nodes[i].feature, 1);
+    put_number(bytes, 1147 + 8 * i, static_cast<int>(nodes[i].kind), 1);
   }
   return repaired(bytes);
 }
@@ -134,8 +87,7 @@ class RandomNodes {
     const auto [min, max] = ranges[feature];
     const int most = static_cast<int>(at) + promised + 3;
     if (depth == max_depth_ || most > max_nodes_ || min >= max || (depth > 1 && random_() % 8 == 0)) {
-      const auto least = static_cast<std::uint8_t>(slip_ ? random_() % 3 : 0);
-      nodes_.push_back({.feature = least, .kind = slip_ ? model::Kind::kSlip : model::Kind::kHold});
+      nodes_.push_back({.kind = slip_ ? model::Kind::kSlip : model::Kind::kHold});
       slip_ = !slip_;
       return;
     }
@@ -167,24 +119,23 @@ class ModelOracle {
   [[nodiscard]] bool valid() const { return valid_; }
   [[nodiscard]] const FeatureSet& set() const { return *set_; }
   [[nodiscard]] std::size_t count() const { return reached_.size(); }
-  [[nodiscard]] const ScoreBlock& score() const { return score_; }
   // Of a valid model.
-  [[nodiscard]] Verdict answer(std::span<const std::int32_t> x, std::size_t sensitivity) const {
+  [[nodiscard]] Verdict answer(std::span<const std::int32_t> x) const {
     std::size_t at = 0;
     while (kind(at) == 2) at = x[feature(at)] <= threshold(at) ? at + 1 : child_false(at);
-    return kind(at) == 1 && feature(at) <= sensitivity ? Verdict::kSlip : Verdict::kHold;
+    return kind(at) == 1 ? Verdict::kSlip : kind(at) == 3 ? Verdict::kSlipNow : Verdict::kHold;
   }
-  [[nodiscard]] std::size_t kind(std::size_t node) const { return bytes_[1475 + 8 * node]; }
-  [[nodiscard]] std::size_t feature(std::size_t node) const { return bytes_[1474 + 8 * node]; }
+  [[nodiscard]] std::size_t kind(std::size_t node) const { return bytes_[1147 + 8 * node]; }
+  [[nodiscard]] std::size_t feature(std::size_t node) const { return bytes_[1146 + 8 * node]; }
   [[nodiscard]] std::int32_t threshold(std::size_t node) const {
-    return static_cast<std::int32_t>(get_number(bytes_, 1468 + 8 * node, 4));
+    return static_cast<std::int32_t>(get_number(bytes_, 1140 + 8 * node, 4));
   }
 
  private:
   using Ranges = std::vector<std::array<std::int64_t, 2>>;
 
   [[nodiscard]] std::size_t child_false(std::size_t node) const {
-    return static_cast<std::size_t>(get_number(bytes_, 1472 + 8 * node, 2));
+    return static_cast<std::size_t>(get_number(bytes_, 1144 + 8 * node, 2));
   }
   // Zero-padded; "?" when something stands behind the padding's start.
   [[nodiscard]] std::string name(std::size_t at) const {
@@ -200,8 +151,8 @@ class ModelOracle {
   bool judge() {
     if (bytes_.size() != kModelBytes) return false;
     const std::string magic(bytes_.begin(), bytes_.begin() + 8);
-    if (magic != "\x89HFT\r\n\x1a\n" || get_number(bytes_, 8, 2) != 2) return false;
-    if (get_number(bytes_, 5620, 4) != crc32(bytes_.first(5620)) || !is_zero(5556, 5620) || !is_zero(13, 16)) {
+    if (magic != "\x89HFT\r\n\x1a\n" || get_number(bytes_, 8, 2) != 3) return false;
+    if (get_number(bytes_, 5292, 4) != crc32(bytes_.first(5292)) || !is_zero(5228, 5292) || !is_zero(13, 16)) {
       return false;
     }
     const std::string called = name(20);
@@ -217,9 +168,8 @@ class ModelOracle {
       if (name(84 + 32 * at) != (used ? (*set_)[i].name : "")) return false;
       if (bytes_[1108 + at] != (used ? (*set_)[i].q : 0)) return false;
     }
-    if (!judge_score()) return false;
     const auto count = static_cast<std::size_t>(get_number(bytes_, 10, 2));
-    if (count < 3 || count > 511 || !is_zero(1468 + 8 * count, 5556)) return false;
+    if (count < 3 || count > 511 || !is_zero(1140 + 8 * count, 5228)) return false;
     reached_.assign(count, 0);
     Ranges ranges;
     for (int i = 0; i < set_->size(); ++i) ranges.push_back({(*set_)[i].min, (*set_)[i].max});
@@ -227,33 +177,13 @@ class ModelOracle {
            slips_;
   }
 
-  bool judge_score() {
-    const std::size_t count = bytes_[1140];
-    if (count > 8 || !is_zero(1141, 1144) || !is_zero(1148 + 40 * count, 1468)) return false;
-    score_.bias_q8 = static_cast<std::int32_t>(get_number(bytes_, 1144, 4));
-    std::vector<std::string> seen;
-    for (std::size_t at = 1148; at < 1148 + 40 * count; at += 40) {
-      const ScoreTerm term{name(at), static_cast<std::int16_t>(get_number(bytes_, at + 32, 2)),
-                           static_cast<int>(get_number(bytes_, at + 34, 2)), bytes_[at + 36]};
-      const auto* const known =
-          std::ranges::find_if(kFeatures, [&](const FeatureInfo& f) { return f.name == term.feature; });
-      if (known == kFeatures.end() || known->q != term.q || !is_zero(at + 37, at + 40)) return false;
-      if (term.feature.starts_with("imprint_") || term.feature.starts_with("marker_score")) return false;
-      if (std::ranges::count(seen, term.feature) > 0 || term.weight_q8 == 0 || term.offset == 0) return false;
-      seen.push_back(term.feature);
-      score_.terms.push_back(term);
-    }
-    const bool asked = !score_for(*set_).terms.empty();
-    return asked == (count > 0) && (asked || score_.bias_q8 == 0);
-  }
-
   bool follow(std::size_t node, int depth, const Ranges& ranges) {
     if (node >= reached_.size() || ++reached_[node] > 1) return false;
-    if (kind(node) < 2) {
+    if (kind(node) < 2 || kind(node) == 3) {
       (kind(node) == 0 ? holds_ : slips_) = true;
-      return is_zero(1468 + 8 * node, 1474 + 8 * node) && feature(node) <= (kind(node) == 1 ? 2 : 0);
+      return is_zero(1140 + 8 * node, 1147 + 8 * node);
     }
-    if (kind(node) > 2 || depth == 20 || feature(node) >= static_cast<std::size_t>(set_->size())) return false;
+    if (kind(node) > 3 || depth == 20 || feature(node) >= static_cast<std::size_t>(set_->size())) return false;
     const auto [min, max] = ranges[feature(node)];
     if (threshold(node) < min || threshold(node) >= max) return false;
     Ranges rest = ranges;
@@ -265,39 +195,16 @@ class ModelOracle {
 
   std::span<const std::uint8_t> bytes_;
   const FeatureSet* set_ = nullptr;
-  ScoreBlock score_;
   std::vector<int> reached_;
   bool holds_ = false;
   bool slips_ = false;
   bool valid_ = false;
 };
 
-// Whether the score of a table is that of its block, for features anywhere and at the ends: against double, within what
-// log2_q8 and one rounding may be off (score.hpp).
-inline bool is_score(const score::Score& score, const ScoreBlock& block) {
-  std::mt19937 random(2);
-  for (int round = 0; round < 40; ++round) {
-    std::vector<std::int32_t> x;
-    double want = block.bias_q8;
-    double slack = 0.5 + 1e-6;
-    for (const ScoreTerm& term : block.terms) {
-      const auto magnitude = static_cast<std::int32_t>((random() & 0x7FFFFFFF) >> (random() % 32));
-      x.push_back(round == 0 ? INT32_MIN : round == 1 ? INT32_MAX : random() % 2 == 0 ? magnitude : -magnitude);
-      want += term.weight_q8 * std::log2(std::abs(static_cast<double>(x.back())) + term.offset);
-      slack += std::abs(term.weight_q8) / 256.0;
-    }
-    Saturations unused;
-    const double got = score::of(score, x, unused).raw();
-    if (std::abs(got - std::clamp(want, -32.0 * 256, 32.0 * 256)) > slack) return false;
-  }
-  return true;
-}
-
 // A finding in words; empty: nothing to say.
 //   * the firmware takes what the oracle takes, and refuses what it refuses, with words for it
-//   * what is refused answers slip, and has no score
+//   * what is refused answers slip
 //   * what is taken answers as the oracle does, at every threshold -1, 0, +1 and at the ends of every feature
-//   * its score is that of its bytes, and reads the features that they name
 inline std::string check_model_bytes(std::span<const std::uint8_t> bytes) {
   model::Tree tree;
   const model_file::Refusal refusal = model_file::read(bytes, tree);
@@ -307,22 +214,9 @@ inline std::string check_model_bytes(std::span<const std::uint8_t> bytes) {
   if (what.empty() || info(refusal).cause.empty() || info(refusal).next.empty()) return "refused without words";
   std::vector<std::int32_t> x(kFeatureCount);
   if (!oracle.valid()) {
-    const bool nothing_left = tree.count == 1 && tree.score == score::Score{};
-    return model::evaluate(tree, x) == Verdict::kSlip && nothing_left ? "" : "refused, and left half a tree";
+    return model::evaluate(tree, x) == Verdict::kSlip && tree.count == 1 ? "" : "refused, and left half a tree";
   }
-  const ScoreBlock& block = oracle.score();
-  if (tree.score.count != static_cast<int>(block.terms.size())) return "another number of terms";
-  for (std::size_t i = 0; i < block.terms.size(); ++i) {
-    if (kFeatures[tree.score.terms[i].feature].name != block.terms[i].feature) return "the score reads another feature";
-  }
-  if (!is_score(tree.score, block)) return "another score";
   std::mt19937 random(1);
-  const auto differs = [&] {
-    for (const std::size_t sensitivity : {0U, 1U, 2U}) {
-      if (model::evaluate(tree, x, static_cast<Sensitivity>(sensitivity)) != oracle.answer(x, sensitivity)) return true;
-    }
-    return false;
-  };
   for (std::size_t node = 0; node < oracle.count(); ++node) {
     if (oracle.kind(node) != 2) continue;
     for (int i = 0; i < oracle.set().size(); ++i) {
@@ -335,14 +229,14 @@ inline std::string check_model_bytes(std::span<const std::uint8_t> bytes) {
     const std::int32_t t = oracle.threshold(node);
     for (const std::int32_t value : {t - 1, t, t + 1, f.min, f.max, INT32_MIN, INT32_MAX}) {
       probed = value;
-      if (differs()) return "another answer at node " + std::to_string(node);
+      if (model::evaluate(tree, x) != oracle.answer(x)) return "another answer at node " + std::to_string(node);
     }
   }
   return "";
 }
 
 // Whole files: one small tree for each set, trees up to the limits, and one for each thing that can be wrong with a
-// tree or with a score.
+// tree.
 inline std::vector<ModelBytes> model_seeds() {
   std::vector<ModelBytes> seeds;
   std::uint32_t seed = 0;
@@ -364,22 +258,6 @@ inline std::vector<ModelBytes> model_seeds() {
   broken([](auto& nodes) { nodes[0].threshold = INT32_MAX; });
   broken([](auto& nodes) { nodes.pop_back(); });
   broken([](auto& nodes) { nodes.push_back({}); });
-  const FeatureSet& scored = *find_feature_set("score");
-  const std::vector<model::Node> small = RandomNodes(1, scored, 2, 7).nodes();
-  const auto with_score = [&](const FeatureSet& of, std::span<const model::Node> nodes, const ScoreBlock& score) {
-    ModelBytes bytes = model_bytes(of, nodes);
-    put_score(bytes, score);
-    seeds.push_back(repaired(bytes));
-  };
-  const ScoreTerm vx{"vx_um_s", 256, 16, 0};
-  for (std::uint32_t i = 0; i < 4; ++i) with_score(scored, small, random_score(i));
-  with_score(scored, small, {});
-  with_score(set, good, {7, {vx}});
-  with_score(scored, small, {7, {vx, vx}});
-  with_score(scored, small, {7, {{"vx_um_s", 0, 16, 0}}});
-  with_score(scored, small, {7, {{"vx_um_s", 256, 0, 0}}});
-  with_score(scored, small, {7, {{"vx_um_s", 256, 16, 1}}});
-  with_score(scored, small, {7, {{"imprint_patches", 256, 16, 0}}});
   return seeds;
 }
 

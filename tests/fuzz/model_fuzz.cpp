@@ -17,7 +17,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     ModelBytes bytes(data, data + size);
     bytes.resize(kModelBytes);
     put_name(bytes, 0, std::string_view("\x89HFT\r\n\x1a\n\x02\0", 10));
-    std::fill(bytes.begin() + 5556, bytes.end(), std::uint8_t{0});
+    std::fill(bytes.begin() + 5228, bytes.end(), std::uint8_t{0});
     finding = check_model_bytes(repaired(bytes));
   }
   if (finding.empty()) return 0;

@@ -266,7 +266,14 @@ TEST(SceneCamera, PictureIsAsTheSceneSays) {
     LONGS_EQUAL(410, sim::picture_of(scene).width);
     LONGS_EQUAL(308, sim::picture_of(scene).height);
   }
-  scene.picture = {.width = 820, .background = 100.0, .dot_level = 30.0, .shading = 5.0, .imprint_gain = 7.0};
+  scene.picture = {.width = 820,
+                   .background = 100.0,
+                   .dot_level = 30.0,
+                   .shading = 5.0,
+                   .imprint_gain = 7.0,
+                   .wall_gain = 8.0,
+                   .specular = 9.0,
+                   .shadow = 10.0};
   scene.seed = 9;
   scene.effects.pixel_noise = 1.5;
   scene.effects.exposure_ms = 4.0;
@@ -279,6 +286,7 @@ TEST(SceneCamera, PictureIsAsTheSceneSays) {
   DOUBLES_EQUAL(30.0, picture.dot_level, 0.0);
   DOUBLES_EQUAL(5.0, picture.shading, 0.0);
   DOUBLES_EQUAL(7.0, picture.imprint_gain, 0.0);
+  CHECK((picture.walls == scene::Walls{.gain = 8.0, .specular = 9.0, .shadow = 10.0}));
   DOUBLES_EQUAL(1.5, picture.noise_sigma, 0.0);
   LONGS_EQUAL(9, picture.seed);
   DOUBLES_EQUAL(4.0, picture.effects.exposure_ms, 0.0);

@@ -19,7 +19,6 @@
 
 #include "base/math.hpp"
 #include "base/units.hpp"
-#include "slip/score.hpp"
 #include "tactile/displacement.hpp"
 #include "tactile/entropy.hpp"
 #include "tactile/features.hpp"
@@ -536,6 +535,7 @@ TEST(Properties, RestPositionAndPitchAreWithinTheirBounds) {
     reference::Config config;
     config.frames = *any_of(1, 12);
     config.still = px(PixelsQ8::kMax);
+    config.most_bend_permille = 0;  // no gel has these places
     const auto home = *rc::gen::container<Field>(count, vec_within(PixelsQ8::kMax / 2));
     reference::State state;
     std::vector<Real> sum_x(count), sum_y(count);
@@ -578,36 +578,4 @@ TEST(Properties, RestPositionAndPitchAreWithinTheirBounds) {
     within("pitch", clamped_to<PixelsQ8>(pitch), got, links > 0.0L ? 1.5L : 0.0L, links > 0.0L ? 0.5L : 0.0L);
     RC_ASSERT(state.known == (got > 0.0L));
   });
-}
-
-// --- slip ---
-
-// Each logarithm is cut off by one LSB and 2^-22, times its weight; the sum is rounded once (score.hpp).
-TEST(Properties, ScoreIsWithinItsBound) {
-  holds(
-      [] {
-        score::Score score;
-        score.count = *any_of(1, score::kMaxTerms);
-        score.bias_q8 =
-            *rc::gen::oneOf(any_of<std::int32_t>(-9'000, 9'000), any_of<std::int32_t>(INT32_MIN, INT32_MAX));
-        std::array<std::int32_t, score::kMaxTerms> x{};
-        Real want = score.bias_q8;
-        Real below = 0.5L, above = 0.5L;
-        for (int i = 0; i < score.count; ++i) {
-          score::Term& term = score.terms[idx(i)];
-          term.weight_q8 = static_cast<std::int16_t>(*rc::gen::oneOf(any_of(-300, 300), any_of(-32'768, 32'767)));
-          term.offset = static_cast<std::uint16_t>(*any_of(1, 65'535));
-          x[idx(i)] = *any_of<std::int32_t>(INT32_MIN, INT32_MAX) >> *any_of(0, 31);
-          const Real weight = static_cast<Real>(term.weight_q8) / 256.0L;
-          want += 256.0L * weight * std::log2(std::abs(static_cast<Real>(x[idx(i)])) + static_cast<Real>(term.offset));
-          (weight > 0.0L ? below : above) += std::abs(weight) * (1.0L + 0x1p-22L);
-        }
-        Saturations saturations;
-        const Real got = score::of(score, x, saturations).raw();
-        within("score", clamped_to<Log2Q8>(want), got, below, above);
-        if (want > Log2Q8::kMax + below + 1.0L || want < Log2Q8::kMin - above - 1.0L)
-          RC_ASSERT(saturations.count == 1U);
-        if (want < Log2Q8::kMax - above && want > Log2Q8::kMin + below) RC_ASSERT(saturations.count == 0U);
-      },
-      5'000);
 }

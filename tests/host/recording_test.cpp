@@ -210,6 +210,30 @@ TEST(Recording, SplitsAStreamWithGarbageBetweenAndATruncatedEnd) {
   LONGS_EQUAL(200000, frames[3].time.count());  // 3 / 15 fps
 }
 
+// Pictures that carry stamps, one behind the other in a file that somebody else can read.
+Recording stamped(const std::filesystem::path& path, const std::vector<std::chrono::microseconds>& times) {
+  std::string bytes;
+  std::vector<sim::StampedPicture> pictures;
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    const std::string one = jpeg(static_cast<int>(i), 100, 80);
+    pictures.push_back({bytes.size(), one.size(), times[i]});
+    bytes += one;
+  }
+  write_file(path, bytes);
+  return opened(path, {.pictures = std::make_shared<const std::vector<sim::StampedPicture>>(std::move(pictures))});
+}
+
+// A stamp that runs backwards, stands still or jumps is what the camera or the recorder did. Times count from the
+// first.
+TEST(Recording, KeepsEveryStampAsItIs) {
+  const std::vector<std::chrono::microseconds> times{7s,        7s + 40ms, 7s + 80ms, 7s + 60ms,
+                                                     7s + 60ms, 6s + 10ms, 9h,        7s + 120ms};
+  Recording recording = stamped(dir / "log", times);
+  const auto frames = all_frames(recording);
+  LONGS_EQUAL(times.size(), frames.size());
+  for (std::size_t i = 0; i < times.size(); ++i) CHECK(frames[i].time == times[i] - 7s);
+}
+
 TEST(Recording, ALostMiddleDamagesOnePictureAndNotTheNext) {
   for (std::size_t eighth = 1; eighth < 8; ++eighth) {
     const std::string whole = jpeg(1);
@@ -512,4 +536,19 @@ TEST(CameraReplay, TimesOutInVirtualTimeWhenTheNextFrameIsFar) {
   CHECK(camera.next(frame, 100ms) == hal::Capture::kFrame);
   CHECK(clock.now() == 250ms);
   LONGS_EQUAL(1, camera.current().index);
+}
+
+// As a live camera whose driver stamps wrongly: the frame comes now, and says another time.
+TEST(CameraReplay, AStampOfAnotherTimeComesAtOnce) {
+  const std::vector<std::chrono::microseconds> times{0s, 40ms, 20ms, 5h, -3h, 80ms};
+  sim::CameraReplay camera(stamped(dir / "log", times), clock);
+  clock.advance_to(5s);
+  CHECK(camera.start());
+  const std::vector<std::chrono::microseconds> now{5s, 5s + 40ms, 5s + 40ms, 5s + 40ms, 5s + 40ms, 5s + 80ms};
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    hal::Frame frame;
+    CHECK(camera.next(frame, 100ms) == hal::Capture::kFrame);
+    CHECK(frame.timestamp == 5s + times[i]);
+    CHECK(clock.now() == now[i]);
+  }
 }

@@ -156,7 +156,8 @@ TEST(SceneFile, ReadsEveryField) {
    "light_drift_levels_per_s": -1.25, "light_flicker_levels": 2, "exposure_ms": 20, "rolling_shutter_ms": 30,
    "worn_gel": 0.25, "dot_shading_levels": 10, "gel_margins": true},
  "faults": [{"t_s": 1, "frames": 3, "fault": "torn"}, {"t_s": 2, "fault": "backwards", "by_ms": 75}],
- "picture": {"width": 820, "background": 110, "dot_level": 40, "shading": 15, "imprint_gain": 50, "jpeg_quality": 90},
+ "picture": {"width": 820, "background": 110, "dot_level": 40, "shading": 15, "imprint_gain": 50,
+  "wall_gain": 200, "specular": 40, "shadow": 30, "jpeg_quality": 90},
  "expect": {"onset_s": [1.25, 2.5], "no_onset": false, "max_delay_ms": 120, "false_alarms": 1, "final_state": "SLIP",
    "entropy": [{"from_s": 0, "to_s": 0.5, "least_nat": 0.25, "most_nat": 0.75}]},
  "goal": {"max_delay_ms": 80, "false_alarms": 0}})";
@@ -232,7 +233,7 @@ TEST(SceneFile, ReadsEveryField) {
                       .dot_shading_levels = 10,
                       .gel_margins = true};
   expected.faults = {{1, 3, Fault::kTorn, 50}, {2, 1, Fault::kBackwards, 75}};
-  expected.picture = {820, 110, 40, 15, 50, 90};
+  expected.picture = {820, 110, 40, 15, 50, 200, 40, 30, 90};
   expected.expect.onset_s = {1.25, 2.5};
   expected.expect.max_delay_ms = 120;
   expected.expect.false_alarms = 1;
@@ -298,7 +299,7 @@ TEST(SceneFile, KeepsToEveryRange) {
       }
     }
   }
-  CHECK_EQUAL(75, ranges);
+  CHECK_EQUAL(78, ranges);
 }
 
 TEST(SceneFile, RefusesOtherKindsForEveryField) {
@@ -705,7 +706,8 @@ class RandomScene {
       if (fault.fault == Fault::kLate || fault.fault == Fault::kBackwards) fault.by_ms = number(0, 100);
     }
     if (chance())
-      s.picture = {whole(64, 3280), number(0, 255), number(0, 255), number(0, 255), number(0, 9), whole(1, 100)};
+      s.picture = {whole(64, 3280), number(0, 255), number(0, 255), number(0, 255), number(0, 9),
+                   number(0, 999),  number(0, 255), number(0, 255), whole(1, 100)};
     if (chance()) s.expect.onset_s = {number(0, 0.4), number(0.5, 1)};
     if (chance() && !s.expect.onset_s) s.expect.no_onset = true;
     if (chance() && !s.expect.no_onset) s.expect.max_delay_ms = number(0, 500);

@@ -190,7 +190,7 @@ ClipFigures follow(const Clip& clip, int stride, void (*each)(const FrameSeen&, 
     ++out.frames_judged;
     out.markers_judged += markers;
     out.markers_confirmed += confirmed;
-    out.frames_all_confirmed += confirmed == markers ? 1 : 0;
+    out.frames_all_confirmed += confirmed == field.valid_count() ? 1 : 0;
   }
   out.searches = state->tracker.searches;
 

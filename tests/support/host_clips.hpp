@@ -31,7 +31,7 @@ struct ClipFigures {
   int frames = 0;
   int frames_all_valid = 0;      // the firmware says: all markers found
   int frames_judged = 0;         // every `stride`-th frame
-  int frames_all_confirmed = 0;  // of those: all valid, and a dark blob of OpenCV's within 1 px of each
+  int frames_all_confirmed = 0;  // of those: a dark blob of OpenCV's within 1 px of each marker that is valid
   long markers_judged = 0;
   long markers_confirmed = 0;
   double worst_confirmed_px = 0;  // largest distance among the confirmed

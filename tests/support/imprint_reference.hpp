@@ -8,37 +8,61 @@
 #include <cmath>
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "tactile/imprint.hpp"
+#include "tests/support/coarse_reference.hpp"
 
 namespace holdfast::test {
 
 class ImprintReference {
  public:
-  struct Seen {
-    double motion_um[3] = {0, 0, 0};  // 0: not known
-    int patches = 0;
-    bool close[3] = {false, false, false};  // the bend of the gel is so near to the motion that rounding decides
-    double disputed = 0.0;  // largest distance from the threshold, as a share, at which `counted` disagrees
-  };
+  // What rounding decides. The firmware's pixels, samples and empty gel are rounded to 1/16 level each, which is 0.03
+  // levels RMS a sample: 3 % RMS of the relief of a patch at the threshold of contact, and as much of a weak change. So
+  //   a patch whose relief is near the threshold may count on one side only: up to 6 % off it on the recordings;
+  //   the noise q is one patch's change, out of a hundred quiet ones. Patches that are near the 40 % may be quiet on
+  //   one side only, and near q they change places: up to 6 ranks on the recordings, where a codec leaves 3 to 10 %
+  //   from rank to rank.
+  // Measured on 3240 frames (2026-11-24): with samples of this class rounded in the same way, patches no longer count
+  // one more in the firmware, and the motions of imprint_test are within 0.002 instead of 0.03 of log2.
+  static constexpr double kContactRounding = 0.07;
+  static constexpr std::ptrdiff_t kRanks = 6;
+  // Rounding adds 1 to 2 % to the noise of the empty gel, and so to the relief that a motion needs.
+  static constexpr double kFloorRounding = 0.03;
 
-  // Whether a patch takes part in the motion since the frame at then_s. Patches near the threshold may fall on either
-  // side; with the other's choice the figures themselves can be compared.
-  using Counted = std::function<bool(std::size_t patch, double then_s)>;
+  // 0.03 levels over a slope of 1 level a step.
+  static constexpr double kRounding_um = 4.0;
+
+  static constexpr double kMostReliefForCoarse = 0.35;  // levels^2
+
+  struct Seen {
+    double motion_um = 0.0;   // 0: none that stands out
+    double least_um = 0.0;    // with the noise kRanks up, and whatever the floor
+    double most_um = 0.0;     // with the noise kRanks down
+    double over_floor = 0.0;  // energy of the relief over what a motion needs; it is there above 1
+    double growth = 0.0;      // log2
+    double coarse_um = 0.0;   // 0: likewise, or too much relief
+    int patches = 0;
+    int least_patches = 0, most_patches = 0;  // with the threshold kContactRounding up and down
+    double coarse_signal = 0.0;               // as CoarseSeen::signal; 0 where there is too much relief
+    double relief = 0.0;                      // mean of g, levels^2
+
+    // Rounding does not decide whether there is a coarse motion: evidence that is over a twentieth of what it is the
+    // difference of, and relief further from what is too much than rounding adds, 0.004 levels^2.
+    [[nodiscard]] bool tells_coarse() const {
+      return std::abs(coarse_signal) > 0.05 && std::abs(relief - kMostReliefForCoarse) > 0.01;
+    }
+  };
 
   explicit ImprintReference(const imprint::Config& config) : config_(config) {}
 
   Seen update(const LumaView& picture, const MarkerField& now, const MarkerField& rest, PixelsQ8 pitch, bool empty,
-              double t_s, const Counted& counted = {}) {
+              double t_s) {
     reduce(picture, pitch.raw() / 256.0);
     Frame frame;
     frame.t_s = t_s;
-    frame.markers = now;
-    pitch_px_ = pitch.raw() / 256.0;
     const double floor = kPairs * config_.contact_floor_q8;
     double threshold = 2.0 * floor;
     if (empty_frames_ > 8) threshold = std::max(floor, noise_relief_ * config_.contact_over_noise_q4 / 16.0);
@@ -54,13 +78,16 @@ class ImprintReference {
                 static_cast<std::size_t>(4 * (row * rest.grid.cols + col) + (sx < 0 ? 1 : 0) + (sy < 0 ? 2 : 0));
             const auto samples = sample(now, rest, row, col, sx, sy);
             if (!samples) continue;
-            Patch patch{*samples, empty_[key] ? relief(*samples, *empty_[key]) : 0.0, row, col, sx, sy};
+            if (empty_[key] && relief(*empty_[key], Square{}) <= kPairs * 8.0 * 256) {
+              const Patch patch{*samples, *empty_[key], relief(*samples, *empty_[key])};
+              ++patches;
+              reliefs += patch.relief;
+              if (patch.relief > threshold) ++out.patches;
+              if (patch.relief > threshold * (1.0 + kContactRounding)) ++out.least_patches;
+              if (patch.relief > threshold * (1.0 - kContactRounding)) ++out.most_patches;
+              frame.patches[key] = patch;
+            }
             if (empty) learn(key, *samples);
-            if (empty_[key] && relief(*empty_[key], Square{}) > kPairs * 8.0 * 256) continue;
-            ++patches;
-            reliefs += patch.relief;
-            if (patch.relief > threshold) ++out.patches;
-            frame.patches[key] = patch;
           }
         }
       }
@@ -68,10 +95,22 @@ class ImprintReference {
     if (empty && patches > 0 && empty_frames_ > 8) {
       noise_relief_ += (reliefs / patches - noise_relief_) / (empty_frames_ - 8);
     }
-    for (int k = 0; k < 3; ++k) out.motion_um[k] = motion(frame, k, empty, threshold, counted, out);
+    compare(frame, rest.grid, out);
     if (kept_.empty() || t_s - kept_.front().t_s >= 0.035 - 1e-9) kept_.push_front(frame);
-    if (kept_.size() > 14) kept_.pop_back();
+    if (kept_.size() > 7) kept_.pop_back();
     return out;
+  }
+
+  // Whether a motion may be there, log2 of um in Q8, where double sees this.
+  [[nodiscard]] static bool may_move(const Seen& seen, std::int32_t motion_q8) {
+    if (motion_q8 > 0) return seen.over_floor > 1.0 - kFloorRounding && seen.most_um > 0.0;
+    return seen.over_floor < 1.0 + kFloorRounding || seen.least_um <= kRounding_um;
+  }
+
+  // By how much of log2 a motion is further from double than other ranks of the noise explain.
+  [[nodiscard]] static double off(const Seen& seen, std::int32_t motion_q8) {
+    const auto log_of = [](double um) { return std::log2(std::max(1.0, um)); };
+    return std::max({0.0, log_of(seen.least_um) - motion_q8 / 256.0, motion_q8 / 256.0 - log_of(seen.most_um)});
   }
 
  private:
@@ -79,12 +118,11 @@ class ImprintReference {
   using Square = std::array<double, 64>;  // by b, then a; those that are not free are 0
   struct Patch {
     Square samples{};
+    Square empty{};  // as it was known then
     double relief = 0.0;
-    int row = 0, col = 0, sx = 1, sy = 1;
   };
   struct Frame {
     double t_s = 0.0;
-    MarkerField markers;
     std::array<std::optional<Patch>, 4 * kMaxMarkers> patches;  // four to a dot
   };
 
@@ -139,16 +177,14 @@ class ImprintReference {
     const auto px = [](PixelsQ8 v) { return v.raw() / 256.0; };
     const bool right = col + sx >= 0 && col + sx < cols, down = row + sy >= 0 && row + sy < rows;
     const int nc = right ? col + sx : col, nr = down ? row + sy : row;
-    double dx = 0, dy = 0;
-    const struct {
-      int r, c;
-      double weight;
-    } corners[] = {{row, col, 9}, {row, nc, 3}, {nr, col, 3}, {nr, nc, 1}};
-    for (const auto& corner : corners) {
-      const Marker &to = marker(now, corner.r, corner.c), &from = marker(rest, corner.r, corner.c);
+    // Displacement of the four dots: own, beside, over, across.
+    std::array<double, 4> dx{}, dy{};
+    std::size_t corner_index = 0;
+    for (const auto& [r, c] : {std::pair(row, col), std::pair(row, nc), std::pair(nr, col), std::pair(nr, nc)}) {
+      const Marker &to = marker(now, r, c), &from = marker(rest, r, c);
       if (!to.valid || !from.valid) return std::nullopt;
-      dx += corner.weight / 16 * (px(to.x) - px(from.x));
-      dy += corner.weight / 16 * (px(to.y) - px(from.y));
+      dx[corner_index] = px(to.x) - px(from.x);
+      dy[corner_index++] = px(to.y) - px(from.y);
     }
     const Marker& own = marker(rest, row, col);
     const Marker& beside = marker(rest, row, right ? col + sx : col - sx);
@@ -158,6 +194,12 @@ class ImprintReference {
     const double ax = sa * (px(beside.x) - px(own.x)) / 16, ay = sa * (px(beside.y) - px(own.y)) / 16;
     const double bx = sb * (px(over.x) - px(own.x)) / 16, by = sb * (px(over.y) - px(own.y)) / 16;
     const auto to_reduced = [&](double x) { return (x - (side_ - 1) / 2.0) / side_; };
+    // The bilinear displacement between the dots, cut off behind its first order about the patch's middle, (1/4, 1/4).
+    const auto moved = [](const std::array<double, 4>& d, double u, double v) {
+      const double along = 0.75 * (d[1] - d[0]) + 0.25 * (d[3] - d[2]);
+      const double across = 0.75 * (d[2] - d[0]) + 0.25 * (d[3] - d[1]);
+      return (9 * d[0] + 3 * d[1] + 3 * d[2] + d[3]) / 16 + along * (u / 16 - 0.25) + across * (v / 16 - 0.25);
+    };
     Square square{};
     for (int b = 0; b < 8; ++b) {
       for (int a = 0; a < 8; ++a) {
@@ -166,8 +208,8 @@ class ImprintReference {
         if (!value(to_reduced(px(own.x) + u * ax + v * bx), to_reduced(px(own.y) + u * ay + v * by))) {
           return std::nullopt;
         }
-        const auto seen =
-            value(to_reduced(px(own.x) + dx + u * ax + v * bx), to_reduced(px(own.y) + dy + u * ay + v * by));
+        const auto seen = value(to_reduced(px(own.x) + moved(dx, u, v) + u * ax + v * bx),
+                                to_reduced(px(own.y) + moved(dy, u, v) + u * ay + v * by));
         if (!seen) return std::nullopt;
         if (free(a, b)) square[at(a, b)] = *seen;
       }
@@ -195,47 +237,74 @@ class ImprintReference {
     for (std::size_t i = 0; i < now.size(); ++i) mean[i] += (now[i] - mean[i]) / empty_frames_;
   }
 
-  // Variance of the four dots' motion about the patch's own, in samples^2.
-  [[nodiscard]] double bend(const MarkerField& now, const MarkerField& then, const Patch& patch) const {
-    const int rows = now.grid.rows, cols = now.grid.cols;
-    const int nc = patch.col + patch.sx >= 0 && patch.col + patch.sx < cols ? patch.col + patch.sx : patch.col;
-    const int nr = patch.row + patch.sy >= 0 && patch.row + patch.sy < rows ? patch.row + patch.sy : patch.row;
-    const struct {
-      int r, c;
-      double weight;
-    } corners[] = {
-        {patch.row, patch.col, 9.0 / 16}, {patch.row, nc, 3.0 / 16}, {nr, patch.col, 3.0 / 16}, {nr, nc, 1.0 / 16}};
-    const auto moved = [&](int r, int c) {
-      const auto i = static_cast<std::size_t>(r * cols + c);
-      const double step = 256.0 * pitch_px_ / 16.0;
-      return std::pair((now.markers[i].x.raw() - then.markers[i].x.raw()) / step,
-                       (now.markers[i].y.raw() - then.markers[i].y.raw()) / step);
-    };
-    double x = 0, y = 0, sum = 0;
-    for (const auto& corner : corners) {
-      x += corner.weight * moved(corner.r, corner.c).first;
-      y += corner.weight * moved(corner.r, corner.c).second;
-    }
-    for (const auto& corner : corners) {
-      const auto [dx, dy] = moved(corner.r, corner.c);
-      sum += corner.weight * (std::pow(dx - x, 2) + std::pow(dy - y, 2));
-    }
-    return std::min(sum, 64.0);
+  // Level: of `samples` over `empty`.
+  [[nodiscard]] static double shading(const Square& samples, const Square& empty) {
+    double sum = 0;
+    for (std::size_t i = 0; i < samples.size(); ++i) sum += samples[i] - empty[i];
+    return sum / kN / 16;
   }
 
-  double motion(const Frame& now, int k, bool empty, double threshold, const Counted& counted, Seen& seen) {
-    constexpr double kLags_s[] = {0.12, 0.24, 0.48};
+  // Levels a step, along a and along b: mean of central differences, one-sided where only one neighbour is free.
+  [[nodiscard]] static std::array<double, 2> slope(const Square& samples) {
+    std::array<double, 2> sums{};
+    for (int b = 0; b < 8; ++b) {
+      for (int a = 0; a < 8; ++a) {
+        if (!free(a, b)) continue;
+        for (const int axis : {0, 1}) {
+          const auto neighbour = [&](int by) {
+            const int u = axis == 0 ? a + by : a, v = axis == 0 ? b : b + by;
+            return u >= 0 && v >= 0 && u < 8 && v < 8 && free(u, v) ? std::optional(samples[at(u, v)]) : std::nullopt;
+          };
+          const auto before = neighbour(-1), after = neighbour(1);
+          const double here = samples[at(a, b)];
+          double rise = 0;
+          if (before && after) rise = (*after - *before) / 2;
+          if (before && !after) rise = here - *before;
+          if (!before && after) rise = *after - here;
+          sums[static_cast<std::size_t>(axis)] += rise / kN / 16;
+        }
+      }
+    }
+    return sums;
+  }
+
+  [[nodiscard]] static CoarsePatch coarse_patch(const Patch& now, const Patch& then, GridSize grid, int key) {
+    const int dot = key / 4;
+    const int sx = key % 2 == 0 ? 1 : -1, sy = key % 4 < 2 ? 1 : -1;
+    const auto [now_a, now_b] = slope(now.samples);
+    const auto [then_a, then_b] = slope(then.samples);
+    const auto [empty_a, empty_b] = slope(now.empty);
+    CoarsePatch out;
+    out.change = shading(now.samples, now.empty) - shading(then.samples, then.empty);
+    out.shading = (shading(now.samples, now.empty) + shading(then.samples, then.empty)) / 2;
+    out.slope_x = sx * ((now_a + then_a) / 2 - empty_a);
+    out.slope_y = sy * ((now_b + then_b) / 2 - empty_b);
+    out.empty_x = sx * empty_a;
+    out.empty_y = sy * empty_b;
+    // Pitches from the lattice's middle.
+    const int row = dot / grid.cols, col = dot % grid.cols;
+    out.x = col - (grid.cols - 1) / 2.0 + sx / 4.0;
+    out.y = row - (grid.rows - 1) / 2.0 + sy / 4.0;
+    return out;
+  }
+
+  void compare(const Frame& now, GridSize grid, Seen& out) const {
+    constexpr double kLag_s = 0.16, kLevels2 = 256.0;
     const Frame* then = nullptr;
-    double off = kLags_s[k] / 3 + 1e-9;
+    double off = kLag_s / 3 + 1e-9;
     for (const Frame& kept : kept_) {
-      const double distance = std::abs(now.t_s - kept.t_s - kLags_s[k]);
-      if (distance > off - (then == nullptr ? 0 : 2e-9)) continue;
+      const double distance = std::abs(now.t_s - kept.t_s - kLag_s);
+      if (distance > off + 1e-9) continue;  // of two that are as far off, the older
       off = distance;
       then = &kept;
     }
-    if (then == nullptr) return 0;
-    double change = 0, relief = 0, bent = 0, all = 0;
-    int pressed = 0, both = 0;
+    if (then == nullptr) return;
+    struct Both {
+      double now, then, g, change;       // levels^2
+      double shading_now, shading_then;  // levels
+    };
+    std::vector<Both> both;
+    std::vector<CoarsePatch> coarse;
     for (std::size_t key = 0; key < now.patches.size(); ++key) {
       if (!now.patches[key] || !then->patches[key]) continue;
       const Patch &patch = *now.patches[key], &before = *then->patches[key];
@@ -245,44 +314,60 @@ class ImprintReference {
         sum += r;
         squares += r * r;
       }
-      const double about_mean = kN * squares - sum * sum;
-      all += about_mean;
-      ++both;
-      const double reliefs = patch.relief + before.relief;
-      bool in_contact = reliefs > 2 * threshold;
-      if (counted && counted(key, then->t_s) != in_contact) {
-        in_contact = !in_contact;
-        seen.disputed = std::max(seen.disputed, std::abs(reliefs / (2 * threshold) - 1));
-      }
-      if (!in_contact) continue;
-      change += about_mean;
-      relief += reliefs;
-      bent += reliefs * bend(now.markers, then->markers, patch);
-      ++pressed;
+      const double a = patch.relief / kPairs / kLevels2, b = before.relief / kPairs / kLevels2;
+      both.push_back({a, b, (a + b) / 2, (squares / kN - sum * sum / kN / kN) / kLevels2,
+                      shading(patch.samples, patch.empty), shading(before.samples, before.empty)});
+      coarse.push_back(coarse_patch(patch, before, grid, static_cast<int>(key)));
+      out.relief += both.back().g;
     }
-    if (empty && both > 0) {
-      noise_frames_[k] = std::min(noise_frames_[k] + 1, 64);
-      noise_motion_[k] += (all / both - noise_motion_[k]) / noise_frames_[k];
+    if (!both.empty()) out.relief /= static_cast<double>(both.size());
+    if (both.size() < 20) return;
+    std::vector<Both> least = both;
+    std::sort(least.begin(), least.end(), [](const Both& a, const Both& b) { return a.g < b.g; });
+    least.resize(least.size() * 2 / 5);
+    double base_now = 0, base_then = 0;
+    for (const Both& one : least) {
+      base_now += one.shading_now / static_cast<double>(least.size());
+      base_then += one.shading_then / static_cast<double>(least.size());
     }
-    if (pressed < config_.least_patches) return 0;
-    change -= pressed * noise_motion_[k];
-    const double told = kN * kN * bent / (2 * kPairs);
-    seen.close[k] = told > 0 && std::abs(change / told - 1) < 0.03;
-    if (change <= told) return 0;
-    // 1.2 levels^2 and 0.12 a patch, in units of 16 levels and of the sum of two reliefs.
-    relief += 2 * kPairs * 256 * (1.2 + 0.12 * pressed) - 2 * pressed * noise_relief_;
-    if (change <= 0) return 0;
-    return std::max(1.0, config_.pitch_um / 16.0 * std::sqrt(change / (kN * kN) / (relief / (2 * kPairs))));
+    std::sort(least.begin(), least.end(), [](const Both& a, const Both& b) { return a.change < b.change; });
+    const auto n = static_cast<double>(both.size());
+    double energy = 0.2 * n, energy_now = 0, energy_then = 0;
+    double shading_now = n, shading_then = n;
+    for (const Both& one : both) {
+      energy += one.g * one.g;
+      energy_now += one.now * one.now;
+      energy_then += one.then * one.then;
+      shading_now += std::pow(one.shading_now - base_now, 2);
+      shading_then += std::pow(one.shading_then - base_then, 2);
+    }
+    const auto motion_um = [&](std::ptrdiff_t ranks) {
+      const auto rank = static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4) + ranks;
+      const auto last = static_cast<std::ptrdiff_t>(least.size()) - 1;
+      const double noise = least[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(rank, 0, last))].change;
+      double evidence = 0;
+      for (const Both& one : both) evidence += one.g * (one.change - noise);
+      return config_.pitch_um / 16.0 * std::sqrt(std::max(0.0, evidence) / energy);
+    };
+    out.least_um = motion_um(kRanks);
+    out.most_um = motion_um(-kRanks);
+    out.growth = std::log2(shading_now / shading_then);
+    if (out.relief <= kMostReliefForCoarse) {
+      const CoarseSeen seen = coarse_reference(coarse);
+      out.coarse_um = config_.pitch_um / 16.0 * seen.motion_steps;
+      out.coarse_signal = seen.signal;
+    }
+    const double floor = n * (0.1 + std::pow(noise_relief_ / kPairs / kLevels2, 2));
+    out.over_floor = std::min(energy_now, energy_then) / floor;
+    if (out.over_floor >= 1.0 && motion_um(0) > 0) out.motion_um = std::max(1.0, motion_um(0));
   }
 
   imprint::Config config_;
   int side_ = 1, width_ = 0, height_ = 0;
-  double pitch_px_ = 0;
   std::vector<double> pixels_;
   std::array<std::optional<Square>, 4 * kMaxMarkers> empty_;
   int empty_frames_ = 0;
-  double noise_relief_ = 0, noise_motion_[3] = {0, 0, 0};
-  int noise_frames_[3] = {0, 0, 0};
+  double noise_relief_ = 0;
   std::deque<Frame> kept_;  // newest first
 };
 

@@ -30,7 +30,7 @@ constexpr int kFrames = 250;  // ten seconds
 // A gel that is pulled to the right and turned a little from the fourth second on, and slips from the seventh on.
 LiveModel dragged() {
   LiveModel model;
-  model.title = "holdfastd 0.1.0 on sim, model slip_v3";
+  model.title = "holdfastd 0.1.0 on sim, model slip_v4";
   model.port = "/dev/serial/by-id/usb-holdfast-if00";
   DisplacementField rest;
   for (int i = 0; i < rest.grid.count(); ++i) {

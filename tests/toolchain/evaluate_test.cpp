@@ -81,16 +81,16 @@ Options fast(std::vector<Kind> kinds) {
   return options;
 }
 
-Evaluation evaluated(const Samples& samples, const Options& options, const Samples* recorded = nullptr) {
+Evaluation evaluated(const Samples& samples, const Options& options) {
   Evaluation out;
-  const auto error = evaluate(samples, recorded, options, out);
+  const auto error = evaluate(samples, options, out);
   CHECK_TEXT(!error, error ? error->c_str() : "");
   return out;
 }
 
-std::string refusal(const Samples& samples, const Options& options, const Samples* recorded = nullptr) {
+std::string refusal(const Samples& samples, const Options& options) {
   Evaluation out;
-  return evaluate(samples, recorded, options, out).value_or("");
+  return evaluate(samples, options, out).value_or("");
 }
 
 // P(X <= count), X Poisson with this mean, term by term.
@@ -325,107 +325,6 @@ TEST(Evaluate, RequestsAreTheFirmwaresDecision) {
   LONGS_EQUAL(3, *event.raised_frames);
 }
 
-TEST(Evaluate, RecordingsAreCountedBesideTheirSham) {
-  // Three clips of 300 frames: alarms of single rows at known places; the hold of the decision keeps each up for 5
-  // rows.
-  Samples clips;
-  const auto add_clip = [&](const std::string& object, int onset, const std::vector<int>& alarms) {
-    add_trial(
-        clips, object, false, [](const Trial&, int, bool) { return -5; }, 300);
-    const Trial& trial = clips.trials.back();
-    for (int k = onset; onset >= 0 && k < 300; ++k) {
-      clips.rows[static_cast<std::size_t>(trial.first + k)].label = k < onset + 12 ? Label::kSlip : Label::kOpen;
-    }
-    for (const int k : alarms) clips.rows[static_cast<std::size_t>(trial.first + k)].x[0] = 5;
-    clips.trials.back().source = Source::kRecorded;
-    clips.trials.back().kind = "clip";
-    clips.trials.back().primitive.clear();
-  };
-  add_clip("ball", 280, {50, 120, 283});              // new within 5
-  add_clip("box", 200, {197, 209});                   // up (since 3 before) and new within 5; again within 10
-  add_clip("artificial_strawberry", -1, {150, 151});  // one alarm, never shaken
-  add_clip("cup", 0, {});                             // begins with slip: no recorded onset
-  Options options = fast({Kind::kTree});
-  options.events = false;
-  treec::Model model;
-  CHECK(!treec::parse(kOnPositiveVx, model));
-  options.models.push_back({"sign", treec::to_table(model)});
-  const Samples data = objects(kThree, 10, told_apart);
-  const Evaluation e = evaluated(data, options, &clips);
-  const RecordedScore& r = e.recorded.front();
-  CHECK(r.name == "sign" && r.trained == "given");
-  LONGS_EQUAL(1, r.raise_frames);
-  LONGS_EQUAL(2, r.onsets);
-  LONGS_EQUAL(2, r.within_5.any);
-  LONGS_EQUAL(2, r.within_10.any);
-  LONGS_EQUAL(2, r.within_5.fresh);
-  LONGS_EQUAL(2, r.within_10.fresh);
-  LONGS_EQUAL(4, r.held.alarms);  // 50, 120, 197 and 150
-  LONGS_EQUAL(2, r.shaken.alarms);
-  DOUBLES_EQUAL(0.04 * (279 + 199 + 299), r.held.s, 1e-6);
-  DOUBLES_EQUAL(0.04 * (151 + 100), r.shaken.s, 1e-6);
-  LONGS_EQUAL(24 + 12, r.frames.true_slip + r.frames.false_hold);
-  // Sham windows within 5: 6 rows for "up", 9 for "new". Clip by clip: windows that lie in held contact, and those
-  // which meet an alarm's 5 rows (10 starts each) or its first row (9 starts), as far as they lie inside.
-  // The alarm at 197 has only the starts 192, 193 and 194 (189, 190 and 191) before its clip's slip.
-  const double any = 10.0 + 10.0 + 3.0 + 11.0;  // 50, 120, 197, and 150 with 151: up for 6 rows
-  DOUBLES_EQUAL(any / (275.0 + 195.0 + 295.0), r.within_5.sham_any, 1e-9);
-  DOUBLES_EQUAL((9.0 + 9.0 + 3.0 + 9.0) / (272.0 + 192.0 + 292.0), r.within_5.sham_fresh, 1e-9);
-
-  LONGS_EQUAL(2, r.within_15.fresh);
-  LONGS_EQUAL(1, r.hits);  // the ball: on the box the alarm of 197 is up
-  LONGS_EQUAL(0, r.empty.alarms);
-
-  const RecordedScore& twice = e.recorded[1];
-  LONGS_EQUAL(2, twice.raise_frames);
-  LONGS_EQUAL(1, twice.held.alarms);  // only 150 and 151 follow each other
-  LONGS_EQUAL(0, twice.within_10.any);
-}
-
-// Fast is slip on the ball, slow is slip on the box: whoever learned from the one is wrong about the other. A score
-// that had seen both would not be.
-TEST(Evaluate, NoScoreHasSeenWhatItIsJudgedBy) {
-  const Samples samples = objects({"ball", "box"}, 20, [](const Trial& trial, int number, bool slip) {
-    return slip == (trial.object == "ball") ? 2000 + number : 20 + number;
-  });
-  Options options = fast({Kind::kTree, Kind::kKnn});
-  options.sets = {find_feature_set("score")};
-  const Evaluation e = evaluated(samples, options);
-  for (const ObjectsScore& score : e.left_out) {
-    for (const ObjectScore& object : score.objects) DOUBLES_EQUAL(0.0, object.frames.accuracy(), 1e-9);
-  }
-  const Samples alike = objects({"ball", "box"}, 20,
-                                [](const Trial&, int number, bool slip) { return slip ? 2000 + number : 20 + number; });
-  const Evaluation good = evaluated(alike, options);
-  for (const ObjectsScore& score : good.left_out) {
-    for (const ObjectScore& object : score.objects) DOUBLES_EQUAL(1.0, object.frames.accuracy(), 1e-9);
-  }
-  for (const FiveFoldScore& score : good.five_fold) DOUBLES_EQUAL(1.0, score.by_trial.accuracy.mean, 1e-9);
-  // Trained on the one object, judged by the recordings of the other.
-  const Samples data = objects({"ball", "duck"}, 20,
-                               [](const Trial&, int number, bool slip) { return slip ? 2000 + number : 20 + number; });
-  const Evaluation recorded = evaluated(data, options, &samples);
-  for (const RecordedScore& score : recorded.recorded) {
-    const double wrong = score.trained == "the data set" ? 0.5 : 0.0;  // the box's rows, or all
-    DOUBLES_EQUAL(wrong, score.frames.accuracy(), 1e-9);
-  }
-}
-
-TEST(Evaluate, AGivenModelIsJudgedByItsOwnScore) {
-  treec::Model model;
-  CHECK(
-      !treec::parse("format 1\nname fast\nfeature_set score\nfeature marker_score_log2_q8 log2 Q8\n"
-                    "score bias_q8 -2048\nscore vx_um_s weight_q8 256 offset 1\n"
-                    "node 0: marker_score_log2_q8 <= 0 ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n",
-                    model));
-  CHECK(!treec::check(model));
-  const auto paint = [](const Trial&, int number, bool slip) { return slip ? -2000 - number : 20 + number; };
-  Options options = fast({Kind::kTree});
-  options.models.push_back({"fast", treec::to_table(model)});
-  const Evaluation e = evaluated(objects(kThree, 10, paint), options);
-  for (const ObjectScore& object : e.models.front().objects) DOUBLES_EQUAL(1.0, object.frames.accuracy(), 1e-9);
-}
-
 TEST(Evaluate, SaysWhatIsWrongWithTheData) {
   const Samples good = objects(kThree, 10, told_apart);
   STRCMP_EQUAL("", refusal(good, fast({Kind::kTree})).c_str());
@@ -435,8 +334,6 @@ TEST(Evaluate, SaysWhatIsWrongWithTheData) {
   Options unseen = fast({Kind::kTree});
   unseen.unseen = true;
   STRCMP_CONTAINS("no unseen objects", refusal(good, unseen).c_str());
-  const Samples one = objects({"ball"}, 4, told_apart);
-  STRCMP_CONTAINS("recordings show one object", refusal(good, fast({Kind::kTree}), &one).c_str());
   Samples still = good;
   for (Row& row : still.rows) row.label = Label::kHold;
   STRCMP_CONTAINS("all rows are hold", refusal(still, fast({Kind::kTree})).c_str());
@@ -539,13 +436,9 @@ TEST(Evaluate, PicturesStandAnyData) {
 TEST(Evaluate, CommandWritesEverythingTwiceTheSame) {
   const std::string data = file("data.csv", objects({"ball", "box", "duck"}, 10, told_apart));
   const std::string unseen = file("unseen.csv", objects({"book"}, 4, told_apart));
-  Samples clips = objects({"cup", "tape"}, 4, told_apart);
-  for (Trial& trial : clips.trials) trial.source = Source::kRecorded, trial.kind = "clip";
-  const std::string recorded = file("clips.csv", clips);
   test::write_file(folder / "sign.tree", kOnPositiveVx);
   const auto evaluated_with = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> arguments{kTool,        "evaluate", data,      unseen,
-                                       "--recorded", recorded,   "--model", (folder / "sign.tree").string()};
+    std::vector<std::string> arguments{kTool, "evaluate", data, unseen, "--model", (folder / "sign.tree").string()};
     arguments.insert(arguments.end(), {"--seeds", "2", "--quick", "--min-leaf", "5"});
     arguments.insert(arguments.end(), {"--sets", "velocity,paper", "--kinds", "tree,knn"});
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -570,10 +463,9 @@ TEST(Evaluate, CommandWritesEverythingTwiceTheSame) {
     std::string all;
     int count = 0;
     for (const char* name_of_file :
-         {"goals.csv",          "single.csv",  "table1.csv",       "table2.csv",     "table2_accuracy.csv",
-          "table2_summary.csv", "table3.csv",  "events.csv",       "events_all.csv", "events_by_kind.csv",
-          "curve.csv",          "models.csv",  "model_events.csv", "recorded.csv",   "recorded_curve.csv",
-          "recorded_curve.svg", "objects.svg", "delays.svg",       "curve.svg",      "tsne.svg"}) {
+         {"goals.csv", "single.csv", "table1.csv", "table2.csv", "table2_accuracy.csv", "table2_summary.csv",
+          "table3.csv", "events.csv", "events_all.csv", "events_by_kind.csv", "curve.csv", "models.csv",
+          "model_events.csv", "objects.svg", "delays.svg", "curve.svg", "tsne.svg"}) {
       const std::string bytes = test::read_file(folder.path() / name / name_of_file);
       CHECK_TEXT(!bytes.empty(), name_of_file);
       all += bytes;

@@ -17,7 +17,6 @@
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/samples.hpp"
-#include "toolchain/learn/score.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -179,7 +178,7 @@ TEST(Train, OpenCvsTreeIsAModelToo) {
 }
 
 TEST(Train, EveryKindIsJudgedAndTellsPrograms) {
-  const std::string data = write("grasps.csv", test::grasps(40, 1, 3.0));
+  const std::string data = write("grasps.csv", test::grasps(40, 1, 2.7));
   for (const char* kind : {"tree", "tree_cv", "forest", "svm", "knn"}) {
     const Outcome outcome = train({data, "--set", "paper", "--kind", kind, "--folds", "4", "--json", "--seed", "3"});
     STRCMP_EQUAL("", outcome.err.c_str());
@@ -196,53 +195,6 @@ TEST(Train, EveryKindIsJudgedAndTellsPrograms) {
     LONGS_EQUAL(1040, out["data"][0]["judged"].get<int>());
     CHECK_FALSE(out.contains("model"));
   }
-}
-
-TEST(Train, AModelOfAScoredSetCarriesItsScore) {
-  const learn::Samples samples = test::grasps(40, 1);
-  const std::string data = write("grasps.csv", samples);
-  for (const char* name : {"score", "fused"}) {
-    const FeatureSet& set = *find_feature_set(name);
-    const Outcome outcome = train({data, "--set", name, "--min-leaf", "10", "--model", at("slip_v9.tree"), "--json"});
-    STRCMP_EQUAL("", outcome.err.c_str());
-    const nlohmann::json out = nlohmann::json::parse(outcome.out);
-    CHECK_TRUE(out["score"]["auc"]["mean"].get<double>() > 0.9);
-    CHECK_TRUE(out["score"]["best_balanced_accuracy"]["mean"].get<double>() > 0.9);
-
-    const std::string text = test::read_file(dir / "slip_v9.tree");
-    STRCMP_CONTAINS("\nscore bias_q8 ", text.c_str());
-    STRCMP_CONTAINS("# The score alone: AUC ", text.c_str());
-    treec::Model model;
-    CHECK_FALSE(treec::parse(text, model).has_value());
-    CHECK_FALSE(treec::check(model).has_value());
-    const model::Tree table = treec::to_table(model);
-    learn::Matrix rows = learn::matrix_of(samples, set, test::all_trials(samples));
-    learn::fill_score(samples, table.score, rows);
-    int right = 0;
-    for (int i = 0; i < rows.height(); ++i) {
-      right += (model::evaluate(table, rows.at(i)) == Verdict::kSlip) == (rows.slip[idx(i)] != 0) ? 1 : 0;
-    }
-    CHECK_TRUE(right > 0.9 * rows.height());
-
-    // The column that the file has is of no account: only the first lines, which name the data, change.
-    learn::Samples other = samples;
-    for (learn::Row& row : other.rows) row.x.back() = row.accepted ? row.frame * 100 : 0;
-    STRCMP_EQUAL("",
-                 train({write("other.csv", other), "--set", name, "--min-leaf", "10", "--model", at("slip_v9.tree")})
-                     .err.c_str());
-    const std::string other_text = test::read_file(dir / "slip_v9.tree");
-    CHECK_TRUE(text.substr(text.find("\nformat 1")) == other_text.substr(other_text.find("\nformat 1")));
-    std::filesystem::remove(dir / "slip_v9.tree");
-  }
-  STRCMP_CONTAINS("score     AUC ", train({data, "--set", "score", "--kind", "knn"}).out.c_str());
-  CHECK_TRUE(train({data, "--set", "paper"}).out.find("score ") == std::string::npos);
-}
-
-TEST(Train, RefusesAScoreOfFeaturesThatAreNotThere) {
-  learn::Samples blind = test::grasps(20, 1);
-  for (learn::Row& row : blind.rows) row.x = {};
-  check_fails({write("blind.csv", blind), "--set", "score", "--model", at("m.tree")},
-              "blind.csv: the score cannot be learned: no feature of the markers tells anything");
 }
 
 TEST(Train, GridSearchTakesTheBestPoint) {

@@ -25,7 +25,6 @@
 
 namespace {
 
-using holdfast::Sensitivity;
 using holdfast::Verdict;
 namespace classifier = holdfast::classifier;
 namespace model_file = holdfast::model_file;
@@ -79,7 +78,7 @@ class TextTree {
     }
   }
 
-  [[nodiscard]] Verdict say(const Inputs& x, Sensitivity sensitivity = Sensitivity::kNormal) const {
+  [[nodiscard]] Verdict say(const Inputs& x) const {
     int id = 0;
     for (;;) {
       const std::string& line = lines_.at(id);
@@ -89,10 +88,9 @@ class TextTree {
       int child_false = 0;
       if (std::sscanf(line.c_str(), "node %d: %63s <= %lld ? %d : %d", &id, name, &threshold, &child_true,
                       &child_false) != 5) {
-        const bool slips = line.ends_with(": slip") ||
-                           (line.ends_with(": slip_normal") && sensitivity != Sensitivity::kQuiet) ||
-                           (line.ends_with(": slip_sensitive") && sensitivity == Sensitivity::kSensitive);
-        return slips ? Verdict::kSlip : Verdict::kHold;
+        return line.ends_with(": slip_now") ? Verdict::kSlipNow
+               : line.ends_with(": slip")   ? Verdict::kSlip
+                                            : Verdict::kHold;
       }
       id = x.at(columns_.at(name)) <= threshold ? child_true : child_false;
     }
@@ -104,20 +102,13 @@ class TextTree {
 };
 
 // Runs emitted C++: only the statement forms that the compiler may emit are understood, all else fails the test.
-Verdict run_emitted(const std::string& header, const Inputs& x, Sensitivity sensitivity) {
-  const auto answer = [&](std::string_view said) {
-    const bool slips =
-        said == "Verdict::kSlip" ||
-        (said == "slip_from(Sensitivity::kNormal, sensitivity)" && sensitivity != Sensitivity::kQuiet) ||
-        (said == "slip_from(Sensitivity::kSensitive, sensitivity)" && sensitivity == Sensitivity::kSensitive);
-    return slips ? Verdict::kSlip : Verdict::kHold;
-  };
+Verdict run_emitted(const std::string& header, const Inputs& x) {
+  const auto answer = [](std::string_view said) { return said == "Verdict::kSlip" ? Verdict::kSlip : Verdict::kHold; };
   std::istringstream in(header.substr(header.find("evaluate(")));
   std::map<std::string, std::int32_t> locals;
   int skip_depth = 0;  // open braces of a branch not taken
   std::string line;
-  std::getline(in, line);  // the signature has two lines
-  std::getline(in, line);
+  std::getline(in, line);  // the signature
   while (std::getline(in, line)) {
     char name[64] = "";
     char said[64] = "";
@@ -221,7 +212,7 @@ class RandomTree {
       const std::string id = std::to_string(o.id);
       if (o.level == max_depth_ || next + 2 > max_nodes_ || o.min[f] >= o.max[f] ||
           (o.level > 1 && random_() % 8 == 0)) {
-        lines_[static_cast<std::size_t>(o.id)] = "leaf " + id + ": " + kLeaves[leaf_++ % 6];
+        lines_[static_cast<std::size_t>(o.id)] = "leaf " + id + ": " + kLeaves[leaf_++ % kLeaves.size()];
         continue;
       }
       const std::int32_t t = std::uniform_int_distribution<std::int32_t>(o.min[f], o.max[f] - 1)(random_);
@@ -244,18 +235,7 @@ class RandomTree {
       out += "feature " + std::string(set_[i].name) + " " + std::string(set_[i].unit) + " Q" +
              std::to_string(set_[i].q) + "\n";
     }
-    out += score_text(holdfast::test::score_for(set_, static_cast<std::uint32_t>(random_())));
     for (const std::string& line : lines_) out += line + "\n";
-    return out;
-  }
-
-  static std::string score_text(const holdfast::test::ScoreBlock& score) {
-    if (score.terms.empty()) return {};
-    std::string out = "score bias_q8 " + std::to_string(score.bias_q8) + "\n";
-    for (const holdfast::test::ScoreTerm& term : score.terms) {
-      out += "score " + term.feature + " weight_q8 " + std::to_string(term.weight_q8) + " offset " +
-             std::to_string(term.offset) + "\n";
-    }
     return out;
   }
 
@@ -264,75 +244,10 @@ class RandomTree {
   const holdfast::FeatureSet& set_;
   int max_depth_;
   int max_nodes_;
-  static constexpr std::array<const char*, 6> kLeaves{"hold", "slip", "hold", "slip_normal", "hold", "slip_sensitive"};
+  static constexpr std::array<const char*, 2> kLeaves{"hold", "slip"};
   std::size_t leaf_ = 0;
   std::vector<std::string> lines_;
 };
-
-// The oracle of scores: reads the lines of a text with sscanf. The header's form is C++ of its own: likewise.
-holdfast::test::ScoreBlock score_in_text(const std::string& text) {
-  holdfast::test::ScoreBlock score;
-  std::istringstream in(text);
-  for (std::string line; std::getline(in, line);) {
-    char feature[64] = "";
-    int weight = 0;
-    int offset = 0;
-    (void)std::sscanf(line.c_str(), "score bias_q8 %d", &score.bias_q8);
-    if (std::sscanf(line.c_str(), "score %63s weight_q8 %d offset %d", feature, &weight, &offset) == 3) {
-      score.terms.push_back({feature, weight, offset, 0});
-    }
-  }
-  return score;
-}
-
-holdfast::test::ScoreBlock score_in_header(const std::string& header) {
-  holdfast::test::ScoreBlock score;
-  std::istringstream in(header);
-  std::size_t count = 0;
-  for (std::string line; std::getline(in, line) && !line.starts_with("[[nodiscard]]");) {
-    char feature[64] = "";
-    int weight = 0;
-    int offset = 0;
-    (void)std::sscanf(line.c_str(), "    .count = %zu,", &count);
-    (void)std::sscanf(line.c_str(), "    .bias_q8 = %d,", &score.bias_q8);
-    if (std::sscanf(line.c_str(),
-                    "        {.feature = score::index_of(\"%63[a-z0-9_]\"), .weight_q8 = %d, .offset = %d},", feature,
-                    &weight, &offset) == 3) {
-      score.terms.push_back({feature, weight, offset, 0});
-    }
-  }
-  UNSIGNED_LONGS_EQUAL(count, score.terms.size());
-  return score;
-}
-
-void check_same(const holdfast::test::ScoreBlock& want, const holdfast::test::ScoreBlock& have) {
-  LONGS_EQUAL(want.bias_q8, have.bias_q8);
-  UNSIGNED_LONGS_EQUAL(want.terms.size(), have.terms.size());
-  for (std::size_t i = 0; i < want.terms.size(); ++i) {
-    STRCMP_EQUAL(want.terms[i].feature.c_str(), have.terms[i].feature.c_str());
-    LONGS_EQUAL(want.terms[i].weight_q8, have.terms[i].weight_q8);
-    LONGS_EQUAL(want.terms[i].offset, have.terms[i].offset);
-  }
-}
-
-void check_same(const holdfast::test::ScoreBlock& want, const holdfast::score::Score& have) {
-  holdfast::test::ScoreBlock named;
-  named.bias_q8 = have.bias_q8;
-  for (int i = 0; i < have.count; ++i) {
-    const holdfast::score::Term& term = have.terms[static_cast<std::size_t>(i)];
-    named.terms.push_back({std::string(holdfast::kFeatures[term.feature].name), term.weight_q8, term.offset, 0});
-  }
-  check_same(want, named);
-  CHECK_TRUE(holdfast::test::is_score(have, want));
-}
-
-// With the Q formats of their features, which a text does not repeat.
-holdfast::test::ScoreBlock with_q(holdfast::test::ScoreBlock score) {
-  for (holdfast::test::ScoreTerm& term : score.terms) {
-    for (const holdfast::FeatureInfo& f : holdfast::kFeatures) term.q = f.name == term.feature ? f.q : term.q;
-  }
-  return score;
-}
 
 // What the firmware makes of the file.
 holdfast::model::Tree loaded(const treec::Model& model) {
@@ -371,12 +286,10 @@ TEST(SlipModel, HeaderTableAndFileAnswerAsTheTextSays) {
   for (const Inputs& x : probes(model, 100)) {
     classifier::Inputs fixed{};
     std::copy(x.begin(), x.end(), fixed.begin());
-    for (const Sensitivity sensitivity : {Sensitivity::kQuiet, Sensitivity::kNormal, Sensitivity::kSensitive}) {
-      const Verdict want = oracle.say(x, sensitivity);
-      CHECK_TRUE(want == holdfast::slip_tree::evaluate(fixed, sensitivity));
-      CHECK_TRUE(want == holdfast::model::evaluate(table, x, sensitivity));
-      CHECK_TRUE(want == holdfast::model::evaluate(file, x, sensitivity));
-    }
+    const Verdict want = oracle.say(x);
+    CHECK_TRUE(want == holdfast::slip_tree::evaluate(fixed));
+    CHECK_TRUE(want == holdfast::model::evaluate(table, x));
+    CHECK_TRUE(want == holdfast::model::evaluate(file, x));
   }
 }
 
@@ -396,54 +309,15 @@ TEST(SlipModel, RandomTreesOfEverySetUpToTheLimitsAnswerAsTheirText) {
       const TextTree oracle(random_text);
       // run_emitted reads the header anew for each input: of the many, some.
       for (std::size_t i = 0; i < all.size(); i += 1 + all.size() / 1500) {
-        const auto sensitivity = static_cast<Sensitivity>(i % 3);
-        const Verdict want = oracle.say(all[i], sensitivity);
-        CHECK_TRUE(want == holdfast::model::evaluate(table, all[i], sensitivity));
-        CHECK_TRUE(want == holdfast::model::evaluate(file, all[i], sensitivity));
-        CHECK_TRUE(want == run_emitted(emitted, all[i], sensitivity));
+        const Verdict want = oracle.say(all[i]);
+        CHECK_TRUE(want == holdfast::model::evaluate(table, all[i]));
+        CHECK_TRUE(want == holdfast::model::evaluate(file, all[i]));
+        CHECK_TRUE(want == run_emitted(emitted, all[i]));
       }
     }
   }
   LONGS_EQUAL(treec::kMaxDepth, deepest);
   LONGS_EQUAL(treec::kMaxNodes, largest);
-}
-
-TEST(SlipModel, TextHeaderTableAndFileHaveOneScore) {
-  int scored = 0;
-  for (const holdfast::FeatureSet& set : holdfast::kFeatureSets) {
-    for (std::uint32_t seed = 0; seed < 20; ++seed) {
-      const std::string random_text = RandomTree(seed, set, 3, 15).text();
-      const treec::Model model = compiled(random_text);
-      const holdfast::test::ScoreBlock want = score_in_text(random_text);
-      CHECK_EQUAL(reads(set, holdfast::Stage::kScore), !want.terms.empty());
-      scored += want.terms.empty() ? 0 : 1;
-      check_same(want, score_in_header(treec::emit(model)));
-      check_same(want, treec::to_table(model).score);
-      check_same(want, loaded(model).score);
-      check_same(want, score_in_text(treec::to_text(model)));
-      CHECK_TRUE(treec::to_lines(treec::to_score(model)) == model.score);
-    }
-  }
-  LONGS_EQUAL(40, scored);
-  check_same(score_in_text(text), holdfast::slip_tree::kScore);
-}
-
-// The header is committed, and format-check looks at it: the layout below is clang-format's.
-TEST(SlipModel, AScoreInTheHeaderIsLaidOutAsTheProjectFormats) {
-  const treec::Model model = compiled(
-      "format 1\nname test\nfeature_set score\nfeature marker_score_log2_q8 log2 Q8\n"
-      "score bias_q8 -2000\nscore vx_um_s weight_q8 300 offset 16\nscore entropy_nat_q16 weight_q8 -12 offset 6554\n"
-      "node 0: marker_score_log2_q8 <= 5 ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n");
-  STRCMP_CONTAINS(
-      "inline constexpr score::Score kScore{\n"
-      "    .count = 2,\n"
-      "    .bias_q8 = -2000,\n"
-      "    .terms = {{\n"
-      "        {.feature = score::index_of(\"vx_um_s\"), .weight_q8 = 300, .offset = 16},\n"
-      "        {.feature = score::index_of(\"entropy_nat_q16\"), .weight_q8 = -12, .offset = 6554},\n"
-      "    }},\n"
-      "};\n\n[[nodiscard]]",
-      treec::emit(model).c_str());
 }
 
 TEST(SlipModel, TheFileIsThatOfTheByteTable) {
@@ -452,41 +326,22 @@ TEST(SlipModel, TheFileIsThatOfTheByteTable) {
   const auto nodes = std::span(table.nodes).first(model.nodes.size());
   auto want = holdfast::test::model_bytes(set_of(model), nodes, model.name);
   holdfast::test::put_number(want, 16, model.text_crc32, 4);
-  holdfast::test::put_score(want, with_q(score_in_text(text)));
   want = holdfast::test::repaired(want);
   const treec::Binary file = treec::to_binary(model);
   CHECK_TRUE(std::equal(want.begin(), want.end(), file.begin(), file.end()));
 }
 
-TEST(SlipModel, TheFileOfAScoredModelIsThatOfTheByteTable) {
-  const holdfast::FeatureSet& fused = *holdfast::find_feature_set("fused");
-  for (std::uint32_t seed = 0; seed < 20; ++seed) {
-    const std::string random_text = RandomTree(seed, fused, 4, 31).text();
-    const treec::Model model = compiled(random_text);
-    const holdfast::model::Tree table = treec::to_table(model);
-    auto want = holdfast::test::model_bytes(fused, std::span(table.nodes).first(model.nodes.size()), model.name);
-    holdfast::test::put_number(want, 16, model.text_crc32, 4);
-    holdfast::test::put_score(want, with_q(score_in_text(random_text)));
-    want = holdfast::test::repaired(want);
-    const treec::Binary file = treec::to_binary(model);
-    CHECK_TRUE(std::equal(want.begin(), want.end(), file.begin(), file.end()));
-  }
-}
-
 TEST(SlipModel, OneFlippedBitOfTheFileIsRefused) {
-  const std::string scored = RandomTree(1, *holdfast::find_feature_set("fused"), 6, 99).text();
-  for (const std::string& model : {text, scored}) {
-    treec::Binary file = treec::to_binary(compiled(model));
-    holdfast::model::Tree tree;
-    for (std::uint8_t& byte : file) {
-      for (int bit = 0; bit < 8; ++bit) {
-        byte = static_cast<std::uint8_t>(byte ^ (1 << bit));
-        CHECK_TRUE(model_file::read(file, tree) != model_file::Refusal::kNone);
-        byte = static_cast<std::uint8_t>(byte ^ (1 << bit));
-      }
+  treec::Binary file = treec::to_binary(compiled(text));
+  holdfast::model::Tree tree;
+  for (std::uint8_t& byte : file) {
+    for (int bit = 0; bit < 8; ++bit) {
+      byte = static_cast<std::uint8_t>(byte ^ (1 << bit));
+      CHECK_TRUE(model_file::read(file, tree) != model_file::Refusal::kNone);
+      byte = static_cast<std::uint8_t>(byte ^ (1 << bit));
     }
-    CHECK_TRUE(model_file::read(file, tree) == model_file::Refusal::kNone);
   }
+  CHECK_TRUE(model_file::read(file, tree) == model_file::Refusal::kNone);
 }
 
 TEST(SlipModel, WrittenAsTextItParsesToTheSame) {
@@ -502,13 +357,6 @@ TEST(SlipModel, WrittenAsTextItParsesToTheSame) {
     CHECK_TRUE(compiled(commented) == model);
     treec::Model other = model;
     ++other.nodes[0].threshold;
-    CHECK_FALSE(other == model);
-    if (model.score.terms.empty()) continue;
-    other = model;
-    ++other.score.terms.back().weight_q8;
-    CHECK_FALSE(other == model);
-    other = model;
-    ++*other.score.bias_q8;
     CHECK_FALSE(other == model);
   }
 }
@@ -613,76 +461,6 @@ TEST(SlipModel, BadTextsAreRefusedWithLineAndReason) {
     STRCMP_CONTAINS_TEXT(std::string(c.what).c_str(), problem->what.c_str(), said.c_str());
     CHECK_TEXT(!problem->next.empty(), said.c_str());
   }
-}
-
-TEST(SlipModel, BadScoresAreRefusedWithLineAndReason) {
-  struct Case {
-    std::string_view from;
-    std::string_view to;
-    int line;
-    std::string_view what;
-  };
-  const std::string good =
-      "format 1\n"                                         // 1
-      "name test\n"                                        // 2
-      "feature_set score\n"                                // 3
-      "feature marker_score_log2_q8 log2 Q8\n"             // 4
-      "score bias_q8 -2000\n"                              // 5
-      "score vx_um_s weight_q8 300 offset 16\n"            // 6
-      "score entropy_nat_q16 weight_q8 -12 offset 6554\n"  // 7
-      "node 0: marker_score_log2_q8 <= 5 ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n";
-  (void)compiled(good);
-  std::string nine;  // terms, one more than fit; the first line stands where the first term stood
-  for (std::size_t i = 0; i < 9; ++i)
-    nine += "score " + std::string(holdfast::kFeatures[i].name) + " weight_q8 1 offset 1\n";
-  const std::string_view terms =
-      "score vx_um_s weight_q8 300 offset 16\nscore entropy_nat_q16 weight_q8 -12 offset 6554\n";
-  const std::vector<Case> cases{
-      {"score bias_q8 -2000\n", "", 5, "comes before its bias"},
-      {"score bias_q8 -2000", "score bias_q8 -2000\nscore bias_q8 1", 6, "two biases"},
-      {"score bias_q8 -2000", "score bias_q8 2147483648", 5, "'2147483648' is not a 32-bit integer"},
-      {"score bias_q8 -2000", "score bias_q8 1.5", 5, "'1.5' is not a 32-bit integer"},
-      {"score bias_q8 -2000", "score bias_q8", 5, "not a line of a score"},
-      {"score bias_q8 -2000", "score bias_q8 1 2", 5, "not a line of a score"},
-      {"score bias_q8 -2000", "score", 5, "not a line of a score"},
-      {"weight_q8 300 offset", "weight 300 offset", 6, "not a line of a score"},
-      {"300 offset 16", "300", 6, "not a line of a score"},
-      {"300 offset 16", "300 offset 16 17", 6, "not a line of a score"},
-      {"300", "0", 6, "weight '0'"},
-      {"300", "32768", 6, "weight '32768'"},
-      {"300", "-32769", 6, "weight '-32769'"},
-      {"300", "1e3", 6, "weight '1e3'"},
-      {"offset 16", "offset 0", 6, "offset '0'"},
-      {"offset 16", "offset 65536", 6, "offset '65536'"},
-      {"offset 16", "offset -1", 6, "offset '-1'"},
-      {"entropy_nat_q16", "vx_um_s", 7, "reads vx_um_s twice"},
-      {"score vx_um_s", "score speed", 6, "cannot read 'speed'"},
-      {"score vx_um_s", "score imprint_log2_um_q8", 6, "cannot read 'imprint_log2_um_q8'"},
-      {"score vx_um_s", "score marker_score_log2_q8", 6, "cannot read 'marker_score_log2_q8'"},
-      {terms, "", 5, "no terms"},
-      {terms, nine, 14, "more than 8 terms"},
-      {"leaf 1", "score vy_um_s weight_q8 1 offset 1\nleaf 1", 9, "follows the first node"},
-  };
-  const auto check_refused = [](const std::string& bad, int line, std::string_view what) {
-    treec::Model model;
-    const auto problem = compile(bad, model);
-    CHECK_TEXT(problem.has_value(), std::string(what).c_str());
-    const std::string said = treec::describe(*problem, "bad.tree");
-    LONGS_EQUAL_TEXT(line, problem->line, said.c_str());
-    STRCMP_CONTAINS_TEXT(std::string(what).c_str(), problem->what.c_str(), said.c_str());
-    CHECK_TEXT(!problem->next.empty(), said.c_str());
-  };
-  for (const Case& c : cases) {
-    std::string bad = good;
-    bad.replace(bad.find(c.from), c.from.size(), c.to);
-    check_refused(bad, c.line, c.what);
-  }
-  std::string none = good;
-  none.erase(none.find("score bias_q8"), none.find("node 0") - none.find("score bias_q8"));
-  check_refused(none, 3, "reads a score, which the model has not");
-  const std::string three = "node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n";
-  check_refused(with_nodes("score bias_q8 1\n" + three), 8, "the set paper reads no score");
-  check_refused(with_nodes("score bias_q8 0\nscore vx_um_s weight_q8 1 offset 1\n" + three), 8, "reads no score");
 }
 
 TEST(SlipModel, CutAtAnyByteTheTextIsRefusedOrSaysTheSame) {

@@ -188,9 +188,9 @@ struct Chosen {
   const char* reference;  // as `holdfast replay` takes it; a name of a file: beside the clips
 };
 constexpr Chosen kChosen[] = {
-    {"avocado_real__exp_num_6__camera_2", "last"},
+    {"avocado_real__exp_num_6__camera_2", "448"},
     {"blue_box__exp_num_4__camera_2", "empty_camera_2.png"},
-    {"artificial_strawberry__exp_num_1__camera_0", "first"},
+    {"artificial_strawberry__exp_num_1__camera_0", "last"},
 };
 
 }  // namespace

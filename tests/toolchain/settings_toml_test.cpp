@@ -34,11 +34,11 @@ TEST_GROUP(SettingsToml) {
 };
 
 TEST(SettingsToml, AreWhatIsWritten) {
-  STRCMP_EQUAL("", error_of("# a comment\nhold_ms = 300\nmode = \"precise\"  # a name\nsensitivity = 0\n").c_str());
+  STRCMP_EQUAL("", error_of("# a comment\nhold_ms = 300\nmode = \"precise\"  # a name\nlatch = 1\n").c_str());
   Params wanted;
   wanted.hold_ms = 300;
   wanted.mode = 2;
-  wanted.sensitivity = 0;
+  wanted.latch = 1;
   CHECK(params == wanted);
   STRCMP_EQUAL("", error_of("").c_str());
   CHECK(params == Params{});

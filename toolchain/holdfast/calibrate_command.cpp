@@ -166,7 +166,7 @@ void print_tables(const learn::RestStudy& study, const learn::ModelCheck& check,
   }
   for (const learn::LeafCheck& leaf : check.leaves) {
     if (leaf.frames == 0) continue;
-    fmt::print("{:4} {:38} {:9} frames end here\n", leaf.node, leaf.verdict == Verdict::kSlip ? "slip" : "hold",
+    fmt::print("{:4} {:38} {:9} frames end here\n", leaf.node, leaf.verdict != Verdict::kHold ? "slip" : "hold",
                leaf.frames);
   }
 }

@@ -19,7 +19,6 @@ struct CommonOptions {
   OutputPaths paths;
   std::string grid = "9x7";
   std::string mode = "fast";
-  std::string sensitivity = "normal";
   std::string model;
   std::string feature_set;  // empty = whatever the tree reads
   bool json = false;
@@ -121,6 +120,7 @@ void add_compile(CLI::App& app, std::vector<Command>& commands);
 void add_fuse(CLI::App& app, std::vector<Command>& commands);
 void add_calibrate(CLI::App& app, std::vector<Command>& commands);
 void add_study(CLI::App& app, std::vector<Command>& commands);
+void add_trials(CLI::App& app, std::vector<Command>& commands);
 void add_model(CLI::App& app, std::vector<Command>& commands);
 void add_settings(CLI::App& app, std::vector<Command>& commands);
 void add_grip(CLI::App& app, std::vector<Command>& commands);

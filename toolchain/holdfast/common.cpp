@@ -142,10 +142,6 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
   command.add_option("--mode", options.mode, fmt::format("speed setting for JPEG pictures: {}", known_modes()))
       ->capture_default_str();
   command
-      .add_option("--sensitivity", options.sensitivity,
-                  fmt::format("operating point of the model: {}", fmt::join(kSensitivityNames, ", ")))
-      ->capture_default_str();
-  command
       .add_option("--model", options.model,
                   "model, text or compiled, to decide with instead of the tree that is compiled in")
       ->check(not_empty);
@@ -183,12 +179,6 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
     return fmt::format("--mode '{}': no such mode. Likely cause: a typing error. Next: give one of {}", options.mode,
                        known_modes());
   }
-  if (std::ranges::find(kSensitivityNames, options.sensitivity) == kSensitivityNames.end() ||
-      !parse("sensitivity", options.sensitivity, params).ok()) {
-    return fmt::format(
-        "--sensitivity '{}': no such operating point. Likely cause: a typing error. Next: give one of {}",
-        options.sensitivity, fmt::join(kSensitivityNames, ", "));
-  }
   if (!options.feature_set.empty() && find_feature_set(options.feature_set) == nullptr) {
     return fmt::format("--feature-set '{}': no such set. Likely cause: a typing error. Next: give one of {}",
                        options.feature_set, known_feature_sets());
@@ -222,11 +212,13 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     note(fmt::format("{}: without {}, because no frame came as a JPEG picture", options.paths.mcap.string(),
                      log::kCameraTopic));
   }
+  const grid::Cut& cut = session.app().state().tracker.cut;
   const GridSize grid = session.app().state().tracker.field.grid;
   if (options.json) {
     nlohmann::json out;
     out["frames"] = summary.frames;
     out["grid"] = grid_text(grid);
+    out["cut"] = {{"top", cut.top}, {"bottom", cut.bottom}, {"left", cut.left}, {"right", cut.right}};
     out["accepted"] = summary.accepted;
     out["markers_mean"] = summary.mean_markers;
     out["markers_least"] = summary.least_markers;
@@ -244,6 +236,17 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                  : "");
   fmt::print("markers   {:.2f} of {} ({}) on average, {} at least\n", summary.mean_markers, grid.count(),
              grid_text(grid), summary.least_markers);
+  if (cut.lines() > 0) {
+    fmt::print("grid      {} kept; left out, because the picture's edge cuts it: {}\n", grid_text(grid), cut_text(cut));
+  }
+  const reference::State& reference = session.app().state().reference;
+  const std::int32_t most_bend = reference::Config{}.most_bend_permille;
+  if (const std::int32_t bend = reference::bend_permille(reference.rest); reference.known && bend > most_bend) {
+    fmt::print(
+        "note      the rest position is bent by {} thousandths of a pitch ({} at most on an empty gel): something "
+        "pressed on the gel. Next: give a picture of the empty gel with --reference\n",
+        bend, most_bend);
+  }
   if (summary.slip_frames.empty()) {
     fmt::print("slip      never raised\n");
   } else {

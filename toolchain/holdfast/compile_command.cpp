@@ -83,15 +83,12 @@ void print(const treec::Model& model, const CompileOptions& options, const std::
       read.push_back(model.features[i].name);
     }
   }
-  std::vector<std::string> scored;
-  for (const treec::ScoreTerm& term : model.score.terms) scored.push_back(term.feature);
   const std::string crc = fmt::format("{:08X}", model.text_crc32);
   if (options.json) {
     nlohmann::json out;
     out["name"] = model.name;
     out["feature_set"] = model.feature_set;
     out["features_read"] = read;
-    if (!scored.empty()) out["score_reads"] = scored;
     out["nodes"] = model.nodes.size();
     out["leaves"] = leaves;
     out["depth"] = treec::depth(model);
@@ -102,7 +99,6 @@ void print(const treec::Model& model, const CompileOptions& options, const std::
   }
   fmt::print("model     {}, CRC-32 of its text {}\n", model.name, crc);
   fmt::print("reads     {} of the set {}\n", fmt::join(read, ", "), model.feature_set);
-  if (!scored.empty()) fmt::print("score     of {}\n", fmt::join(scored, ", "));
   fmt::print("shape     {} nodes, {} leaves, at most {} predicates a frame\n", model.nodes.size(), leaves,
              treec::depth(model));
   for (const Output& output : outputs) {
@@ -162,8 +158,8 @@ void add_compile(CLI::App& app, std::vector<Command>& commands) {
   command->add_flag("--check", options->check, "write nothing; fail when a file is not what the model compiles to");
   command->add_flag("--json", options->json, "print the summary as JSON");
   command->footer(
-      "Example:\n  holdfast compile toolchain/model/slip_v3.tree --header firmware/slip/slip_tree.gen.hpp "
-      "--binary slip_v3.model");
+      "Example:\n  holdfast compile toolchain/model/slip_v4.tree --header firmware/slip/slip_tree.gen.hpp "
+      "--binary slip_v4.model");
   commands.push_back({command, [options] { return compile(*options); }});
 }
 

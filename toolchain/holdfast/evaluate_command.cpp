@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// holdfast evaluate: the paper's tables and what they leave out, on samples; every output at the end, or none.
+// holdfast evaluate: the paper's tables and what they leave out, on samples; or labelled recordings through the
+// firmware. Every output at the end, or none.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -13,13 +14,16 @@
 #include <set>
 #include <string_view>
 #include <system_error>
+#include <thread>
 #include <tuple>
 
 #include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/evaluate_recorded.hpp"
 #include "toolchain/holdfast/progress.hpp"
 #include "toolchain/learn/evaluate.hpp"
 #include "toolchain/learn/evaluate_report.hpp"
+#include "toolchain/learn/labels.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -30,7 +34,7 @@ constexpr std::array<std::string_view, 4> kParts{"unseen", "events", "curve", "t
 
 struct EvaluateOptions {
   std::vector<std::string> data;
-  std::string recorded;
+  RecordedOptions recorded;
   std::vector<std::string> models;
   bool held_out = false;
   std::string out;
@@ -52,7 +56,8 @@ struct EvaluateOptions {
   }
   [[nodiscard]] std::vector<std::string> inputs() const {
     std::vector<std::string> all = data;
-    if (!recorded.empty()) all.push_back(recorded);
+    all.insert(all.end(), recorded.labels.begin(), recorded.labels.end());
+    if (!recorded.empty.empty()) all.push_back(recorded.empty);
     all.insert(all.end(), models.begin(), models.end());
     all.insert(all.end(), pieces.begin(), pieces.end());
     return all;
@@ -62,7 +67,7 @@ struct EvaluateOptions {
 // What cannot end well, before the long run. Empty: nothing.
 std::string refused(const EvaluateOptions& options) {
   const bool tables = !options.out.empty() || !options.report.empty() || !options.json.empty();
-  if (options.piece.empty() && !tables) {
+  if (options.piece.empty() && !tables && options.recorded.labels.empty()) {
     return "no output is asked for. Likely cause: --out forgotten. Next: give --out FOLDER, --report R.html or --json "
            "J.json";
   }
@@ -112,9 +117,7 @@ std::string load(const std::string& path, learn::Samples& all, std::map<Grasp, s
   }
   learn::Samples some;
   if (auto error = learn::read_csv(in, path, some)) return *error;
-  const auto first_trial = static_cast<int>(all.trials.size());
-  const auto first_row = static_cast<int>(all.rows.size());
-  for (learn::Trial& trial : some.trials) {
+  for (const learn::Trial& trial : some.trials) {
     const Grasp grasp{trial.source, trial.object, trial.primitive, trial.kind, trial.seed};
     const auto [at, fresh] = seen.try_emplace(grasp, path);
     if (!fresh && at->second != path) {
@@ -124,13 +127,8 @@ std::string load(const std::string& path, learn::Samples& all, std::map<Grasp, s
           "file twice, or files made from the same seeds. Next: give each grasp once",
           path, trial.object, trial.primitive, trial.kind, trial.seed, at->second);
     }
-    trial.first += first_row;
-    all.trials.push_back(std::move(trial));
   }
-  for (learn::Row& row : some.rows) {
-    row.trial += first_trial;
-    all.rows.push_back(row);
-  }
+  learn::append(all, std::move(some));
   return {};
 }
 
@@ -145,8 +143,7 @@ std::string names_of(const std::vector<Item>& items, const Name& name) {
 std::string settle(const EvaluateOptions& asked, learn::Options& options) {
   // The paper's way to look at grasps: by the markers alone, each feature for itself. The others on request.
   for (const FeatureSet& set : kFeatureSets) {
-    const bool markers = !reads(set, Stage::kImprint) && !reads(set, Stage::kScore);
-    if (asked.sets.empty() && markers) options.sets.push_back(&set);
+    if (asked.sets.empty() && !reads(set, Stage::kImprint)) options.sets.push_back(&set);
   }
   for (const std::string& name : asked.sets) {
     const FeatureSet* set = find_feature_set(name);
@@ -194,8 +191,8 @@ std::string settle(const EvaluateOptions& asked, learn::Options& options) {
   return {};
 }
 
-learn::ReportFacts facts_of(const EvaluateOptions& asked, const learn::Options& options, const learn::Samples& samples,
-                            const learn::Samples* recorded) {
+learn::ReportFacts facts_of(const EvaluateOptions& asked, const learn::Options& options,
+                            const learn::Samples& samples) {
   learn::ReportFacts facts;
   std::set<std::string_view> sources;
   std::vector<std::string> objects;
@@ -227,9 +224,6 @@ learn::ReportFacts facts_of(const EvaluateOptions& asked, const learn::Options& 
       {"objects",
        names_of(objects, [](const std::string& name) { return learn::is_unseen(name) ? name + " (unseen)" : name; })},
       {"kinds of grasp", names_of(kinds, as_is)}};
-  if (recorded != nullptr) {
-    facts.facts.emplace_back("recordings", fmt::format("{}: {}", asked.recorded, rows(*recorded)));
-  }
   facts.facts.emplace_back("seeds", fmt::format("{}", options.seeds));
   const learn::Settings& tree = options.tree;
   facts.facts.emplace_back(
@@ -272,20 +266,59 @@ std::string json_of(const learn::ReportFacts& facts, const std::vector<learn::Ta
   return out.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
 }
 
+// Writes what was asked for, and prints it. The exit status.
+int put_out(const EvaluateOptions& asked, const learn::ReportFacts& facts, const std::vector<learn::Table>& tables,
+            const std::vector<learn::Chart>& charts) {
+  const std::string page = learn::html(facts, tables, charts);
+  std::vector<std::pair<fs::path, std::string>> outputs;
+  if (!asked.out.empty()) {
+    const fs::path folder = asked.out;
+    for (const learn::Table& table : tables) outputs.emplace_back(folder / (table.id + ".csv"), learn::csv(table));
+    for (const learn::Chart& chart : charts) outputs.emplace_back(folder / (chart.id + ".svg"), chart.svg);
+    outputs.emplace_back(folder / "report.html", page);
+  }
+  if (!asked.report.empty()) outputs.emplace_back(asked.report, page);
+  if (!asked.json.empty()) outputs.emplace_back(asked.json, json_of(facts, tables));
+  if (const std::string error = write_all(asked.out, outputs); !error.empty()) return fail(error);
+
+  for (const auto& [name, value] : facts.facts) fmt::print("{:15} {}\n", name, value);
+  for (const std::string& warning : facts.warnings) fmt::print("{:15} {}\n", "note", warning);
+  for (const learn::Table& table : tables) {
+    if (table.brief) fmt::print("\n{}", learn::text(table));
+  }
+  fmt::print("\n");
+  if (!asked.out.empty()) fmt::print("written   tables, pictures and report.html: {}\n", asked.out);
+  if (!asked.report.empty()) fmt::print("written   report: {}\n", asked.report);
+  if (!asked.json.empty()) fmt::print("written   JSON: {}\n", asked.json);
+  return 0;
+}
+
+int evaluate_clips(const EvaluateOptions& asked) {
+  if (asked.models.size() > 1) {
+    return fail(
+        "--model: more than one. Likely cause: recordings are replayed with one model. Next: run it once for each "
+        "model");
+  }
+  RecordedOptions options = asked.recorded;
+  if (!asked.models.empty()) options.model = asked.models.front();
+  learn::ReportFacts facts;
+  std::vector<learn::Table> tables;
+  {
+    Progress progress("evaluate", 1000);
+    const std::string error = evaluate_recorded(
+        options, facts, tables, [&](long done, long all) { progress.update(1000 * done / std::max(all, 1L)); });
+    if (!error.empty()) return fail(error);
+  }
+  return put_out(asked, facts, tables, {});
+}
+
 int evaluate_samples(const EvaluateOptions& asked) {
-  if (const std::string error = refused(asked); !error.empty()) return fail(error);
   learn::Options options;
   if (const std::string error = settle(asked, options); !error.empty()) return fail(error);
   learn::Samples samples;
   std::map<Grasp, std::string> seen;
   for (const std::string& path : asked.data) {
     if (const std::string error = load(path, samples, seen); !error.empty()) return fail(error);
-  }
-  learn::Samples recordings;
-  std::map<Grasp, std::string> seen_recordings;
-  const learn::Samples* recorded = asked.recorded.empty() ? nullptr : &recordings;
-  if (recorded != nullptr) {
-    if (const std::string error = load(asked.recorded, recordings, seen_recordings); !error.empty()) return fail(error);
   }
 
   learn::Piece said;
@@ -316,7 +349,7 @@ int evaluate_samples(const EvaluateOptions& asked) {
       progress.update(1000 * done / std::max(all, 1L));
       return !interrupted();
     };
-    const auto error = learn::evaluate(samples, recorded, options, evaluation);
+    const auto error = learn::evaluate(samples, options, evaluation);
     if (interrupted()) return fail(interrupted_line());
     if (error) return fail(*error);
   }
@@ -327,31 +360,29 @@ int evaluate_samples(const EvaluateOptions& asked) {
     return 0;
   }
 
-  const learn::ReportFacts facts = facts_of(asked, options, samples, recorded);
+  const learn::ReportFacts facts = facts_of(asked, options, samples);
   const std::vector<learn::Table> tables = learn::tables_of(evaluation, facts);
   const std::vector<learn::Chart> charts = learn::charts_of(samples, evaluation, facts);
-  const std::string page = learn::html(facts, tables, charts);
-  std::vector<std::pair<fs::path, std::string>> outputs;
-  if (!asked.out.empty()) {
-    const fs::path folder = asked.out;
-    for (const learn::Table& table : tables) outputs.emplace_back(folder / (table.id + ".csv"), learn::csv(table));
-    for (const learn::Chart& chart : charts) outputs.emplace_back(folder / (chart.id + ".svg"), chart.svg);
-    outputs.emplace_back(folder / "report.html", page);
-  }
-  if (!asked.report.empty()) outputs.emplace_back(asked.report, page);
-  if (!asked.json.empty()) outputs.emplace_back(asked.json, json_of(facts, tables));
-  if (const std::string error = write_all(asked.out, outputs); !error.empty()) return fail(error);
+  return put_out(asked, facts, tables, charts);
+}
 
-  for (const auto& [name, value] : facts.facts) fmt::print("{:15} {}\n", name, value);
-  for (const std::string& warning : facts.warnings) fmt::print("{:15} {}\n", "note", warning);
-  for (const learn::Table& table : tables) {
-    if (table.brief) fmt::print("\n{}", learn::text(table));
+int evaluate(const EvaluateOptions& asked) {
+  if (asked.data.empty() == asked.recorded.labels.empty()) {
+    return fail(
+        "give either samples or --recorded with label files. Likely cause: neither or both are given. Next: holdfast "
+        "evaluate --help shows how");
   }
-  fmt::print("\n");
-  if (!asked.out.empty()) fmt::print("written   tables, pictures and report.html: {}\n", asked.out);
-  if (!asked.report.empty()) fmt::print("written   report: {}\n", asked.report);
-  if (!asked.json.empty()) fmt::print("written   JSON: {}\n", asked.json);
-  return 0;
+  if (const std::string error = refused(asked); !error.empty()) return fail(error);
+  return asked.data.empty() ? evaluate_clips(asked) : evaluate_samples(asked);
+}
+
+// The columns of a label file, for --help.
+std::string label_columns() {
+  std::string lines;
+  for (const learn::LabelColumn& column : learn::kLabelColumns) {
+    lines += fmt::format("  {:17} {}{}\n", column.name, column.help, column.required ? "" : " (optional)");
+  }
+  return lines;
 }
 
 }  // namespace
@@ -359,10 +390,27 @@ int evaluate_samples(const EvaluateOptions& asked) {
 void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
   auto options = std::make_shared<EvaluateOptions>();
   CLI::App* command =
-      app.add_subcommand("evaluate", "the paper's tables on your samples, and delays and false alarms beside them");
-  command->add_option("DATA", options->data, "samples of holdfast dataset: CSV files")->required()->check(not_empty);
-  command->add_option("--recorded", options->recorded, "samples of recordings, judged apart: CSV")->check(not_empty);
-  command->add_option("--model", options->models, "models to judge as they are: texts, as slip_v2.tree")
+      app.add_subcommand("evaluate", "the paper's tables on your samples, or the firmware on labelled recordings");
+  command->add_option("DATA", options->data, "samples of holdfast dataset: CSV files")->check(not_empty);
+  RecordedOptions& recorded = options->recorded;
+  command
+      ->add_option("--recorded", recorded.labels,
+                   "instead of samples: label files beside their clips, each of which is replayed; detection and false "
+                   "alarms in labelled silence and by phase of the whole trial")
+      ->check(not_empty);
+  command
+      ->add_option("--empty", recorded.empty,
+                   "with --recorded: picture of the empty gel for clips that never show it; else empty_CAMERA.png "
+                   "beside the labels, CAMERA being what follows the last __ of the clip's name")
+      ->check(not_empty);
+  command->add_option("--grid", recorded.grid, "with --recorded: as of replay")->capture_default_str();
+  recorded.jobs = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  command->add_option("--jobs", recorded.jobs, "with --recorded: clips replayed at the same time")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  command
+      ->add_option("--model", options->models,
+                   "models to judge as they are: texts, as slip_v2.tree; with --recorded the one that decides")
       ->check(not_empty);
   command->add_flag("--held-out", options->held_out, "the given models were not trained on these samples");
   command->add_option("--out", options->out, "folder for all tables (CSV), pictures (SVG) and the report")
@@ -374,7 +422,7 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
       ->capture_default_str();
   command
       ->add_option("--sets", options->sets,
-                   "sets of features, as entropy,paper; unless given, all that read neither score nor imprint")
+                   "sets of features, as entropy,paper; unless given, all that do not read the imprint")
       ->delimiter(',');
   command
       ->add_option("--kinds", options->kinds,
@@ -408,18 +456,20 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
       ->add_option("--pieces", options->pieces,
                    "all pieces of a run with the same data and options: nothing learns again")
       ->check(not_empty);
-  command->footer(
-      "Example:\n"
-      "  holdfast evaluate train.csv unseen.csv --recorded clips.csv --out evaluation\n"
-      "A look in a minute:\n"
-      "  holdfast evaluate train.csv unseen.csv --seeds 1 --quick --report look.html\n"
-      "On all cores with GNU parallel, and then put together (the same as one run, but for the timing):\n"
-      "  parallel holdfast evaluate train.csv --shard {}/8 --piece part_{}.txt ::: {1..8}\n"
-      "  holdfast evaluate train.csv --pieces part_*.txt --out evaluation\n"
-      "On a cluster with Slurm:\n"
-      "  sbatch --array=1-8 --wrap='holdfast evaluate train.csv --shard $SLURM_ARRAY_TASK_ID/8 "
-      "--piece part_$SLURM_ARRAY_TASK_ID.txt'");
-  commands.push_back({command, [options] { return evaluate_samples(*options); }});
+  command->footer("Columns of a label file, one clip a line; frames count from 0, intervals include both ends:\n" +
+                  label_columns() +
+                  "Examples:\n"
+                  "  holdfast evaluate --recorded clips/labels.csv --out evaluation\n"
+                  "  holdfast evaluate train.csv unseen.csv --out evaluation\n"
+                  "A look in a minute:\n"
+                  "  holdfast evaluate train.csv unseen.csv --seeds 1 --quick --report look.html\n"
+                  "On all cores with GNU parallel, and then put together (the same as one run, but for the timing):\n"
+                  "  parallel holdfast evaluate train.csv --shard {}/8 --piece part_{}.txt ::: {1..8}\n"
+                  "  holdfast evaluate train.csv --pieces part_*.txt --out evaluation\n"
+                  "On a cluster with Slurm:\n"
+                  "  sbatch --array=1-8 --wrap='holdfast evaluate train.csv --shard $SLURM_ARRAY_TASK_ID/8 "
+                  "--piece part_$SLURM_ARRAY_TASK_ID.txt'");
+  commands.push_back({command, [options] { return evaluate(*options); }});
 }
 
 }  // namespace holdfast::tool

@@ -203,6 +203,7 @@ int run(int argc, char** argv) {
   add_fuse(app, commands);
   add_calibrate(app, commands);
   add_study(app, commands);
+  add_trials(app, commands);
   add_grip(app, commands);
   add_faults(app, commands);
   add_log(app, commands);

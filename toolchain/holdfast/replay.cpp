@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // holdfast replay: a recording through the whole firmware.
+#include "toolchain/holdfast/replay.hpp"
+
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <functional>
+#include <optional>
 #include <variant>
 
 #include "drivers/sim/camera_replay.hpp"
 #include "drivers/sim/container.hpp"
 #include "drivers/sim/recording.hpp"
-#include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/progress.hpp"
 #include "toolchain/log/frame_reader.hpp"
 #include "toolchain/play/reference_picture.hpp"
@@ -47,19 +50,20 @@ std::string find_pictures(const std::string& path, sim::RecordingOptions& option
   return {};
 }
 
-}  // namespace
+// What is done with a session that has seen all frames. Empty, or an error line; so for run().
+using Conclude = std::function<std::string(Session&, const sim::RecordingInfo&)>;
 
-int replay(const ReplayOptions& options) {
+std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Conclude& conclude) {
   SessionInfo info{};
   std::unique_ptr<model::Tree> tree;
   if (const std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text);
       !error.empty()) {
-    return fail(error);
+    return error;
   }
   sim::RecordingOptions recorded{options.fps};
-  if (const std::string error = find_pictures(options.input, recorded); !error.empty()) return fail(error);
+  if (const std::string error = find_pictures(options.input, recorded); !error.empty()) return error;
   auto opened = sim::Recording::open(options.input, recorded);
-  if (const auto* error = std::get_if<sim::Error>(&opened)) return fail(error->line);
+  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
   const sim::RecordingInfo about = recording.info();
 
@@ -70,10 +74,10 @@ int replay(const ReplayOptions& options) {
                                 about.mjpeg ? "JPEG" : "luma", about.time_base_fps);
   info.reference_text = options.reference;
   Session session(info, options.common.paths);
-  if (const std::string error = session.output_error(); !error.empty()) return fail(error);
+  if (const std::string error = session.output_error(); !error.empty()) return error;
 
   auto reference = reference_picture(recording, options.reference, pipeline_config(info.params).luma);
-  if (const auto* error = std::get_if<sim::Error>(&reference)) return fail(error->line);
+  if (const auto* error = std::get_if<sim::Error>(&reference)) return error->line;
   const hal::Frame rest = sim::as_frame(std::get<sim::RecordedFrame>(reference));
 
   sim::CameraReplay camera(std::move(recording), session.clock());
@@ -83,37 +87,53 @@ int replay(const ReplayOptions& options) {
           ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, options.reference)
           : fmt::format("{} as picture of the empty gel", options.reference);
   if (const Status s = session.app().learn(info.params, rest, info.auto_grid); !s.ok()) {
-    return fail(fmt::format("{}: {}", where, explain_reference(s.reason, session.app())));
+    return fmt::format("{}: {}", where, explain_reference(s.reason, session.app()));
   }
   if (const Status s = session.app().start(info.params, info.auto_grid); !s.ok()) {
-    return fail(fmt::format("{}: {}", options.input, explain(s.reason, session.app())));
+    return fmt::format("{}: {}", options.input, explain(s.reason, session.app()));
   }
 
-  Progress progress("replay", about.frames);
+  std::optional<Progress> progress;
+  if (!watch) progress.emplace("replay", about.frames);
   while (!interrupted() && session.app().step()) {
     const sim::RecordedFrame& current = camera.current();
     if (session.app().result().quality.reason == Reason::kNoFrame) continue;
     const hal::Frame given = sim::as_frame(current);
     const double scale = about.scale * luma_input::reduction(pipeline_config(info.params).luma, given);
+    if (watch) watch(session.app());
     session.record(current.index, static_cast<double>(current.time.count()) * 1e-6, scale, given);
-    progress.update(current.index + 1);
+    if (progress) progress->update(current.index + 1);
   }
-  progress.clear();
+  progress.reset();
   session.app().stop();
-  if (interrupted()) return fail(interrupted_line());
-  if (!camera.error().empty()) return fail(camera.error());
+  if (interrupted()) return interrupted_line();
+  if (!camera.error().empty()) return camera.error();
 
   const Summary summary = session.summary();
   if (summary.accepted == 0) {
-    return fail(fmt::format("{}: none of {} frames could be used: {}", options.input, summary.frames,
-                            explain(summary.last_rejection, session.app())));
+    return fmt::format("{}: none of {} frames could be used: {}", options.input, summary.frames,
+                       explain(summary.last_rejection, session.app()));
   }
-  if (const std::string error = session.commit({}, {}, {}); !error.empty()) return fail(error);
-  if (options.fps > 0 && about.fps > 0) {
-    note(fmt::format("{} carries its own time base ({:.4g} fps), so --fps was not used", options.input, about.fps));
-  }
-  print_summary(session, summary, options.common);
-  return 0;
+  return conclude(session, about);
+}
+
+}  // namespace
+
+int replay(const ReplayOptions& options) {
+  const std::string error = run(options, {}, [&](Session& session, const sim::RecordingInfo& about) {
+    std::string problem = session.commit({}, {}, {});
+    if (!problem.empty()) return problem;
+    if (options.fps > 0 && about.fps > 0) {
+      note(fmt::format("{} carries its own time base ({:.4g} fps), so --fps was not used", options.input, about.fps));
+    }
+    print_summary(session, session.summary(), options.common);
+    return problem;
+  });
+  return error.empty() ? 0 : fail(error);
+}
+
+std::string replay_quietly(const ReplayOptions& options, const ReplayWatch& watch) {
+  return run(options, watch, [](Session&, const sim::RecordingInfo&) { return std::string(); });
 }
 
 }  // namespace holdfast::tool

@@ -69,6 +69,24 @@ std::string grid_text(GridSize grid) {
   return fmt::format("{}x{}", grid.cols, grid.rows);
 }
 
+std::string cut_text(const grid::Cut& cut) {
+  std::vector<std::string> parts;
+  const auto add = [&](int lines, std::string_view side, std::string_view line) {
+    if (lines == 1) parts.push_back(fmt::format("the {} {}", side, line));
+    if (lines > 1) parts.push_back(fmt::format("{} {} {}s", lines, side, line));
+  };
+  add(cut.top, "top", "row");
+  add(cut.bottom, "bottom", "row");
+  add(cut.left, "left", "column");
+  add(cut.right, "right", "column");
+  std::string text;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    text += i == 0 ? "" : i + 1 == parts.size() ? " and " : ", ";
+    text += parts[i];
+  }
+  return text;
+}
+
 std::string explain(Reason reason, const App& app) {
   const ReasonInfo& row = info(reason);
   const GridSize found = app.state().tracker.found;
@@ -284,6 +302,9 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report.title = info_.title;
     report.input = info_.input_text;
     report.grid = grid_text(grid);
+    if (const auto& cut = app_->state().tracker.cut; cut.lines() > 0) {
+      report.grid += fmt::format(" (left out, cut by the picture's edge: {})", cut_text(cut));
+    }
     report.grid_markers = grid.count();
     report.mode = kModes[idx(info_.params.mode)].name;
     report.model = info_.model_text;

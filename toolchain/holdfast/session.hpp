@@ -151,4 +151,7 @@ class Session {
 // "OK", "9x7", ...
 [[nodiscard]] std::string grid_text(GridSize grid);
 
+// "the top row and 2 right columns"; empty when nothing is cut.
+[[nodiscard]] std::string cut_text(const grid::Cut& cut);
+
 }  // namespace holdfast::tool

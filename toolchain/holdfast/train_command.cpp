@@ -32,7 +32,6 @@
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
 #include "toolchain/learn/samples.hpp"
-#include "toolchain/learn/score.hpp"
 #include "toolchain/learn/splits.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
@@ -80,19 +79,6 @@ struct Data {
   }
 };
 
-void append(learn::Samples& all, const learn::Samples& more) {
-  const auto trials = static_cast<int>(all.trials.size());
-  const auto rows = static_cast<int>(all.rows.size());
-  for (learn::Trial trial : more.trials) {
-    trial.first += rows;
-    all.trials.push_back(std::move(trial));
-  }
-  for (learn::Row row : more.rows) {
-    row.trial += trials;
-    all.rows.push_back(row);
-  }
-}
-
 Error read(const std::vector<std::string>& paths, Data& data) {
   for (const std::string& path : paths) {
     std::ifstream in(path, std::ios::binary);
@@ -123,7 +109,7 @@ Error read(const std::vector<std::string>& paths, Data& data) {
           path, other.name);
     }
     data.files.push_back(std::move(file));
-    append(data.samples, samples);
+    learn::append(data.samples, std::move(samples));
   }
   for (int trial = 0; trial < static_cast<int>(data.samples.trials.size()); ++trial) {
     const std::span<const learn::Row> rows = data.samples.of(data.samples.trials[idx(trial)]);
@@ -144,7 +130,6 @@ struct Fold {
   learn::Matrix train;
   learn::Matrix test;
   std::vector<TestTrial> trials;
-  score::Score score;  // learned from `train`
 };
 
 TestTrial test_trial(const learn::Samples& samples, const FeatureSet& set, int trial) {
@@ -169,13 +154,6 @@ std::string_view missing(const learn::Matrix& rows) {
   return slips == rows.height() ? "no hold rows" : "";
 }
 
-Error no_score(const Data& data, const std::string& why) {
-  return fmt::format(
-      "{}: the score cannot be learned: {}. Likely cause: samples without the features of the field, or too few rows. "
-      "Next: make them with this version's `holdfast dataset`, or give another --set",
-      data.names(), why);
-}
-
 Error make_folds(const Data& data, const FeatureSet& set, int folds, const Settings& settings, std::vector<Fold>& out) {
   const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials);
   if (const std::string_view lack = missing(all); !lack.empty()) {
@@ -198,11 +176,6 @@ Error make_folds(const Data& data, const FeatureSet& set, int folds, const Setti
           data.names(), split.name, folds, lack, use, data.trials.size());
     }
     for (const int trial : split.test) fold.trials.push_back(test_trial(data.samples, set, trial));
-    if (const auto error = learn::fit_and_fill(data.samples, settings, fold.train, fold.score)) {
-      return no_score(data, *error);
-    }
-    learn::fill_score(data.samples, fold.score, fold.test);
-    for (TestTrial& test : fold.trials) learn::fill_score(data.samples, fold.score, test.rows);
     out.push_back(std::move(fold));
   }
   return {};
@@ -213,8 +186,6 @@ Error make_folds(const Data& data, const FeatureSet& set, int folds, const Setti
 struct Figures {
   std::vector<learn::Confusion> folds;
   std::vector<learn::GraspEvent> events;  // of every trial
-  std::vector<double> score_auc;          // of the score alone, by fold; nothing when the set reads none
-  std::vector<double> score_balanced;
 
   [[nodiscard]] Interval interval(double (learn::Confusion::*figure)() const) const {
     std::vector<double> values;
@@ -260,11 +231,6 @@ Error judge(const learn::Samples& samples, const Fold& fold, const Settings& set
   for (std::size_t i = 0; i < said.size(); ++i) confusion.add(fold.test.slip[i] != 0, said[i] != 0);
   figures.folds.push_back(confusion);
   if (!with_events) return {};
-  if (fold.score.count > 0) {
-    const learn::ScoreFigures score = learn::figures_of(samples, fold.score, fold.test);
-    figures.score_auc.push_back(score.auc);
-    figures.score_balanced.push_back(score.balanced_accuracy);
-  }
   for (const TestTrial& test : fold.trials) {
     const learn::Trial& trial = samples.trials[idx(test.trial)];
     const std::vector<std::uint8_t> accepted = predict(test.rows);
@@ -389,14 +355,6 @@ std::vector<Settings> grid_of(const Settings& base, int features) {
 
 // --- the run ---
 
-// Of the score alone. Empty: the set reads none.
-std::string score_line(const Figures& figures) {
-  if (figures.score_auc.empty()) return {};
-  return fmt::format("AUC {}, balanced accuracy at each fold's best threshold {}",
-                     percent(learn::interval_of(figures.score_auc)),
-                     percent(learn::interval_of(figures.score_balanced)));
-}
-
 struct GridPoint {
   Settings settings;
   Interval balanced;
@@ -453,7 +411,6 @@ std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptio
   for (const NamedFigure& figure : kFrameFigures) {
     out += fmt::format("  {:18} {}\n", figure.name, percent(result.figures.interval(figure.figure)));
   }
-  if (const std::string line = score_line(result.figures); !line.empty()) out += "The score alone: " + line + "\n";
   const decision::Config decision;
   out += fmt::format("Raised after {} slips in a row, held for {} ms:\n", decision.raise_frames,
                      decision.hold.count() / 1000);
@@ -464,9 +421,7 @@ std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptio
 // Fits to all rows and checks that the model text decides as the classifier does.
 Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result,
                  treec::Model& model, std::string& text) {
-  learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, result.settings.recorded_weight, true);
-  score::Score score;
-  if (const auto error = learn::fit_and_fill(data.samples, result.settings, all, score)) return no_score(data, *error);
+  const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, result.settings.recorded_weight, true);
   const std::unique_ptr<learn::Learner> learner = learn::make_learner(result.settings);
   const std::optional<std::string> error = learner->fit(all);
   std::optional<treec::Model> tree = error ? std::nullopt : learner->tree();
@@ -478,7 +433,6 @@ Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& op
         options.model, error.value_or("the tree says the same of every row"));
   }
   tree->name = options.name;
-  tree->score = treec::to_lines(score);
   text = treec::to_text(*tree, comment_of(data, set, options, result));
   auto problem = treec::parse(text, model);
   if (!problem) problem = treec::check(model);
@@ -491,9 +445,8 @@ Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& op
   const model::Tree table = treec::to_table(model);
   const std::vector<std::uint8_t> said = learner->predict(all);
   long differ = 0;
-  learn::fill_score(data.samples, table.score, all);  // as the text has it
   for (int i = 0; i < all.height(); ++i) {
-    const bool slip = model::evaluate(table, all.at(i)) == Verdict::kSlip;
+    const bool slip = model::evaluate(table, all.at(i)) != Verdict::kHold;
     differ += slip != (said[idx(i)] != 0) ? 1 : 0;
   }
   if (differ == 0) return {};
@@ -518,7 +471,6 @@ void print(const Data& data, const FeatureSet& set, const TrainOptions& options,
   for (const NamedFigure& figure : kFrameFigures) {
     fmt::print("          {:18} {}\n", figure.name, percent(result.figures.interval(figure.figure)));
   }
-  if (const std::string line = score_line(result.figures); !line.empty()) fmt::print("score     {}\n", line);
   std::string_view head = "events";
   for (const std::string& line : event_lines(EventFigures(result.figures.events))) {
     fmt::print("{:10}{}\n", head, line);
@@ -576,10 +528,6 @@ void print_json(const Data& data, const FeatureSet& set, const TrainOptions& opt
   out["folds"] = options.folds;
   for (const NamedFigure& figure : kFrameFigures) {
     out[std::string(figure.key)] = json_of(result.figures.interval(figure.figure));
-  }
-  if (!result.figures.score_auc.empty()) {
-    out["score"] = {{"auc", json_of(learn::interval_of(result.figures.score_auc))},
-                    {"best_balanced_accuracy", json_of(learn::interval_of(result.figures.score_balanced))}};
   }
   const EventFigures events(result.figures.events);
   out["onsets"] = events.onsets;

@@ -47,7 +47,7 @@ class ModelWalk {
  private:
   [[nodiscard]] const treec::Node& node(int id) const { return *std::ranges::find(model_.nodes, id, &treec::Node::id); }
 
-  [[nodiscard]] bool is_slip_leaf(int id) const { return node(id).is_leaf && node(id).verdict == Verdict::kSlip; }
+  [[nodiscard]] bool is_slip_leaf(int id) const { return node(id).is_leaf && node(id).verdict != Verdict::kHold; }
 
   [[nodiscard]] bool can_slip(int id) const {
     const treec::Node& at = node(id);
@@ -195,7 +195,7 @@ Clearance ModelCheck::worst() const {
 
 long ModelCheck::slip_frames() const {
   long count = 0;
-  for (const LeafCheck& leaf : leaves) count += leaf.verdict == Verdict::kSlip ? leaf.frames : 0;
+  for (const LeafCheck& leaf : leaves) count += leaf.verdict != Verdict::kHold ? leaf.frames : 0;
   return count;
 }
 

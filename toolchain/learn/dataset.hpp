@@ -61,9 +61,8 @@ void play_into(Samples& samples, const Planned& planned, const Params& params, c
 struct RecordedClip {
   Trial trial;  // no rows yet
   std::vector<sim::RecordedFrame> frames;
-  std::vector<Label> labels;              // one a frame
-  sim::RecordedFrame rest;                // shows the empty gel
-  std::vector<sim::RecordedFrame> empty;  // and so do these
+  std::vector<Label> labels;  // one a frame
+  sim::RecordedFrame rest;    // shows the empty gel
 };
 // Every clip of a label file in the format of the 27 real clips (its README), one at a time. Returns nothing, or an
 // error line; so does `visit`, of which the clip's place need not be part. `luma`: of who plays them; a picture of the

@@ -9,7 +9,6 @@
 #include "base/math.hpp"
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
-#include "toolchain/learn/score.hpp"
 #include "toolchain/learn/splits.hpp"
 
 namespace holdfast::learn {
@@ -18,37 +17,19 @@ namespace {
 using Error = std::optional<std::string>;
 using Values = std::vector<double>;
 
-Error feature_values(const Samples& samples, std::string_view name, Values& values) {
-  const std::size_t feature = score::index_of(name);
-  for (const Row& row : samples.rows) values.push_back(row.x[feature]);
-  return std::nullopt;
-}
-
 Error speed(const Samples& samples, std::span<const int> /*trials*/, Values& values) {
-  const std::size_t x = score::index_of("vx_um_s");
-  const std::size_t y = score::index_of("vy_um_s");
+  const std::size_t x = feature_index("vx_um_s");
+  const std::size_t y = feature_index("vy_um_s");
   for (const Row& row : samples.rows) values.push_back(std::hypot(row.x[x], row.x[y]));
   return std::nullopt;
 }
 
-Error marker_score(const Samples& samples, std::span<const int> trials, Values& values) {
-  score::Score score;
-  const Matrix train = matrix_of(samples, *find_feature_set("score"), trials, 1.0, true);
-  if (auto error = fit_score(samples, train, Settings{}, score)) return error;
-  for (const Row& row : samples.rows) values.push_back(score_of(score, row.x));
-  return std::nullopt;
-}
-
-Error imprint_short(const Samples& samples, std::span<const int> /*trials*/, Values& values) {
-  return feature_values(samples, "imprint_short_log2_um_q8", values);
-}
-
+// What moves while the relief grows is a contact that is being made.
 Error imprint(const Samples& samples, std::span<const int> /*trials*/, Values& values) {
-  return feature_values(samples, "imprint_log2_um_q8", values);
-}
-
-Error imprint_long(const Samples& samples, std::span<const int> /*trials*/, Values& values) {
-  return feature_values(samples, "imprint_long_log2_um_q8", values);
+  const std::size_t motion = feature_index("imprint_log2_um_q8");
+  const std::size_t growth = feature_index("imprint_growth_log2_q8");
+  for (const Row& row : samples.rows) values.push_back(row.x[growth] <= kMostGrowth ? row.x[motion] : 0);
+  return std::nullopt;
 }
 
 // Times that the request rises on rows that hold.
@@ -71,21 +52,18 @@ int alarms_of(const Samples& samples, std::span<const int> trials, const std::ve
 
 }  // namespace
 
-const std::array<Detector, 5> kDetectors{{
+const std::array<Detector, 2> kDetectors{{
     {"|V| alone", false, speed},
-    {"marker score alone", false, marker_score},
-    {"imprint, 0.12 s", true, imprint_short},
-    {"imprint, 0.24 s", true, imprint},
-    {"imprint, 0.48 s", true, imprint_long},
+    {"imprint alone", true, imprint},
 }};
 
 const Detector& imprint_detector() {
-  return kDetectors[2];
+  return kDetectors[1];
 }
 
 std::vector<std::uint8_t> verdicts_of(const Samples& samples, const Detector& detector, std::span<const double> values,
                                       double threshold) {
-  static const std::size_t contact = score::index_of("contact");
+  static const std::size_t contact = feature_index("contact");
   std::vector<std::uint8_t> verdicts(values.size());
   for (std::size_t i = 0; i < values.size(); ++i) {
     const bool told = !detector.in_contact || samples.rows[i].x[contact] != 0;

@@ -25,9 +25,14 @@ struct Detector {
 };
 
 // |V| is a motion-start detector: most recorded onsets coincide with the start of the shake.
-extern const std::array<Detector, 5> kDetectors;
+extern const std::array<Detector, 2> kDetectors;
 
-// The imprint's motion over 0.12 s, which `holdfast fuse` takes its thresholds of.
+// Growth of the shading, log2 Q8, above which its change is a contact being made and no slip: a twelfth in the lag. On
+// the recordings anything from 26 to 64 detects the same onsets within two, and alarms at 8 to 10 of 72 touches, six
+// of which turn in the grip; without it 51 (2026-11-24).
+inline constexpr int kMostGrowth = 31;
+
+// The imprint's motion, which `holdfast fuse` takes its threshold of.
 [[nodiscard]] const Detector& imprint_detector();
 
 // How a threshold is chosen: the lowest one above which the request never rises more often than `alarms` times while

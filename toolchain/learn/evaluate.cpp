@@ -15,8 +15,6 @@
 #include "base/crc32.hpp"
 #include "drivers/sim/scene/paper.hpp"
 #include "drivers/sim/scene/random.hpp"
-#include "toolchain/learn/detectors.hpp"
-#include "toolchain/learn/score.hpp"
 #include "toolchain/learn/splits.hpp"
 #include "toolchain/play/thread_time.hpp"
 
@@ -257,8 +255,6 @@ EventScore events_of(const Samples& samples, std::span<const int> trials, const 
 }
 
 constexpr std::array kRaiseFrames{1, 2, 3};
-constexpr int kRaise = decision::Config{}.raise_frames;
-constexpr std::array kAlarmBudgets{0, 1, 2, 4, 8, 16, 32, 64};  // of a detector, where it learns
 
 // --- the plan ---
 
@@ -277,14 +273,10 @@ int cost(Kind kind) {  // relative, for the progress bar
 
 class Work {
  public:
-  Work(const Samples& samples, const Samples* recorded, const Options& options, Evaluation& out)
-      : samples_(samples), recorded_(recorded), options_(options), out_(out) {
+  Work(const Samples& samples, const Options& options, Evaluation& out)
+      : samples_(samples), options_(options), out_(out) {
     for (int t = 0; t < static_cast<int>(samples.trials.size()); ++t) {
       (is_unseen(samples.trials[static_cast<std::size_t>(t)].object) ? unseen_ : known_).push_back(t);
-    }
-    if (recorded_ != nullptr) {
-      clips_.resize(recorded_->trials.size());
-      std::iota(clips_.begin(), clips_.end(), 0);
     }
   }
 
@@ -309,11 +301,6 @@ class Work {
     if (options_.unseen && unseen_.empty()) {
       return "the data has no unseen objects (book, raccoon, contact_solution). Likely cause: a data set of the ten "
              "objects alone. Next: give one of the unseen objects too, or leave Table III out: --without unseen";
-    }
-    if (recorded_ != nullptr && objects(*recorded_, clips_) < 2) {
-      return "the recordings show one object only: nothing can be left out. Likely cause: a short list of labels. "
-             "Next: "
-             "give recordings of at least two objects";
     }
     return std::nullopt;
   }
@@ -343,10 +330,6 @@ class Work {
     }
     for (const LoadedModel& model : options_.models) {
       if (whole) job(1, [this, &model] { return given(model); });
-    }
-    if (recorded_ != nullptr) {
-      for (const FeatureSet* set : options_.sets) job(10, [this, set] { return recordings(*set); });
-      if (whole && !options_.slip_weights.empty()) job(5, [this] { return detectors(); });
     }
     if (!whole) return;
     job(10 + (has(Kind::kSvm) ? cost(Kind::kSvm) : 0), [this] { return timing(); });
@@ -395,19 +378,11 @@ class Work {
     return settings;
   }
 
-  // What was learned from some rows: a set's score goes with its classifier.
-  struct Fitted {
-    std::unique_ptr<Learner> learner;
-    score::Score score;
-  };
-
   Outcome fit(const Samples& samples, const FeatureSet& set, const Settings& settings, std::vector<int> rows,
-              Fitted& fitted) const {
+              std::unique_ptr<Learner>& learner) const {
     if (settings.kind == Kind::kSvm) rows = draw(std::move(rows), options_.svm_rows, settings.seed);
-    fitted.learner = make_learner(settings);
-    Matrix train = matrix_of_rows(samples, set, rows);
-    Outcome error = fit_and_fill(samples, settings, train, fitted.score);
-    if (!error) error = fitted.learner->fit(train);
+    learner = make_learner(settings);
+    const Outcome error = learner->fit(matrix_of_rows(samples, set, rows));
     if (!error) return std::nullopt;
     return fmt::format(
         "{} on {}: {}. Likely cause: too few grasps, or all of one kind. Next: make data with grasps that slip and "
@@ -415,22 +390,15 @@ class Work {
         name_of(settings.kind), set.name, *error);
   }
 
+  // Learns from some rows and classifies others; or has a piece's classifier say what it said.
   Outcome fit_and_judge(const Samples& samples, const FeatureSet& set, const Settings& settings,
                         const std::vector<int>& train, const std::vector<int>& test, Verdicts& verdicts) {
-    return fit_and_judge(samples, train, samples, test, set, settings, verdicts);
-  }
-
-  // Learns from rows of the one and judges rows of the other; or has a piece's classifier say what it said.
-  Outcome fit_and_judge(const Samples& taught, const std::vector<int>& train, const Samples& judged,
-                        const std::vector<int>& test, const FeatureSet& set, const Settings& settings,
-                        Verdicts& verdicts) {
     const long number = classifiers_++;
     if (options_.pieces != nullptr) return recall(*options_.pieces, number, test, verdicts);
     if (options_.piece != nullptr && number % options_.shards + 1 != options_.shard) return std::nullopt;
-    Fitted fitted;
-    Outcome error = fit(taught, set, settings, train, fitted);
-    if (error) return error;
-    if (!test.empty()) judge(judged, set, fitted, test, verdicts);
+    std::unique_ptr<Learner> learner;
+    if (Outcome error = fit(samples, set, settings, train, learner)) return error;
+    if (!test.empty()) judge(samples, set, *learner, test, verdicts);
     if (options_.piece != nullptr) {
       Verdicts& said = options_.piece->said[number];
       for (const int r : test) said.push_back(verdicts[static_cast<std::size_t>(r)]);
@@ -450,11 +418,9 @@ class Work {
     return std::nullopt;
   }
 
-  static void judge(const Samples& samples, const FeatureSet& set, const Fitted& fitted, const std::vector<int>& test,
+  static void judge(const Samples& samples, const FeatureSet& set, Learner& learner, const std::vector<int>& test,
                     Verdicts& verdicts) {
-    Matrix rows = matrix_of_rows(samples, set, test);
-    fill_score(samples, fitted.score, rows);
-    const std::vector<std::uint8_t> said = fitted.learner->predict(rows);
+    const std::vector<std::uint8_t> said = learner.predict(matrix_of_rows(samples, set, test));
     for (std::size_t i = 0; i < test.size(); ++i) {
       const auto r = static_cast<std::size_t>(test[i]);
       verdicts[r] = may_slip(set, samples.rows[r]) ? said[i] : std::uint8_t{0};
@@ -476,7 +442,6 @@ class Work {
       add("|V|", [x, y](const Features& f) { return std::hypot(f[x], f[y]); });
     }
     for (std::size_t i = 0; i < kFeatures.size(); ++i) {
-      if (kFeatures[i].stage == Stage::kScore) continue;  // of a model, not of a row
       const std::string name(kFeatures[i].name);
       add(name, [i](const Features& f) { return static_cast<double>(f[i]); });
       const bool is_signed = std::any_of(rows.begin(), rows.end(),
@@ -576,10 +541,9 @@ class Work {
     Verdicts verdicts;
     std::vector<std::int32_t> x(static_cast<std::size_t>(model.tree.set->size()));
     for (const Row& row : samples.rows) {
-      const Features seen = seen_by(model.tree.score, row.x);
       std::transform(model.tree.set->members.begin(), model.tree.set->members.end(), x.begin(),
-                     [&](std::uint8_t member) { return seen[member]; });
-      const bool slips = may_slip(*model.tree.set, row) && model::evaluate(model.tree, x) == Verdict::kSlip;
+                     [&](std::uint8_t member) { return row.x[member]; });
+      const bool slips = may_slip(*model.tree.set, row) && model::evaluate(model.tree, x) != Verdict::kHold;
       verdicts.push_back(slips ? 1 : 0);
     }
     return verdicts;
@@ -592,56 +556,6 @@ class Work {
     out_.models.push_back({model.name, model.tree.set, by_objects(samples_, trials, verdicts)});
     for (const int raise : kRaiseFrames) {
       out_.model_events.push_back(events_of(samples_, trials, verdicts, model.name, raise));
-    }
-    if (recorded_ != nullptr) add_recorded(model.name, "given", judge_all(*recorded_, model));
-    return std::nullopt;
-  }
-
-  void add_recorded(const std::string& name, const std::string& trained, const Verdicts& verdicts) {
-    for (const int raise : kRaiseFrames) {
-      RecordedScore score = score_recordings(*recorded_, verdicts, {.raise_frames = raise});
-      score.name = name;
-      score.trained = trained;
-      out_.recorded.push_back(score);
-    }
-  }
-
-  Outcome recordings(const FeatureSet& set) {
-    Verdicts verdicts;
-    if (auto error = leave_out(*recorded_, clips_, set, settings(Kind::kTree, 1), true, verdicts)) {
-      return "recordings, " + *error;
-    }
-    add_recorded(std::string(set.name), "recordings of the other objects", verdicts);
-    for (const double weight : options_.slip_weights) {
-      Settings changed = settings(Kind::kTree, 1);
-      changed.slip_weight *= weight;
-      if (auto error = leave_out(*recorded_, clips_, set, changed, true, verdicts)) return "recordings, " + *error;
-      add_point(std::string(set.name), changed.slip_weight,
-                score_recordings(*recorded_, verdicts, {.raise_frames = kRaise}));
-    }
-    if (auto error = fit_and_judge(samples_, rows_of(samples_, known_, true), *recorded_,
-                                   rows_of(*recorded_, clips_, false), set, settings(Kind::kTree, 1), verdicts)) {
-      return error;
-    }
-    add_recorded(std::string(set.name), "the data set", verdicts);
-    return std::nullopt;
-  }
-
-  void add_point(const std::string& name, double setting, RecordedScore score) {
-    score.name = name;
-    out_.recorded_curve.push_back({name, setting, std::move(score)});
-  }
-
-  // Detectors of one number, for comparison.
-  Outcome detectors() {
-    for (const Detector& detector : kDetectors) {
-      for (const int alarms : kAlarmBudgets) {
-        if (!go_on()) return std::nullopt;
-        RecordedScore score;
-        // Nothing to learn from: it is not among those that are compared.
-        if (leave_one_out(*recorded_, detector, {alarms, 0.0}, kRaise, score)) break;
-        add_point(std::string(detector.name), alarms, std::move(score));
-      }
     }
     return std::nullopt;
   }
@@ -672,13 +586,12 @@ class Work {
     };
     for (const Kind kind : options_.kinds) {
       if (!go_on()) return std::nullopt;
-      Fitted fitted;
-      if (auto error = fit(samples_, set, settings(kind, 1), train, fitted)) return error;
-      for (Matrix& row : single) fill_score(samples_, fitted.score, row);
+      std::unique_ptr<Learner> learner;
+      if (auto error = fit(samples_, set, settings(kind, 1), train, learner)) return error;
       long slips = 0;  // used, so that nothing is optimised away
-      const double us = median_us(1, [&](const Matrix& row) { slips += fitted.learner->predict(row).front(); });
+      const double us = median_us(1, [&](const Matrix& row) { slips += learner->predict(row).front(); });
       out_.timing.push_back({std::string(name_of(kind)), us});
-      if (const auto tree = fitted.learner->tree(); kind == Kind::kTree && tree) {
+      if (const auto tree = learner->tree(); kind == Kind::kTree && tree) {
         const model::Tree table = treec::to_table(*tree);
         volatile std::uint8_t last = 0;
         const double table_us =
@@ -720,12 +633,10 @@ class Work {
   }
 
   const Samples& samples_;
-  const Samples* recorded_;
   const Options& options_;
   Evaluation& out_;
   std::vector<int> known_;
   std::vector<int> unseen_;
-  std::vector<int> clips_;
   std::vector<Job> jobs_;
   long classifiers_ = 0;  // those that judged, in the order of the plan
   long total_ = 0;
@@ -734,7 +645,7 @@ class Work {
 };
 
 // CRC-32 of everything that decides what the classifiers say.
-std::uint32_t run_of(const Samples& samples, const Samples* recorded, const Options& options) {
+std::uint32_t run_of(const Samples& samples, const Options& options) {
   std::ostringstream text;
   const Settings& tree = options.tree;
   text << fmt::format("{} {} {} {} {} {} {} {} {}\n", tree.max_depth, tree.min_leaf, tree.prune, tree.slip_weight,
@@ -747,19 +658,17 @@ std::uint32_t run_of(const Samples& samples, const Samples* recorded, const Opti
   for (const double weight : options.slip_weights) text << fmt::format("{} ", weight);
   text << options.svm_rows << '\n';
   write_csv(text, samples);
-  if (recorded != nullptr) write_csv(text, *recorded);
   const std::string all = text.str();
   return crc32({reinterpret_cast<const std::uint8_t*>(all.data()), all.size()});
 }
 
 }  // namespace
 
-std::optional<std::string> evaluate(const Samples& samples, const Samples* recorded, const Options& options,
-                                    Evaluation& out) {
+std::optional<std::string> evaluate(const Samples& samples, const Options& options, Evaluation& out) {
   out = {};
-  Work work(samples, recorded, options, out);
+  Work work(samples, options, out);
   if (auto error = work.check()) return error;
-  const std::uint32_t run = run_of(samples, recorded, options);
+  const std::uint32_t run = run_of(samples, options);
   if (options.piece != nullptr) *options.piece = {run, {}};
   if (options.pieces != nullptr && options.pieces->run != run) {
     return "the pieces are of another run. Likely cause: other data or other options than those they were made with. "

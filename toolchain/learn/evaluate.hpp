@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The paper's experiments on our data, and what the paper leaves out: events, delays, false alarms, recordings.
+// The paper's experiments on our data, and what the paper leaves out: events, delays, false alarms.
 //
 // Samples of objects that kPaperObjects does not call unseen are `known`: five-fold, leave-one-object-out and t-SNE
 // look at them alone; `unseen` ones are only ever tested on. Every verdict that counts here comes from a classifier
@@ -20,7 +20,6 @@
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
 #include "toolchain/learn/piece.hpp"
-#include "toolchain/learn/recorded.hpp"
 #include "toolchain/learn/samples.hpp"
 #include "toolchain/learn/tsne.hpp"
 
@@ -123,13 +122,6 @@ struct CurvePoint {
   double within_10 = 0.0;
 };
 
-// A detector of recordings at one of its settings, which has not seen the object.
-struct RecordedPoint {
-  std::string name;
-  double setting = 0.0;  // trees: slip_weight; detectors of one number: alarms that it may raise where it learns
-  RecordedScore score;
-};
-
 struct ModelScore {
   std::string name;
   const FeatureSet* set = nullptr;
@@ -156,8 +148,6 @@ struct Evaluation {
   std::vector<CurvePoint> curve;   // by set, then by weight
   std::vector<ModelScore> models;
   std::vector<EventScore> model_events;
-  std::vector<RecordedScore> recorded;
-  std::vector<RecordedPoint> recorded_curve;  // by detector, then from few alarms to many
   std::vector<TimingScore> timing;
   std::string timing_set;
   std::vector<TsnePanel> tsne;
@@ -197,8 +187,7 @@ struct Options {
 // Whether the paper keeps this object out of training.
 [[nodiscard]] bool is_unseen(std::string_view object);
 
-// `recorded` may be null. Nothing, or one line that says what is wrong (or "stopped"); `out` is void then.
-[[nodiscard]] std::optional<std::string> evaluate(const Samples& samples, const Samples* recorded,
-                                                  const Options& options, Evaluation& out);
+// Nothing, or one line that says what is wrong (or "stopped"); `out` is void then.
+[[nodiscard]] std::optional<std::string> evaluate(const Samples& samples, const Options& options, Evaluation& out);
 
 }  // namespace holdfast::learn

@@ -11,7 +11,6 @@
 #include <string_view>
 
 #include "toolchain/learn/charts.hpp"
-#include "toolchain/learn/detectors.hpp"
 #include "toolchain/learn/paper_figures.hpp"
 
 namespace holdfast::learn {
@@ -398,114 +397,6 @@ Table models_table(const Evaluation& e, const ReportFacts& facts) {
   return table;
 }
 
-Table recorded_table(const Evaluation& e) {
-  const std::string any = "alarm up from the onset on";
-  const std::string fresh = "new alarm";
-  const std::string rate = "false alarms a minute";
-  Table table{
-      .id = "recorded",
-      .title = "Recordings",
-      .note =
-          "Trees, leave one object out unless trained on the data set above or given. Share of the recorded onsets "
-          "with "
-          "an alarm within 5 and 10 frames; new alarm: it rises between 3 frames before the onset and 5 or 10 after. "
-          "Beside it the sham test: the same windows at every place of silent held (and of shaken) contact, which is "
-          "what chance gives; a rate that does not stand clear of it means nothing. Few onsets: one of them is a large "
-          "step. Shaken: held frames 100 to 250, without artificial_strawberry.",
-      .brief = true,
-      .columns = {{"name", "features or model", ""},
-                  {"trained", "trained on", ""},
-                  {"raise_frames", "slips in a row", "", 0},
-                  {"balanced", "balanced accuracy, %", "recorded, frames"},
-                  {"onsets", "onsets", "", 0},
-                  {"any_5", "5, %", any, 0, false},
-                  {"any_10", "10, %", any, 0},
-                  {"sham_any_5", "sham 5, %", any, 0, false},
-                  {"sham_any_10", "sham 10, %", any, 0},
-                  {"shaken_any_5", "shaken sham 5, %", any, 0, false},
-                  {"shaken_any_10", "shaken sham 10, %", any, 0, false},
-                  {"new_5", "5, %", fresh, 0},
-                  {"new_10", "10, %", fresh, 0},
-                  {"new_15", "15, %", fresh, 0, false},
-                  {"hits", "hits", "", 0, false},
-                  {"sham_new_5", "sham 5, %", fresh, 0},
-                  {"sham_new_10", "sham 10, %", fresh, 0},
-                  {"shaken_new_5", "shaken sham 5, %", fresh, 0, false},
-                  {"shaken_new_10", "shaken sham 10, %", fresh, 0, false},
-                  {"held_per_min", "held", rate},
-                  {"held_min", "held, min", rate, 1, false},
-                  {"shaken_per_min", "shaken", rate},
-                  {"shaken_min", "shaken, min", rate, 1, false},
-                  {"empty_alarms", "on the empty gel", "alarms", 0},
-                  {"empty_min", "empty, min", "alarms", 1, false}}};
-  for (const RecordedScore& r : e.recorded) {
-    const auto share = [&](int count) { return r.onsets > 0 ? std::optional(100.0 * count / r.onsets) : std::nullopt; };
-    const auto rate_of = [](const Exposure& x) {
-      return x.s > 0.0 ? std::optional(x.alarms * 60.0 / x.s) : std::nullopt;
-    };
-    table.rows.push_back({r.name,
-                          r.trained,
-                          r.raise_frames,
-                          percent(r.frames.balanced_accuracy()),
-                          r.onsets,
-                          share(r.within_5.any),
-                          share(r.within_10.any),
-                          percent(r.within_5.sham_any),
-                          percent(r.within_10.sham_any),
-                          percent(r.within_5.shaken_any),
-                          percent(r.within_10.shaken_any),
-                          share(r.within_5.fresh),
-                          share(r.within_10.fresh),
-                          share(r.within_15.fresh),
-                          r.hits,
-                          percent(r.within_5.sham_fresh),
-                          percent(r.within_10.sham_fresh),
-                          percent(r.within_5.shaken_fresh),
-                          percent(r.within_10.shaken_fresh),
-                          rate_of(r.held),
-                          r.held.s / 60.0,
-                          rate_of(r.shaken),
-                          r.shaken.s / 60.0,
-                          r.empty.alarms,
-                          r.empty.s / 60.0});
-  }
-  return table;
-}
-
-Table recorded_curve_table(const Evaluation& e) {
-  Table table{
-      .id = "recorded_curve",
-      .title = "Recordings: detection against false alarms",
-      .note =
-          "Each object by what was learned from the others. Trees by slip_weight; detectors of one number by how many "
-          "alarms they may raise in the held contact that they learn from. New alarms within 5, 10 and 15 frames; the "
-          "interval is that of so few onsets (Clopper and Pearson, 95 %). |V| alone is a motion-start detector: most "
-          "recorded onsets coincide with the start of the shake, so that a figure counts as far as it beats that one.",
-      .brief = true,
-      .columns = {{"detector", "detector", ""},
-                  {"setting", "setting", "", 3},
-                  {"onsets", "onsets", "", 0},
-                  {"within_5", "5", "noticed within", 0},
-                  {"within_10", "10", "noticed within", 0},
-                  {"within_15", "15", "noticed within", 0},
-                  {"low_10", "10, from %", "noticed within", 0, false},
-                  {"high_10", "10, to %", "noticed within", 0, false},
-                  {"hits", "hits", "", 0, false},
-                  {"held_alarms", "held", "alarms", 0},
-                  {"held_per_min", "held, a minute", "alarms"},
-                  {"shaken_alarms", "shaken", "alarms", 0},
-                  {"shaken_per_min", "shaken, a minute", "alarms"},
-                  {"empty_alarms", "empty", "alarms", 0}}};
-  for (const RecordedPoint& point : e.recorded_curve) {
-    const RecordedScore& r = point.score;
-    const ShareInterval share = share_interval(r.within_10.fresh, r.onsets);
-    table.rows.push_back({point.name, point.setting, r.onsets, r.within_5.fresh, r.within_10.fresh, r.within_15.fresh,
-                          percent(share.low), percent(share.high), r.hits, r.held.alarms, r.held.per_minute(),
-                          r.shaken.alarms, r.shaken.per_minute(), r.empty.alarms});
-  }
-  return table;
-}
-
 Table timing_table(const Evaluation& e) {
   Table table{
       .id = "timing",
@@ -663,41 +554,6 @@ Chart curve_chart(const Evaluation& e, const ReportFacts& facts) {
       draw(chart)};
 }
 
-// As many series as the picture has colours: detectors of one number first, then trees.
-Chart recorded_curve_chart(const Evaluation& e) {
-  charts::Curves chart;
-  chart.title = "Recordings: onsets noticed against false alarms (object left out)";
-  chart.axis = "false alarms per minute of held contact";
-  chart.panels = {{"within 5 frames, %", 0, 100}, {"within 10 frames, %", 0, 100}, {"within 15 frames, %", 0, 100}};
-  constexpr std::size_t kMostSeries = 7;
-  const auto is_tree = [](const RecordedPoint& point) { return find_feature_set(point.name) != nullptr; };
-  // Of the detectors of one number the two that say most: motion alone, and the imprint. The table has the others.
-  const auto is_left_out = [&](const RecordedPoint& point) {
-    return !is_tree(point) && point.name != kDetectors.front().name && point.name != imprint_detector().name;
-  };
-  for (const bool trees : {false, true}) {
-    for (const RecordedPoint& point : e.recorded_curve) {
-      if (is_tree(point) != trees || is_left_out(point) || point.score.onsets == 0) continue;
-      auto at = std::find_if(chart.series.begin(), chart.series.end(),
-                             [&](const charts::Curves::Series& s) { return s.name == point.name; });
-      if (at == chart.series.end()) {
-        if (chart.series.size() == kMostSeries) continue;
-        at = chart.series.insert(at, {point.name, {{}, {}, {}}});
-      }
-      const RecordedScore& r = point.score;
-      const std::array<int, 3> noticed{r.within_5.fresh, r.within_10.fresh, r.within_15.fresh};
-      for (std::size_t k = 0; k < noticed.size(); ++k) {
-        at->panels[k].push_back({r.held.per_minute(), 100.0 * noticed[k] / r.onsets});
-      }
-    }
-  }
-  const int onsets = e.recorded_curve.front().score.onsets;
-  return {"recorded_curve",
-          fmt::format("{} onsets, {:.1f} minutes of held contact: one onset is {:.0f} %. Left and up is better.",
-                      onsets, e.recorded_curve.front().score.held.s / 60.0, onsets > 0 ? 100.0 / onsets : 0.0),
-          draw(chart)};
-}
-
 // --- as text ---
 
 std::string number(double value, int decimals) {
@@ -819,12 +675,6 @@ std::vector<Table> tables_of(const Evaluation& e, const ReportFacts& facts) {
     tables.push_back(events_table("model_events", "Given models, by event", std::string(kEventsNote), e.model_events,
                                   facts, true, 0));
   }
-  if (!e.recorded.empty()) {
-    tables.push_back(recorded_table(e));
-    tables.back().brief_id = "raise_frames";
-    tables.back().brief_value = std::to_string(kDefaultRaise);
-  }
-  if (!e.recorded_curve.empty()) tables.push_back(recorded_curve_table(e));
   if (!e.timing.empty()) tables.push_back(timing_table(e));
   return tables;
 }
@@ -834,7 +684,6 @@ std::vector<Chart> charts_of(const Samples& samples, const Evaluation& e, const 
   if (!e.five_fold.empty()) out.push_back(objects_chart(e, facts));
   if (!e.events.empty()) out.push_back(delays_chart(e, facts));
   if (!e.curve.empty()) out.push_back(curve_chart(e, facts));
-  if (!e.recorded_curve.empty()) out.push_back(recorded_curve_chart(e));
   if (!e.tsne.empty()) out.push_back(tsne_chart(samples, e, facts));
   return out;
 }
@@ -947,7 +796,6 @@ std::string html(const ReportFacts& facts, const std::vector<Table>& tables, con
       chart("delays");
       chart("curve");
     }
-    if (table.id == "recorded_curve") chart("recorded_curve");
   }
   if (std::any_of(charts.begin(), charts.end(), [](const Chart& c) { return c.id == "tsne"; })) {
     out += "<h2>The features, laid out by nearness</h2>\n";

@@ -18,21 +18,19 @@ namespace {
 
 using Error = std::optional<std::string>;
 
-constexpr int kRaise = decision::Config{}.raise_frames;
+constexpr int kRaise = 1;  // the imprint needs no second frame
 constexpr std::string_view kSet = "touch";
+constexpr std::string_view kFlow = "flow_residual_um_s";
 
-Error points_of(const Samples& recordings, std::array<Point, 3>& points) {
+Error read_threshold(const Samples& recordings, Fused& out) {
   const Detector& detector = imprint_detector();
   std::vector<int> all(recordings.trials.size());
   std::iota(all.begin(), all.end(), 0);
   std::vector<double> values;
   if (auto error = detector.values(recordings, all, values)) return error;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const double threshold = threshold_of(recordings, detector, all, values, kPointBudgets[i], kRaise);
-    points[i].threshold = static_cast<int>(std::lround(threshold));
-    if (auto error = leave_one_out(recordings, detector, kPointBudgets[i], kRaise, points[i].unseen)) return error;
-  }
-  return std::nullopt;
+  out.threshold =
+      static_cast<int>(std::lround(threshold_of(recordings, detector, all, values, kImprintBudget, kRaise)));
+  return leave_one_out(recordings, detector, kImprintBudget, kRaise, out.unseen);
 }
 
 int index_of(const treec::Model& model, std::string_view feature) {
@@ -44,12 +42,11 @@ class Builder {
  public:
   explicit Builder(treec::Model& model) : model_(model) {}
 
-  int leaf(Verdict verdict, Sensitivity least = Sensitivity::kQuiet) {
+  int leaf(Verdict verdict) {
     const int id = add();
     treec::Node& node = model_.nodes[idx(id)];
     node.is_leaf = true;
     node.verdict = verdict;
-    node.least = least;
     return id;
   }
   // Its children come next: set them with children().
@@ -63,10 +60,13 @@ class Builder {
     model_.nodes[idx(id)].child_true = child_true;
     model_.nodes[idx(id)].child_false = child_false;
   }
-  // The subtree of `from` in another model, whose features are all here. It is not heard when quiet is asked for.
+  // The subtree of `from` in another model, whose features are all here; below a flow of kLeastFlow_um_s it is not
+  // asked.
   int graft(const treec::Model& other, int from) {
     const treec::Node& node = other.nodes[idx(from)];
-    if (node.is_leaf) return leaf(node.verdict, node.verdict == Verdict::kSlip ? Sensitivity::kNormal : node.least);
+    if (node.is_leaf) return leaf(node.verdict);
+    const bool decided = other.features[idx(node.feature)].name == kFlow && node.threshold <= kLeastFlow_um_s;
+    if (decided) return graft(other, node.child_false);
     const int id = split(other.features[idx(node.feature)].name, node.threshold);
     const int child_true = graft(other, node.child_true);
     const int child_false = graft(other, node.child_false);
@@ -95,13 +95,7 @@ std::optional<std::string> fuse(const Samples& recordings, const treec::Model& m
     return "the samples have no recordings with frames that hold and frames that slip. Likely cause: simulated samples "
            "were given. Next: make them with holdfast dataset --recordings";
   }
-  if (markers.score.bias_q8) {
-    return fmt::format(
-        "the model {} reads a score, which the set {} has not. Likely cause: a model of another experiment. Next: give "
-        "a tree of the set field",
-        markers.name, kSet);
-  }
-  if (auto error = points_of(recordings, out.points)) return error;
+  if (auto error = read_threshold(recordings, out)) return error;
 
   treec::Model& model = out.model;
   const FeatureSet& set = *find_feature_set(kSet);
@@ -118,22 +112,44 @@ std::optional<std::string> fuse(const Samples& recordings, const treec::Model& m
         markers.name, feature.name, kSet);
   }
 
-  const auto threshold = [&](Sensitivity s) { return out.points[static_cast<std::size_t>(s)].threshold; };
-  const std::string motion = "imprint_short_log2_um_q8";
   Builder build(model);
-  const int moves = build.split(motion, threshold(Sensitivity::kSensitive));
-  const int texture = build.split("imprint_patches", kLeastPatches - 1);
-  const int told = build.graft(markers, 0);
+  const int moves = build.split("imprint_log2_um_q8", out.threshold);
+  const int shifts = build.split("imprint_coarse_log2_um_q8", kCoarse);
+  const int relief = build.split("imprint_patches", kMostPatches);
+  const int flows = build.split(kFlow, kLeastFlow_um_s);
   const int still = build.leaf(Verdict::kHold);
-  build.children(texture, told, still);
-  const int more = build.split(motion, threshold(Sensitivity::kNormal));
-  const int a_little = build.leaf(Verdict::kSlip, Sensitivity::kSensitive);
-  const int most = build.split(motion, threshold(Sensitivity::kQuiet));
-  const int much = build.leaf(Verdict::kSlip, Sensitivity::kNormal);
-  const int very_much = build.leaf(Verdict::kSlip);
-  build.children(most, much, very_much);
-  build.children(more, a_little, most);
-  build.children(moves, texture, more);
+  const int markers_say = build.graft(markers, 0);
+  build.children(flows, still, markers_say);
+  const int held = build.leaf(Verdict::kHold);
+  build.children(relief, flows, held);
+  const int spreads = build.split("imprint_growth_log2_q8", kMostCoarseGrowth);
+  const int drags = build.split(kFlow, kLeastCoarseFlow_um_s);
+  const int pressed = build.leaf(Verdict::kHold);
+  const int carried = build.split(kFlow, kMostCoarseFlow_um_s);
+  const int shifted = build.leaf(Verdict::kSlipNow);
+  const int swept = build.split(kFlow, kNoCoarseFlow_um_s);
+  const int far = build.split("imprint_coarse_log2_um_q8", kCoarse + kBentCoarseMargin);
+  const int not_far = build.leaf(Verdict::kHold);
+  const int shifted_far = build.leaf(Verdict::kSlipNow);
+  build.children(far, not_far, shifted_far);
+  const int too_fast = build.leaf(Verdict::kHold);
+  build.children(swept, far, too_fast);
+  build.children(carried, shifted, swept);
+  build.children(drags, pressed, carried);
+  const int spread = build.leaf(Verdict::kHold);
+  build.children(spreads, drags, spread);
+  build.children(shifts, relief, spreads);
+  const int grows = build.split("imprint_growth_log2_q8", kMostGrowth);
+  const int bends = build.split(kFlow, kMostFlow_um_s);
+  const int slides = build.leaf(Verdict::kSlipNow);
+  const int much = build.split("imprint_log2_um_q8", out.threshold + kBentMargin);
+  const int too_little = build.leaf(Verdict::kHold);
+  const int slides_too = build.leaf(Verdict::kSlipNow);
+  build.children(much, too_little, slides_too);
+  build.children(bends, slides, much);
+  const int touches = build.leaf(Verdict::kHold);
+  build.children(grows, bends, touches);
+  build.children(moves, shifts, grows);
   if (const auto problem = treec::check(model)) {
     return fmt::format(
         "the two do not make a model: {}. Likely cause: recordings without a slip that stands out. Next: {}",

@@ -1,24 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of two judges. Where the object shows relief between the dots, its imprint decides: slip when it moves
-// against the gel by more than a threshold. Where it shows none, a tree of the markers decides.
+// Puts a model together of three kinds of evidence, each against its own noise.
+//   imprint   slip, at once, when it moves against the gel by more than a threshold while its shading does not grow
+//   coarse    slip, at once, when the shading of a smooth or finely grained object does
+//   markers   only where next to no relief is pressed in (smooth objects), and only while their flow departs from a
+//             rigid motion by more than the markers' noise: what a tree of the displacement field says. Where nothing
+//             moves, nothing is raised
 //
-// The thresholds are read off recordings, one for each operating point: the lowest one above which the request rises no
-// more than so many times while they hold, plus a margin. What they are worth is told by leaving out one object at a
-// time. The tree is taken as it is; it may have seen the recordings. When quiet is asked for, only the imprint is
-// heard: the markers' alarms on the recordings are all but a few those of a shaken arm.
+// The threshold is read off recordings: the lowest one above which the request rises no more than so many times while
+// they hold, plus a margin. What it is worth is measured by leaving out one object at a time. The tree is taken as it
+// is.
 //
 // Why not one tree that learns from everything: fitted to 13 recorded onsets it alarms 20 times and more in 2.6 minutes
 // of objects that it has not seen, where one threshold alarms once; simulated grasps do not cure that (their markers
-// move otherwise). Why not the markers' score beside the imprint: on the recordings it finds as much as the imprint,
-// but most of their onsets coincide with a motion of the arm, and in simulated grasps that only move it alarms 13 to 26
-// times a minute.
+// move otherwise).
 #pragma once
 
-#include <array>
 #include <optional>
 #include <string>
 
-#include "slip/tree_io.hpp"
 #include "toolchain/learn/detectors.hpp"
 #include "toolchain/learn/recorded.hpp"
 #include "toolchain/learn/samples.hpp"
@@ -26,22 +25,42 @@
 
 namespace holdfast::learn {
 
-// Index = Sensitivity. Margins in 1/256 of an octave: 1/8 and 1/16 octave are 9 and 4 %.
-inline constexpr std::array<Budget, 3> kPointBudgets{{{0, 32.0}, {0, 16.0}, {4, 0.0}}};
+// One alarm in the silence of all recordings, 18.5 minutes. Margin in 1/256 of an octave: 2 %.
+inline constexpr Budget kImprintBudget{1, 8.0};
 
-// Fewer patches in contact than this, and the markers decide. With 5 a smooth object slides unseen for a third of a
-// second under a dozen specks of dirt. Price, on the recordings, by trees that have not seen the object: 7 false alarms
-// in 156 s of held contact, 6 of them in the 29 s that are shaken; with 5 patches 4; with none (the imprint alone) 0.
-inline constexpr int kLeastPatches = 10;
+// Coarse motion, log2 of um in Q8, above which it is slip: 60 um; its growth at most a fifth in the lag (what grows is
+// noise to it already). Where the gel bends fast, 170 um, and faster still it is not heard: light that is fixed to the
+// camera runs across patches that the gel carries. Where the markers' flow is below 60 um/s nothing drags the gel, and
+// a ball that is pressed in beside the middle of the lattice only looks as if it came from a side. Chosen on simulated
+// slides, closings and bonded shaking of seed 7 (tactile/coarse.hpp); on the recordings it adds no alarm in silence.
+// 800 instead of 1500 um/s leaves one of four alarms of bonded objects that are shaken hard (imprint_grasps_test.cpp),
+// and detects a smooth sphere's slip 520 ms later (scene sphere_slip).
+inline constexpr int kCoarse = 1512;
+inline constexpr int kMostCoarseGrowth = 64;
+inline constexpr int kLeastCoarseFlow_um_s = 60;
+inline constexpr int kMostCoarseFlow_um_s = 1500;
+inline constexpr int kBentCoarseMargin = 384;
+inline constexpr int kNoCoarseFlow_um_s = 2500;
 
-struct Point {
-  int threshold = 0;     // log2 of um in Q8
-  RecordedScore unseen;  // the imprint alone, one object left out
-};
+// More patches in contact than this, and the markers are not heard. With 3 a smooth object slides unseen for a second
+// under a dozen specks of dirt.
+inline constexpr int kMostPatches = 9;
+
+// Residual of the flow from a rigid motion, um/s, below which the markers are not heard. Markers that jitter by 1 to
+// 2 um show 15 to 30 over the 0.1 s of the flow. On the 200 recordings the tree slip_v2 with up to 9 patches raised 41
+// false alarms in 18.5 minutes above 20, 5 above 100 and one above 150 (2026-11-24).
+inline constexpr int kLeastFlow_um_s = 150;
+
+// Where the markers' flow departs from a rigid motion by more than this, um/s, what lies between them is not known as
+// well: the imprint must move by 1.3 times as much. It delays two or three recorded onsets by some frames and loses
+// none. Without it two of eight simulated grasps that stick fast alarm when they are shaken by 0.8 mm at 6 Hz.
+inline constexpr int kMostFlow_um_s = 1000;
+inline constexpr int kBentMargin = 96;  // log2 in Q8
 
 struct Fused {
   treec::Model model;
-  std::array<Point, 3> points;  // index = Sensitivity
+  int threshold = 0;     // of the imprint, log2 of um in Q8
+  RecordedScore unseen;  // the imprint alone, one object left out
 };
 
 // `markers`: a checked model of a set whose features the set touch has too. An error line, or nothing.

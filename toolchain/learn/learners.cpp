@@ -334,7 +334,7 @@ std::vector<double> row_weights(const Settings& settings, const Matrix& rows) {
 }
 
 bool may_slip(const FeatureSet& set, const Row& row) {
-  static const std::uint8_t contact = score::index_of("contact");
+  static const std::uint8_t contact = feature_index("contact");
   return !reads(set, Stage::kImprint) || row.x[contact] != 0;
 }
 

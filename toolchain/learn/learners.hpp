@@ -43,7 +43,6 @@ struct Matrix {
 // The judged rows of these trials (indices of Samples::trials). `recorded_weight`: of a row of a recording beside a
 // simulated one; there are hundreds of simulated rows for one recorded. `with_empty`: and those of the empty gel, as
 // hold.
-// marker_score is what the samples say, which is nothing: score.hpp fills it.
 [[nodiscard]] Matrix matrix_of(const Samples& samples, const FeatureSet& set, std::span<const int> trials,
                                double recorded_weight = 1.0, bool with_empty = false);
 

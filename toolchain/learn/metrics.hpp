@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a classifier is worth: frame by frame as the paper counts, and event by event as a gripper feels it.
+// What a classifier is worth: frame by frame as the paper counts, and event by event as a gripper meets it.
 #pragma once
 
 #include <cstdint>

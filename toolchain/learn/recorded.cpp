@@ -2,7 +2,6 @@
 #include "toolchain/learn/recorded.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <numeric>
@@ -34,7 +33,6 @@ class RecordedTally {
     };
     for (int i = 0; i < count; ++i) {
       const Row& row = rows[static_cast<std::size_t>(i)];
-      if (judged(row)) score_.frames.add(row.label == Label::kSlip, verdicts[static_cast<std::size_t>(i)] != 0);
       const double dt_s = i > 0 ? row.t_s - rows[static_cast<std::size_t>(i - 1)].t_s : 0.0;
       for (Exposure* exposure : {&score_.held, &score_.shaken, &score_.empty}) {
         if (row.label != (exposure == &score_.empty ? Label::kEmpty : Label::kHold)) continue;
@@ -63,45 +61,14 @@ class RecordedTally {
       score_.hits += !any_in(onset - 5, onset - 1) && fresh_in(onset, onset + 10) ? 1 : 0;
       for (auto [windows, length] :
            {std::pair(&score_.within_5, 5), std::pair(&score_.within_10, 10), std::pair(&score_.within_15, 15)}) {
-        windows->any += any_in(onset, onset + length) ? 1 : 0;
         windows->fresh += fresh_in(onset - kLabelSlack, onset + length) ? 1 : 0;
       }
-    }
-    // Sham windows, each as long as its counterpart, at every place where all rows hold.
-    for (std::size_t w = 0; w < sham_.size(); ++w) {
-      const bool fresh = w % 2 == 1;
-      const int length = 5 * (1 + static_cast<int>(w) / 2) + (fresh ? kLabelSlack : 0);
-      for (int from = 0; from + length < count; ++from) {
-        const auto window = rows.subspan(static_cast<std::size_t>(from), static_cast<std::size_t>(length) + 1);
-        const auto all = [&](const auto& is) { return std::all_of(window.begin(), window.end(), is); };
-        if (!all([](const Row& row) { return row.label == Label::kHold && row.accepted; })) continue;
-        const bool hit = fresh ? fresh_in(from, from + length) : any_in(from, from + length);
-        ++sham_[w].held, sham_[w].held_hits += hit ? 1 : 0;
-        if (!all([&](const Row& row) { return shaken(trial, row); })) continue;
-        ++sham_[w].shaken, sham_[w].shaken_hits += hit ? 1 : 0;
-      }
-    }
-  }
-
-  // After the last add().
-  void settle() {
-    const auto share = [](long hits, long all) {
-      return all > 0 ? static_cast<double>(hits) / static_cast<double>(all) : 0.0;
-    };
-    for (std::size_t w = 0; w < sham_.size(); ++w) {
-      Windows& windows = w < 2 ? score_.within_5 : w < 4 ? score_.within_10 : score_.within_15;
-      (w % 2 == 0 ? windows.sham_any : windows.sham_fresh) = share(sham_[w].held_hits, sham_[w].held);
-      (w % 2 == 0 ? windows.shaken_any : windows.shaken_fresh) = share(sham_[w].shaken_hits, sham_[w].shaken);
     }
   }
 
  private:
-  struct Sham {
-    long held = 0, held_hits = 0, shaken = 0, shaken_hits = 0;
-  };
   RecordedScore& score_;
   const decision::Config& config_;
-  std::array<Sham, 6> sham_{};  // any and fresh within 5, then within 10, then within 15
 };
 
 // Share of at least `hits` of `count` when each has the chance `chance`.
@@ -119,14 +86,12 @@ double tail(int hits, int count, double chance) {
 RecordedScore score_recordings(const Samples& recorded, std::span<const int> trials,
                                std::span<const std::uint8_t> verdicts, const decision::Config& config) {
   RecordedScore score;
-  score.raise_frames = config.raise_frames;
   RecordedTally tally(score, config);
   for (const int t : trials) {
     const Trial& trial = recorded.trials[static_cast<std::size_t>(t)];
     tally.add(recorded, trial,
               verdicts.subspan(static_cast<std::size_t>(trial.first), static_cast<std::size_t>(trial.count)));
   }
-  tally.settle();
   return score;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What alarms are worth on recordings, whose labels are few: onsets that were noticed, and alarms where nothing slips.
+// What verdicts are worth on the samples of recordings: onsets that were noticed, and alarms where nothing slips. For
+// thresholds and settings; the firmware itself is judged by clip_score.hpp.
 #pragma once
 
 #include <cstdint>
@@ -12,28 +13,16 @@
 
 namespace holdfast::learn {
 
-// Windows begin at the onset (any alarm: up at all; new alarm: rises, from 3 frames before the onset on, which is how
-// well the labels are placed) and end 5, 10 or 15 frames after it. Sham: share of such windows that lie wholly in
-// silent held contact and show the same: what chance gives.
+// Onsets with a new alarm in a window: it rises from 3 frames before the onset on, which is how well the labels are
+// placed, and at most 5, 10 or 15 frames after it.
 struct Windows {
-  int any = 0;  // onsets
   int fresh = 0;
-  double sham_any = 0.0;  // shares of all windows in held contact
-  double sham_fresh = 0.0;
-  double shaken_any = 0.0;  // likewise in shaken contact
-  double shaken_fresh = 0.0;
 };
 struct Exposure {
   int alarms = 0;
   double s = 0.0;
-
-  [[nodiscard]] double per_minute() const { return s > 0.0 ? alarms * 60.0 / s : 0.0; }
 };
 struct RecordedScore {
-  std::string name;
-  std::string trained;  // on what
-  int raise_frames = 2;
-  Confusion frames;
   int onsets = 0;
   int hits = 0;  // silent in the 5 frames before the onset, and a new alarm in the 10 after it
   Windows within_5;

@@ -11,6 +11,7 @@
 #include <iterator>
 #include <ostream>
 #include <unordered_set>
+#include <utility>
 
 #include "base/math.hpp"
 #include "toolchain/learn/number_text.hpp"
@@ -291,6 +292,19 @@ std::optional<std::string> read_csv(std::istream& in, std::string_view name, Sam
         name);
   }
   return Reader(name, samples).read(text);
+}
+
+void append(Samples& all, Samples more) {
+  const auto first_trial = static_cast<int>(all.trials.size());
+  const auto first_row = static_cast<int>(all.rows.size());
+  for (Trial& trial : more.trials) {
+    trial.first += first_row;
+    all.trials.push_back(std::move(trial));
+  }
+  for (Row& row : more.rows) {
+    row.trial += first_trial;
+    all.rows.push_back(row);
+  }
 }
 
 }  // namespace holdfast::learn

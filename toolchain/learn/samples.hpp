@@ -79,4 +79,7 @@ void write_csv(std::ostream& out, const Samples& samples);
 // count up, a trial in two pieces, no rows at all.
 [[nodiscard]] std::optional<std::string> read_csv(std::istream& in, std::string_view name, Samples& samples);
 
+// Puts the trials of `more` behind those that are there.
+void append(Samples& all, Samples more);
+
 }  // namespace holdfast::learn

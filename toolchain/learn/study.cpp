@@ -15,7 +15,6 @@
 #include "tactile/field_features.hpp"
 #include "toolchain/learn/charts.hpp"
 #include "toolchain/learn/learners.hpp"
-#include "toolchain/learn/score.hpp"
 #include "toolchain/learn/splits.hpp"
 
 namespace holdfast::learn {
@@ -305,9 +304,8 @@ void judge(const Samples& samples, const model::Tree& tree, const decision::Conf
     std::vector<std::uint8_t> verdicts;
     for (const Row& row : samples.of(samples.trials[idx(trial)])) {
       std::array<std::int32_t, kFeatureCount> x{};
-      const Features seen = seen_by(tree.score, row.x);
-      for (int i = 0; i < tree.set->size(); ++i) x[idx(i)] = seen[tree.set->members[idx(i)]];
-      verdicts.push_back(model::evaluate(tree, x) == Verdict::kSlip ? 1 : 0);
+      for (int i = 0; i < tree.set->size(); ++i) x[idx(i)] = row.x[tree.set->members[idx(i)]];
+      verdicts.push_back(model::evaluate(tree, x) != Verdict::kHold ? 1 : 0);
     }
     score.add(samples, trial, verdicts, config);
   }

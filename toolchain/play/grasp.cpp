@@ -205,7 +205,7 @@ Grasp play_pull(const Pull& pull, double least_n, const Params& params, const re
     frame.t_s = t_s;
     frame.state = outputs.state;
     frame.slip = outputs.slip;
-    frame.verdict = result.referenced && result.verdict == Verdict::kSlip;
+    frame.verdict = result.referenced && result.verdict != Verdict::kHold;
     frame.rates_valid = result.features.rates_valid;
     frame.entropy_nat = result.features.entropy.raw() / 65536.0;
     frame.entropy_rate_nat_s = result.features.entropy_rate.raw() / 256.0;

@@ -44,9 +44,9 @@ class Rig {
   Rig& operator=(const Rig&) = delete;
 
   [[nodiscard]] sim::Clock& clock() { return clock_; }
-  // The firmware over a camera that shares clock() and outlives the rig's use.
-  [[nodiscard]] App& connect(hal::Camera& camera) {
-    app_ = std::make_unique<App>(Devices{camera, gpio_, link_, clock_, jpeg_.get()});
+  // The firmware over a camera that shares clock() and outlives the rig's use. `tree` null: the compiled one.
+  [[nodiscard]] App& connect(hal::Camera& camera, const model::Tree* tree = nullptr) {
+    app_ = std::make_unique<App>(Devices{camera, gpio_, link_, clock_, jpeg_.get()}, tree);
     return *app_;
   }
 

@@ -79,6 +79,8 @@ enum holdfast_reason {
   HOLDFAST_REASON_OPENING = 102,  // the gripper opens: loss of contact is no slip
   HOLDFAST_REASON_FORCE_LIMIT = 103,  // the object slips and the grip force is at its limit
   HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended, and nobody had said OPENING
+  HOLDFAST_REASON_LIGHT_CHANGED = 105,  // the light changed while the rest position was being learned: that begins anew
+  HOLDFAST_REASON_REFERENCE_LOADED = 106,  // the lattice of the markers is bent: it was not taken for the rest position
   HOLDFAST_REASON_CONFIG = 128,  // a setting is out of its range
   HOLDFAST_REASON_MODEL = 129,  // the slip model does not fit
   HOLDFAST_REASON_GRIPPER_SILENT = 160,  // the gripper does not answer
@@ -157,6 +159,8 @@ static inline const char *holdfast_reason_name(uint8_t number) {
     case HOLDFAST_REASON_OPENING: return "opening";
     case HOLDFAST_REASON_FORCE_LIMIT: return "force_limit";
     case HOLDFAST_REASON_CONTACT_LOST: return "contact_lost";
+    case HOLDFAST_REASON_LIGHT_CHANGED: return "light_changed";
+    case HOLDFAST_REASON_REFERENCE_LOADED: return "reference_loaded";
     case HOLDFAST_REASON_CONFIG: return "config";
     case HOLDFAST_REASON_MODEL: return "model";
     case HOLDFAST_REASON_GRIPPER_SILENT: return "gripper_silent";

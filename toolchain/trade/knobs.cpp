@@ -72,7 +72,6 @@ std::vector<Point> points() {
     // The gel is left empty for half a second only.
     point.params.reference_frames /= every;
   }
-  list.sweep(&Params::sensitivity, {0, 2});
   list.sweep(&Params::raise_frames, {1, 3, 5});
   list.sweep(&Params::hold_ms, {0, 80, 1000});
   list.sweep(&Params::histogram_range_um, {950, 1425, 2850, 3800});

@@ -93,7 +93,7 @@ class Trial {
     verdicts_.push_back(accepted && slips ? 1 : 0);
   }
   void add(std::size_t frame, Micros time, const pipeline::Result& result) {
-    add(frame, time, result.quality.ok() && result.referenced, result.verdict == Verdict::kSlip);
+    add(frame, time, result.quality.ok() && result.referenced, result.verdict != Verdict::kHold);
   }
   void count(const decision::Config& config, learn::ConditionScore& out) {
     samples_.trials.front().count = static_cast<int>(samples_.rows.size());
@@ -317,7 +317,7 @@ void Trialled::show(const learn::RecordedClip& clip) {
     row.t_s = static_cast<double>(shot.time.count()) * 1e-6;
     row.label = clip.labels[k];
     row.accepted = learned && result.quality.ok() && result.referenced;
-    s.recorded_verdicts.push_back(row.accepted && result.verdict == Verdict::kSlip ? 1 : 0);
+    s.recorded_verdicts.push_back(row.accepted && result.verdict != Verdict::kHold ? 1 : 0);
     ++trial.count;
   }
   s.recorded.trials.push_back(trial);

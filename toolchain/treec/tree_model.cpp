@@ -17,22 +17,18 @@ namespace {
 
 constexpr std::size_t kMaxNameLength = model::kNameBytes;
 constexpr std::string_view kNodeForm = "write `node ID: FEATURE <= INTEGER ? ID : ID`";
-constexpr std::string_view kScoreForm =
-    "write `score bias_q8 INTEGER`, then `score FEATURE weight_q8 INTEGER offset INTEGER` for each term";
-constexpr std::string_view kLeafForm = "write `leaf ID: hold`, slip, slip_normal or slip_sensitive";
+constexpr std::string_view kLeafForm = "write `leaf ID: hold`, `leaf ID: slip` or `leaf ID: slip_now`";
 
 // What a leaf may say: in a model text, and in the header that is made of it.
 struct Leaf {
   std::string_view text;
   Verdict verdict;
-  Sensitivity least;
   std::string_view literal;
 };
-constexpr std::array<Leaf, 4> kLeaves{{
-    {"hold", Verdict::kHold, Sensitivity::kQuiet, "Verdict::kHold"},
-    {"slip", Verdict::kSlip, Sensitivity::kQuiet, "Verdict::kSlip"},
-    {"slip_normal", Verdict::kSlip, Sensitivity::kNormal, "slip_from(Sensitivity::kNormal, sensitivity)"},
-    {"slip_sensitive", Verdict::kSlip, Sensitivity::kSensitive, "slip_from(Sensitivity::kSensitive, sensitivity)"},
+constexpr std::array<Leaf, 3> kLeaves{{
+    {"hold", Verdict::kHold, "Verdict::kHold"},
+    {"slip", Verdict::kSlip, "Verdict::kSlip"},
+    {"slip_now", Verdict::kSlipNow, "Verdict::kSlipNow"},
 }};
 
 std::string quoted(std::string_view text) {
@@ -86,9 +82,8 @@ class Parser {
     if (key == "name") return on_name(words);
     if (key == "feature_set") return on_feature_set(words);
     if (key == "feature") return on_feature(words);
-    if (key == "score") return on_score(words);
     if (key == "node" || key == "leaf") return on_node(words);
-    return problem("unknown word " + quoted(key), "use name, feature_set, feature, score, node, leaf or a # comment");
+    return problem("unknown word " + quoted(key), "use name, feature_set, feature, node, leaf or a # comment");
   }
 
   std::optional<Problem> end() {
@@ -152,39 +147,6 @@ class Parser {
     return std::nullopt;
   }
 
-  std::optional<Problem> on_score(const Words& words) {
-    if (!model_.nodes.empty()) {
-      return problem("a line of the score follows the first node", "write the score before the nodes");
-    }
-    ScoreLines& score = model_.score;
-    if (words.size() == 3 && words[1] == "bias_q8") {
-      if (score.bias_q8) return problem("the score has two biases", "keep one `score bias_q8` line");
-      score.bias_q8 = to_integer<std::int32_t>(words[2]);
-      score.bias_line = line_;
-      if (score.bias_q8) return std::nullopt;
-      return problem("the bias " + quoted(words[2]) + " is not a 32-bit integer", kScoreForm);
-    }
-    if (words.size() != 6 || words[2] != "weight_q8" || words[4] != "offset") {
-      return problem("this is not a line of a score", kScoreForm);
-    }
-    if (!score.bias_q8) return problem("a term of the score comes before its bias", kScoreForm);
-    if (score.terms.size() == score::kMaxTerms) {
-      return problem("the score has more than " + std::to_string(score::kMaxTerms) + " terms", "remove the weakest");
-    }
-    const auto weight = to_integer<std::int16_t>(words[3]);
-    if (!weight || *weight == 0) {
-      return problem("the weight " + quoted(words[3]) + " is not an integer from -32768 to 32767 other than 0",
-                     "give the weight in 1/256, or remove the line of a term that weighs nothing");
-    }
-    const auto offset = to_integer<std::uint16_t>(words[5]);
-    if (!offset || *offset == 0) {
-      return problem("the offset " + quoted(words[5]) + " is not an integer from 1 to 65535",
-                     "give what the feature shows at rest, at least 1: log2 of 0 is not a number");
-    }
-    score.terms.push_back({std::string(words[1]), *weight, *offset, line_});
-    return std::nullopt;
-  }
-
   std::optional<Problem> on_node(const Words& words) {
     if (model_.nodes.size() == kMaxNodes) {
       return problem("the tree has more than " + std::to_string(kMaxNodes) + " nodes",
@@ -207,7 +169,6 @@ class Parser {
     const auto* const found = words.size() == 4 ? std::ranges::find(kLeaves, words[3], &Leaf::text) : kLeaves.end();
     if (found == kLeaves.end()) return problem("the leaf's class is neither hold nor slip", kLeafForm);
     node.verdict = found->verdict;
-    node.least = found->least;
     return std::nullopt;
   }
 
@@ -269,38 +230,6 @@ std::optional<Problem> check_features(const Model& model) {
                      "feature " + std::to_string(i + 1) + " of the set " + model.feature_set +
                          " has another name, unit or Q format",
                      "write " + form};
-    }
-  }
-  return std::nullopt;
-}
-
-// Of a model whose feature set is known.
-std::optional<Problem> check_score(const Model& model) {
-  const ScoreLines& score = model.score;
-  const int line = score.terms.empty() ? score.bias_line : score.terms.front().line;
-  if (!reads(*find_feature_set(model.feature_set), Stage::kScore)) {
-    if (!score.bias_q8 && score.terms.empty()) return std::nullopt;
-    return Problem{std::max(score.bias_line, 1), "the set " + model.feature_set + " reads no score",
-                   "remove the lines of the score, or name a feature set with marker_score_log2_q8"};
-  }
-  if (!score.bias_q8) {
-    return Problem{model.feature_set_line, "the set " + model.feature_set + " reads a score, which the model has not",
-                   std::string(kScoreForm) + ", or let `holdfast train` find them"};
-  }
-  if (score.terms.empty()) return Problem{line, "the score has no terms", std::string(kScoreForm)};
-  for (std::size_t i = 0; i < score.terms.size(); ++i) {
-    const ScoreTerm& term = score.terms[i];
-    const std::uint8_t feature = score::index_of(term.feature);
-    if (feature == kFeatureCount || !score::may_read(kFeatures[feature])) {
-      std::string known;
-      for (const FeatureInfo& f : kFeatures) {
-        if (score::may_read(f)) known += (known.empty() ? "" : ", ") + std::string(f.name);
-      }
-      return Problem{term.line, "a score cannot read " + quoted(term.feature), "use one of " + known};
-    }
-    const auto before = score.terms.begin() + static_cast<std::ptrdiff_t>(i);
-    if (std::any_of(score.terms.begin(), before, [&](const ScoreTerm& t) { return t.feature == term.feature; })) {
-      return Problem{term.line, "the score reads " + term.feature + " twice", "keep one of the lines"};
     }
   }
   return std::nullopt;
@@ -415,8 +344,9 @@ void fill_table(const Model& model, int id, model::Tree& table) {
   const Node& from = model.nodes[static_cast<std::size_t>(id)];
   model::Node& to = table.nodes[static_cast<std::size_t>(table.count++)];
   if (from.is_leaf) {
-    to.kind = from.verdict == Verdict::kSlip ? model::Kind::kSlip : model::Kind::kHold;
-    to.feature = static_cast<std::uint8_t>(from.least);
+    to.kind = from.verdict == Verdict::kHold      ? model::Kind::kHold
+              : from.verdict == Verdict::kSlipNow ? model::Kind::kSlipNow
+                                                  : model::Kind::kSlip;
     return;
   }
   to.kind = model::Kind::kSplit;
@@ -428,8 +358,7 @@ void fill_table(const Model& model, int id, model::Tree& table) {
 }
 
 const Leaf& leaf_of(const Node& node) {
-  return *std::ranges::find_if(
-      kLeaves, [&](const Leaf& leaf) { return leaf.verdict == node.verdict && leaf.least == node.least; });
+  return *std::ranges::find(kLeaves, node.verdict, &Leaf::verdict);
 }
 
 // Each branch returns, so the false side needs no else and no further indent.
@@ -454,19 +383,6 @@ void emit_node(const Model& model, int id, int level, std::string& out) {
   emit_node(model, node.child_false, level, out);
 }
 
-std::string emit_score(const Model& model) {
-  std::string out = "inline constexpr score::Score kScore{";
-  if (model.score.terms.empty()) return out + "};\n";
-  out += "\n    .count = " + std::to_string(model.score.terms.size()) +
-         ",\n    .bias_q8 = " + std::to_string(*model.score.bias_q8) + ",\n    .terms = {{\n";
-  for (const ScoreTerm& term : model.score.terms) {
-    out += "        {.feature = score::index_of(\"" + term.feature +
-           "\"), .weight_q8 = " + std::to_string(term.weight_q8) + ", .offset = " + std::to_string(term.offset) +
-           "},\n";
-  }
-  return out + "    }},\n};\n";
-}
-
 }  // namespace
 
 int depth(const Model& model) {
@@ -487,15 +403,14 @@ std::optional<Problem> parse(std::string_view text, Model& model) {
 
 std::optional<Problem> check(const Model& model) {
   if (auto found = check_features(model)) return found;
-  if (auto found = check_score(model)) return found;
   if (auto found = check_ids(model)) return found;
   if (auto found = Walk(model).run()) return found;
-  for (const Verdict verdict : {Verdict::kHold, Verdict::kSlip}) {
-    const bool occurs = std::any_of(model.nodes.begin(), model.nodes.end(),
-                                    [&](const Node& node) { return node.is_leaf && node.verdict == verdict; });
+  for (const bool slip : {false, true}) {
+    const bool occurs = std::any_of(model.nodes.begin(), model.nodes.end(), [&](const Node& node) {
+      return node.is_leaf && (node.verdict != Verdict::kHold) == slip;
+    });
     if (!occurs) {
-      return Problem{model.nodes.front().line,
-                     verdict == Verdict::kSlip ? "the tree never answers slip" : "the tree never answers hold",
+      return Problem{model.nodes.front().line, slip ? "the tree never answers slip" : "the tree never answers hold",
                      "train on both classes"};
     }
   }
@@ -510,17 +425,15 @@ std::string emit(const Model& model, std::string_view space) {
   out += "// Generated from toolchain/model/" + model.name + ".tree; do not edit. holdfast compile writes it.\n";
   out += "#pragma once\n\n";
   out += "#include <array>\n#include <cstdint>\n#include <string_view>\n\n";
-  out += "#include \"slip/score.hpp\"\n#include \"slip/tree_io.hpp\"\n\n";
+  out += "#include \"slip/tree_io.hpp\"\n\n";
   out += "namespace holdfast::" + std::string(space) + " {\n\n";
   out += "inline constexpr std::string_view kName = \"" + model.name + "\";\n";
   out += "inline constexpr std::string_view kFeatureSet = \"" + model.feature_set + "\";\n";
   out += "inline constexpr int kDepth = " + std::to_string(depth(model)) + ";\n";
   out += "inline constexpr int kNodes = " + std::to_string(model.nodes.size()) + ";\n";
-  out += "inline constexpr std::uint32_t kModelCrc32 = " + std::string(crc) + ";  // of the model's text\n" +
-         emit_score(model) + "\n";
+  out += "inline constexpr std::uint32_t kModelCrc32 = " + std::string(crc) + ";  // of the model's text\n\n";
   out += "[[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, " +
-         std::to_string(model.features.size()) + ">& x,\n" + std::string(41, ' ') +
-         "[[maybe_unused]] Sensitivity sensitivity = Sensitivity::kNormal) {\n";
+         std::to_string(model.features.size()) + ">& x) {\n";
   for (std::size_t i = 0; i < model.features.size(); ++i) {
     const bool is_read = std::any_of(model.nodes.begin(), model.nodes.end(), [&](const Node& node) {
       return !node.is_leaf && node.feature == static_cast<int>(i);
@@ -550,13 +463,6 @@ std::string to_text(const Model& model, std::string_view comment) {
   out += "name " + model.name + "\n";
   out += "feature_set " + model.feature_set + "\n";
   for (const Feature& f : model.features) out += "feature " + f.name + " " + f.unit + " Q" + std::to_string(f.q) + "\n";
-  if (model.score.bias_q8) {
-    out += "\nscore bias_q8 " + std::to_string(*model.score.bias_q8) + "\n";
-    for (const ScoreTerm& term : model.score.terms) {
-      out += "score " + term.feature + " weight_q8 " + std::to_string(term.weight_q8) + " offset " +
-             std::to_string(term.offset) + "\n";
-    }
-  }
   out += "\n";
   for (const Node& node : model.nodes) {
     const std::string id = std::to_string(node.id);
@@ -571,33 +477,11 @@ std::string to_text(const Model& model, std::string_view comment) {
   return out;
 }
 
-score::Score to_score(const Model& model) {
-  score::Score score;
-  score.bias_q8 = model.score.bias_q8.value_or(0);
-  for (const ScoreTerm& term : model.score.terms) {
-    score.terms[static_cast<std::size_t>(score.count++)] = {score::index_of(term.feature),
-                                                            static_cast<std::int16_t>(term.weight_q8),
-                                                            static_cast<std::uint16_t>(term.offset)};
-  }
-  return score;
-}
-
-ScoreLines to_lines(const score::Score& score) {
-  ScoreLines lines;
-  if (score.count > 0) lines.bias_q8 = score.bias_q8;
-  for (int i = 0; i < score.count; ++i) {
-    const score::Term& term = score.terms[static_cast<std::size_t>(i)];
-    lines.terms.push_back({std::string(kFeatures[term.feature].name), term.weight_q8, term.offset, 0});
-  }
-  return lines;
-}
-
 model::Tree to_table(const Model& model) {
   model::Tree table;
   std::copy(model.name.begin(), model.name.end(), table.name.begin());
   table.text_crc32 = model.text_crc32;
   table.set = find_feature_set(model.feature_set);
-  table.score = to_score(model);
   table.count = 0;
   fill_table(model, 0, table);
   return table;
@@ -622,16 +506,6 @@ Binary to_binary(const Model& model) {
   for (std::size_t i = 0; i < model.features.size(); ++i) {
     put_name(model_file::kFeaturesAt + i * model::kNameBytes, model.features[i].name);
     put(model_file::kQAt + i, static_cast<std::uint32_t>(model.features[i].q), 1);
-  }
-  put(model_file::kScoreAt, static_cast<std::uint32_t>(table.score.count), 1);
-  put(model_file::kScoreAt + 4, static_cast<std::uint32_t>(table.score.bias_q8), 4);
-  for (std::size_t i = 0; i < static_cast<std::size_t>(table.score.count); ++i) {
-    const score::Term& term = table.score.terms[i];
-    const std::size_t at = model_file::kTermsAt + i * model_file::kTermBytes;
-    put_name(at, kFeatures[term.feature].name);
-    put(at + model::kNameBytes, static_cast<std::uint32_t>(term.weight_q8), 2);
-    put(at + model::kNameBytes + 2, term.offset, 2);
-    put(at + model::kNameBytes + 4, static_cast<std::uint32_t>(kFeatures[term.feature].q), 1);
   }
   for (std::size_t i = 0; i < static_cast<std::size_t>(table.count); ++i) {
     const model::Node& node = table.nodes[i];

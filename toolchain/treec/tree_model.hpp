@@ -4,9 +4,7 @@
 //
 // Text, format 1 (comments from # to the end of the line; see toolchain/model/slip_v2.tree):
 //   format 1 | name NAME | feature_set SET | feature NAME UNIT Qn (one line each, in the set's order)
-//   score bias_q8 N | score FEATURE weight_q8 W offset O (one line a term), when the set reads marker_score (score.hpp)
-//   node ID: FEATURE <= T ? ID_TRUE : ID_FALSE | leaf ID: hold|slip|slip_normal|slip_sensitive
-// slip_normal: slip unless quiet is asked for; slip_sensitive: slip only when sensitive is.
+//   node ID: FEATURE <= T ? ID_TRUE : ID_FALSE | leaf ID: hold|slip
 // The first problem found ends the work; it says where, what and what to do next.
 #pragma once
 
@@ -20,7 +18,6 @@
 
 #include "slip/model.hpp"
 #include "slip/model_file.hpp"
-#include "slip/score.hpp"
 #include "slip/tree_io.hpp"
 
 namespace holdfast::treec {
@@ -33,16 +30,15 @@ struct Node {
   int id = 0;
   int line = 0;  // of the text, from 1
   bool is_leaf = false;
-  Verdict verdict = Verdict::kHold;         // leaf
-  Sensitivity least = Sensitivity::kQuiet;  // leaf slip: from here on
-  int feature = 0;                          // index into Model::features
-  std::int32_t threshold = 0;               // x <= threshold goes to child_true
+  Verdict verdict = Verdict::kHold;  // leaf
+  int feature = 0;                   // index into Model::features
+  std::int32_t threshold = 0;        // x <= threshold goes to child_true
   int child_true = 0;
   int child_false = 0;
 
   friend bool operator==(const Node& a, const Node& b) {
     const auto said = [](const Node& n) {
-      return std::tuple(n.id, n.is_leaf, n.verdict, n.least, n.feature, n.threshold, n.child_true, n.child_false);
+      return std::tuple(n.id, n.is_leaf, n.verdict, n.feature, n.threshold, n.child_true, n.child_false);
     };
     return said(a) == said(b);
   }
@@ -59,41 +55,16 @@ struct Feature {
   }
 };
 
-struct ScoreTerm {
-  std::string feature;
-  int weight_q8 = 0;
-  int offset = 0;
-  int line = 0;
-
-  friend bool operator==(const ScoreTerm& a, const ScoreTerm& b) {
-    return std::tie(a.feature, a.weight_q8, a.offset) == std::tie(b.feature, b.weight_q8, b.offset);
-  }
-};
-
-// The lines of a score; none in a model that has no score.
-struct ScoreLines {
-  std::optional<std::int32_t> bias_q8;
-  int bias_line = 0;
-  std::vector<ScoreTerm> terms;
-
-  friend bool operator==(const ScoreLines& a, const ScoreLines& b) {
-    return std::tie(a.bias_q8, a.terms) == std::tie(b.bias_q8, b.terms);
-  }
-};
-
-// Two models are equal when they say the same, wherever their lines stand and whatever their texts' CRC is.
 struct Model {
   std::string name;
   std::string feature_set;
   int feature_set_line = 0;
   std::vector<Feature> features;
-  ScoreLines score;
   std::vector<Node> nodes;  // in the order of the file
   std::uint32_t text_crc32 = 0;
 
   friend bool operator==(const Model& a, const Model& b) {
-    return std::tie(a.name, a.feature_set, a.features, a.score, a.nodes) ==
-           std::tie(b.name, b.feature_set, b.features, b.score, b.nodes);
+    return std::tie(a.name, a.feature_set, a.features, a.nodes) == std::tie(b.name, b.feature_set, b.features, b.nodes);
   }
 };
 
@@ -109,18 +80,13 @@ struct Problem {
 // Syntax. `model` is complete only when nothing is returned.
 [[nodiscard]] std::optional<Problem> parse(std::string_view text, Model& model);
 
-// Meaning: features are those of a known set; the score is there when the set reads one, valid, and not there
-// otherwise; ids are dense, node 0 is the root, children exist, every node is reached exactly once, depth is bounded,
-// every predicate can still go both ways where it stands (which keeps its threshold inside the feature's range), and
-// both verdicts occur. The functions below trust this.
+// Meaning: features are those of a known set; ids are dense, node 0 is the root, children exist, every node is
+// reached exactly once, depth is bounded, every predicate can still go both ways where it stands (which keeps its
+// threshold inside the feature's range), and both verdicts occur. The functions below trust this.
 [[nodiscard]] std::optional<Problem> check(const Model& model);
 
 // The header in branching form, formatted as the project's .clang-format would, in the namespace holdfast::`space`.
 [[nodiscard]] std::string emit(const Model& model, std::string_view space = "slip_tree");
-
-// The score of a checked model as the firmware has it, and its lines.
-[[nodiscard]] score::Score to_score(const Model& model);
-[[nodiscard]] ScoreLines to_lines(const score::Score& score);
 
 // The text that parses to this model, with `comment` above it (its lines without #). The CRC of that text is another
 // matter: parse it again before emit() or to_binary() put it down.

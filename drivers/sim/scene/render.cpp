@@ -63,8 +63,9 @@ struct Channel {
 // (115, 117, 157); their luma is 0.
 constexpr std::array<Channel, 3> kRgb{{{-6.0, 0.5, 0.866}, {-4.0, -1.0, 0.0}, {36.34, 0.5, -0.866}}};
 
+constexpr std::array<double, 3> kBt601{0.299, 0.587, 0.114};
+
 constexpr Channel luma_of(const std::array<Channel, 3>& rgb) {
-  constexpr std::array<double, 3> kBt601{0.299, 0.587, 0.114};
   Channel luma{0.0, 0.0, 0.0};
   for (std::size_t i = 0; i < rgb.size(); ++i) {
     luma.tint += kBt601[i] * rgb[i].tint;
@@ -140,7 +141,13 @@ Imprint between(const Imprint& from, const Imprint& to, double share) {
           between(from.turn_rad, to.turn_rad, share),   between(from.depth_mm, to.depth_mm, share)};
 }
 
-// Adds the imprint to a row. Slope of the bulge over its rim slope: r/a inside, (2 - r/a)^2 outside, then 0.
+// Slope of the bulge over its rim slope and the distance from its middle: r/a inside, (2 - r/a)^2 outside, then 0.
+float bulge_slope(float r, float radius) {
+  const float fade = std::max(0.0f, 2.0f - r / radius);
+  return r <= radius ? 1.0f / radius : fade * fade / r;
+}
+
+// Adds the imprint to a row.
 template <std::size_t kChannels>
 void add_imprint(const PictureConfig& config, const std::array<Channel, kChannels>& channels, const Imprint& contact,
                  int y, std::vector<std::int32_t>& row) {
@@ -156,9 +163,7 @@ void add_imprint(const PictureConfig& config, const std::array<Channel, kChannel
   }
   for (int x = chord.first; x <= chord.last; ++x) {
     const float dx = static_cast<float>(x - contact.center.x);
-    const float r = std::sqrt(dx * dx + dy * dy);
-    const float fade = std::max(0.0f, 2.0f - r / radius);
-    const float slope = r <= radius ? 1.0f / radius : fade * fade / r;
+    const float slope = bulge_slope(std::sqrt(dx * dx + dy * dy), radius);
     for (std::size_t c = 0; c < kChannels; ++c) {
       row[static_cast<std::size_t>(x) * kChannels + c] +=
           static_cast<std::int32_t>(gain * slope * (dx * lamp_x[c] + dy * lamp_y[c]));
@@ -168,11 +173,24 @@ void add_imprint(const PictureConfig& config, const std::array<Channel, kChannel
 
 // --- What lies under the gel ---
 
-// Slopes of one row, and the instants at which its exposure sees them.
+// Slopes of one row, where they are not 0, and the instants at which its exposure sees them.
 struct Slopes {
   std::vector<float> x;
   std::vector<float> y;
   int instants = 1;
+  int first = 0;
+  int last = -1;
+
+  void widen(int from, int to) {
+    if (to < from) return;
+    first = last < first ? from : std::min(first, from);
+    last = std::max(last, to);
+  }
+  void clear() {
+    for (int i = first; i <= last; ++i) x[static_cast<std::size_t>(i)] = y[static_cast<std::size_t>(i)] = 0.0F;
+    first = 0;
+    last = -1;
+  }
 };
 
 // One for each rim's softness of the way, which is less than a relief shows: a quarter of its period is the least that
@@ -192,8 +210,6 @@ void add_underside(const PictureConfig& config, const std::array<Channel, kChann
                    std::vector<std::int32_t>& row) {
   const double mm_per_px = 1.0 / config.px_per_mm;
   const Underside::Row places{-config.center_x_px * mm_per_px, (y - config.center_y_px) * mm_per_px, mm_per_px};
-  int first = config.width;
-  int last = -1;
   for (int k = 0; k < slopes.instants; ++k) {
     const double share = shutter.row_share * y + shutter.exposure_share * ((k + 0.5) / slopes.instants);
     const Imprint now = between(from, to, share);
@@ -204,19 +220,68 @@ void add_underside(const PictureConfig& config, const std::array<Channel, kChann
         now.radius_px * mm_per_px};
     const auto columns =
         underside.add_row(press, places, 1.0F / static_cast<float>(slopes.instants), slopes.x, slopes.y);
-    if (columns.last < columns.first) continue;
-    first = std::min(first, columns.first);
-    last = std::max(last, columns.last);
+    slopes.widen(columns.first, columns.last);
   }
   const auto gain = static_cast<float>(256.0 * config.imprint_gain);
-  for (int x = first; x <= last; ++x) {
+  for (int x = slopes.first; x <= slopes.last; ++x) {
     const auto column = static_cast<std::size_t>(x);
     for (std::size_t c = 0; c < kChannels; ++c) {
       row[column * kChannels + c] +=
           static_cast<std::int32_t>(gain * (slopes.x[column] * static_cast<float>(channels[c].lamp_x) +
                                             slopes.y[column] * static_cast<float>(channels[c].lamp_y)));
     }
-    slopes.x[column] = slopes.y[column] = 0.0F;
+  }
+}
+
+// --- Walls ---
+
+constexpr float kMirrorSlope = 0.3F;
+constexpr float kMirrorReach = 0.25F;
+constexpr float kShadowSlope = 0.1F;
+constexpr float kShadowEdge = 0.04F;
+
+// What one lamp adds to a wall, beyond the imprint.
+float wall_light(const Walls& walls, const Channel& lamp, float slope_x, float slope_y) {
+  const auto lamp_x = static_cast<float>(lamp.lamp_x);
+  const auto lamp_y = static_cast<float>(lamp.lamp_y);
+  const float facing = slope_x * lamp_x + slope_y * lamp_y;
+  const float off_x = slope_x - kMirrorSlope * lamp_x;
+  const float off_y = slope_y - kMirrorSlope * lamp_y;
+  const float mirrors = std::max(0.0F, 1.0F - (off_x * off_x + off_y * off_y) / (kMirrorReach * kMirrorReach));
+  const float away = std::clamp((-facing - kShadowSlope) / kShadowEdge + 0.5F, 0.0F, 1.0F);
+  return static_cast<float>(walls.gain) * std::max(0.0F, facing) +
+         static_cast<float>(walls.specular) * mirrors * mirrors -
+         static_cast<float>(walls.shadow) * away * away * (3.0F - 2.0F * away);
+}
+
+// Adds them to a row: of the slopes that lie there and, of a sphere, of its bulge.
+template <std::size_t kChannels>
+void add_walls(const PictureConfig& config, const Imprint* bulge, int y, Slopes& slopes,
+               std::vector<std::int32_t>& row) {
+  if (bulge != nullptr) {
+    const Chord chord = chord_of(bulge->center, 2.0 * bulge->radius_px, y, config.width);
+    const auto dy = static_cast<float>(chord.dy);
+    for (int x = chord.first; x <= chord.last; ++x) {
+      const auto dx = static_cast<float>(x - bulge->center.x);
+      const float slope = static_cast<float>(bulge->rim_slope) *
+                          bulge_slope(std::sqrt(dx * dx + dy * dy), static_cast<float>(bulge->radius_px));
+      slopes.x[static_cast<std::size_t>(x)] += slope * dx;
+      slopes.y[static_cast<std::size_t>(x)] += slope * dy;
+    }
+    slopes.widen(chord.first, chord.last);
+  }
+  for (int x = slopes.first; x <= slopes.last; ++x) {
+    const auto column = static_cast<std::size_t>(x);
+    float luma = 0.0F;
+    for (std::size_t c = 0; c < kRgb.size(); ++c) {
+      const float light = 256.0F * wall_light(config.walls, kRgb[c], slopes.x[column], slopes.y[column]);
+      if constexpr (kChannels == 1) {
+        luma += static_cast<float>(kBt601[c]) * light;
+      } else {
+        row[column * kChannels + c] += static_cast<std::int32_t>(light);
+      }
+    }
+    if constexpr (kChannels == 1) row[column] += static_cast<std::int32_t>(luma);
   }
 }
 
@@ -487,8 +552,10 @@ void render(const PictureConfig& config, const std::array<Channel, kChannels>& c
   const Imprint* const contact = frame.contact;
   const Imprint* const contact_end = frame.contact_end != nullptr ? frame.contact_end : contact;
   const bool slopes_seen = contact != nullptr && frame.underside != nullptr && !frame.underside->plain();
+  const bool round = frame.underside == nullptr || frame.underside->round();
+  const bool walls_seen = contact != nullptr && config.walls != Walls{};
   Slopes slopes;
-  if (slopes_seen)
+  if (slopes_seen || walls_seen)
     slopes = {std::vector<float>(width), std::vector<float>(width), sights(config, shutter, *contact, *contact_end)};
 
   const NoiseTile& tile = noise_tile();
@@ -507,12 +574,13 @@ void render(const PictureConfig& config, const std::array<Channel, kChannels>& c
     for (std::size_t i = 0; i < samples; i += kChannels) {
       for (std::size_t c = 0; c < kChannels; ++c) row[i + c] = columns[i + c] + base[c];
     }
-    if (contact != nullptr && (frame.underside == nullptr || frame.underside->round())) {
-      add_imprint(config, channels, between(*contact, *contact_end, shutter.middle(y)), y, row);
-    }
+    const Imprint now = contact != nullptr ? between(*contact, *contact_end, shutter.middle(y)) : Imprint{};
+    if (contact != nullptr && round) add_imprint(config, channels, now, y, row);
     if (slopes_seen) {
       add_underside(config, channels, shutter, *frame.underside, *contact, *contact_end, y, slopes, row);
     }
+    if (walls_seen) add_walls<kChannels>(config, round ? &now : nullptr, y, slopes, row);
+    slopes.clear();
     for (; next < discs.size() && discs[next].first_row <= y; ++next) open.push_back(&discs[next]);
     std::erase_if(open, [y](const Disc* disc) { return disc->last_row < y; });
     for (const Disc* disc : open) add_disc(config, channels, shutter, rim, *disc, y, coverage, row);

@@ -8,6 +8,8 @@
 //   * the imprint, bright on the side that faces each light. Of a smooth sphere, or where no Underside is given: a
 //     round bulge whose slope rises to the contact's rim and fades at twice its radius. Else the slopes of the
 //     Underside: shape, texture and relief of the object, where the object is
+//   * if asked for (Walls), what a lamp does on a steep wall out of proportion to its slope: light on the side that
+//     faces it and nothing off the other, a highlight where the wall mirrors it, and a shadow with an edge
 //   * dots as antialiased discs; before rounding to 8 bits their centroid is exact to 0.0003 px, after it to
 //     0.002 px rms at the default contrast
 //   * Gaussian noise of the same sigma in every sample, then rounding and clamping to 8 bits
@@ -16,7 +18,8 @@
 //
 // Not modelled
 //   * the dots' speckle, and ellipses under strain; real corners are darker still
-//   * shadows; lens distortion; Bayer pattern; blur of edges that stand still, other than those of dots
+//   * shadows beyond the wall that casts them; lens distortion; Bayer pattern; blur of edges that stand still, other
+//   than those of dots
 //   * blur of the round bulge, which is smooth over its whole radius: each row has it as in the middle of its exposure
 //   * paths that bend or change speed within a frame; flicker within a frame (bands); light that scales, not adds
 //   * worn places that move with the gel: they stay in the picture, as dirt does (the gel moves less than a patch)
@@ -63,6 +66,17 @@ struct PictureEffects {
   friend bool operator==(const PictureEffects&, const PictureEffects&) = default;
 };
 
+// Light that is not in proportion to the slope of the gel's surface; each lamp's, in its channel. All off: a linear
+// picture, whose luma has 0.41 of one lamp's walls, because the three nearly cancel. Here they do not: the wall that
+// faces green is brightest, and no wall makes up for another.
+// Range: >= 0.
+struct Walls {
+  double gain = 0.0;      // levels per unit of slope that faces the lamp; 0 for what faces away
+  double specular = 0.0;  // levels of a highlight, at the slope of 0.3 towards the lamp and 0.25 around it
+  double shadow = 0.0;    // levels less where the wall faces away by more than 0.1: an edge 0.04 of slope wide
+  friend bool operator==(const Walls&, const Walls&) = default;
+};
+
 // Range: width and height 1..16384; px_per_mm and edge_softness_px > 0; levels 0..255; noise_sigma 0..64.
 struct PictureConfig {
   int width = 320;
@@ -76,7 +90,8 @@ struct PictureConfig {
   double dot_level = 45.0;
   double shading = 20.0;       // luma from the middle to the side; 0 = flat grey in every channel
   double imprint_gain = 60.0;  // levels per unit of slope of the gel's surface, in the channel that faces it
-  double noise_sigma = 2.5;    // levels
+  Walls walls;
+  double noise_sigma = 2.5;  // levels
   std::uint64_t seed = 1;
   PictureEffects effects;
 };

@@ -112,6 +112,9 @@ struct Picture {
   double dot_level = 45.0;
   double shading = 20.0;
   double imprint_gain = 60.0;
+  double wall_gain = 0.0;  // scene::Walls
+  double specular = 0.0;
+  double shadow = 0.0;
   int jpeg_quality = 85;
   friend bool operator==(const Picture&, const Picture&) = default;
 };

@@ -419,6 +419,12 @@ constexpr auto kSceneFields = std::to_array<Field<Scene>>({
     {"picture.shading", kOf<&Scene::picture, &Picture::shading>, "levels", 0, 255, "from the middle to the side"},
     {"picture.imprint_gain", kOf<&Scene::picture, &Picture::imprint_gain>, "levels", 0, 1000,
      "per unit of slope of the gel's surface"},
+    {"picture.wall_gain", kOf<&Scene::picture, &Picture::wall_gain>, "levels", 0, 1000,
+     "each lamp's, per unit of slope that faces it; nothing for slopes that face away"},
+    {"picture.specular", kOf<&Scene::picture, &Picture::specular>, "levels", 0, 255,
+     "highlight where a wall mirrors a lamp: a slope of about 0.3 towards it"},
+    {"picture.shadow", kOf<&Scene::picture, &Picture::shadow>, "levels", 0, 255,
+     "less light, with a sharp edge, where a wall faces away from a lamp by more than 0.1"},
     {"picture.jpeg_quality", kOf<&Scene::picture, &Picture::jpeg_quality>, "", 1, 100, "as libjpeg counts"},
 
     {"expect.onset_s", kOf<&Scene::expect, &Expect::onset_s>, "s", 0, kMostSeconds,

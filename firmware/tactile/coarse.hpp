@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Motion of what is too smooth or too fine for imprint.hpp to see inside a patch: the shading of a ball, the rim of a
+// face, the whole of a weak relief. Here each patch is one pixel of a coarse picture, and one motion is fitted to all.
+//
+//   change  = mean of the patch now less that before; its slopes: of the object's shading, mean of both pictures
+//   nuisance  first the change loses what a sticking contact explains: a constant, a linear and a plane change of
+//   light;
+//             the shading itself (pressure: brighter or darker in place); its dilation (a rim that grows); the slopes
+//             of the empty gel (the gel carries its patches across light that is fixed to the camera)
+//   explained what is left and lies along the slopes: a shift along x or y, a turn about the middle, least squares
+//   noise   = what nothing explains, by degree of freedom, and 0.02 levels^2
+//   motion  = step sqrt((explained - 33 noise) / (sum |slope|^2 / 2 + 0.01 N)): 33 = 3 motions of 11 times the noise
+// so that growth of a contact, which no rigid motion explains, is noise to it.
+//
+// The factor 11 and the two floors were chosen on simulated slides, closings and bonded shaking of seed 7 and on the
+// silence of 200 recordings (2026-11-24): at 8 bonded objects alarm when they are shaken, at 20 a quarter of the
+// slides is missed. On recordings with relief it adds alarms to imprint.hpp and no onset, so it is for those without.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "base/units.hpp"
+
+namespace holdfast::coarse {
+
+// One patch in two pictures. c: the patch less the same patch of the empty gel.
+struct Patch {
+  std::int32_t change = 0;                // mean of c now less then, 1/400 level
+  std::int32_t shading = 0;               // mean of c, now and then added, 1/400 level
+  std::int32_t slope_x = 0, slope_y = 0;  // of c along the picture's axes, now and then added, 1/800 level a step
+  std::int32_t empty_x = 0, empty_y = 0;  // of the empty gel, 1/800 level a step
+  std::int32_t x = 0, y = 0;              // place, quarters of a pitch
+};
+
+inline constexpr int kMostPatches = 320;
+inline constexpr int kModes = 10;         // 7 that stick, 3 that slip
+inline constexpr int kLeastPatches = 20;  // with fewer there is no telling motion from noise
+
+// log2 of um in Q8; 0: nothing that stands out. `step_um_log2_q8`: distance of two samples, likewise. Range: at most
+// kMostPatches; change and shading below 2^18, slopes below 2^19, places below 2^10. Below kLeastPatches: 0.
+[[nodiscard]] Log2Q8 motion(std::span<const Patch> patches, std::int32_t step_um_log2_q8, Saturations& saturations);
+
+}  // namespace holdfast::coarse

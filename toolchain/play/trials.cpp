@@ -1,0 +1,496 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/play/trials.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "drivers/sim/scene/paper.hpp"
+#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/scene_file.hpp"
+#include "toolchain/play/play.hpp"
+#include "toolchain/play/rig.hpp"
+
+namespace holdfast::tool {
+namespace {
+
+using scene::Relief;
+using scene::ReliefKind;
+using scene::Scene;
+using scene::Shape;
+using scene::ShapeKind;
+using scene::Span;
+using scene::Vec2;
+using std::numbers::pi;
+
+class Dice {
+ public:
+  Dice(TrialKind kind, std::uint64_t seed, int number)
+      : random_(seed, 0x747269616cU + static_cast<std::uint64_t>(kind), static_cast<std::uint64_t>(number)) {}
+  double in(Span span) { return span.least + (span.most - span.least) * random_.uniform(); }
+  // Each factor as likely as another.
+  double log_in(Span span) {
+    return span.least * scene::portable::exp(random_.uniform() * scene::portable::log(span.most / span.least));
+  }
+  bool chance(double share) { return random_.uniform() < share; }
+  int among(int count) { return random_.below(count); }
+  std::uint64_t seed() { return random_.next(); }
+
+ private:
+  scene::Random random_;
+};
+
+// The last is what is missed most: it changes by no more than the threshold, however far it slides (imprint.hpp).
+constexpr std::array<Relief, 5> kReliefs{{{ReliefKind::kBumps, 40, 0.8},
+                                          {ReliefKind::kRidges, 25, 0.6},
+                                          {ReliefKind::kGrain, 60, 0.7},
+                                          {ReliefKind::kGrain, 40, 1.0},
+                                          {ReliefKind::kGrain, 15, 0.5}}};
+constexpr double kEmpty_s = 0.6;  // the firmware learns its rest in ten frames
+constexpr double kDegree = pi / 180.0;
+
+void finish(Scene& scene, Dice& dice, TrialKind kind, std::string_view what, int number) {
+  scene.seed = dice.seed();
+  scene.name = fmt::format("{}_{}_{}", kTrialNames[static_cast<std::size_t>(kind)], what, number);
+  scene.level.inject = scene::Inject::kGrey;
+  scene.level.contact =
+      scene::as_round(scene.object.shape) ? scene::ContactLevel::kSprings : scene::ContactLevel::kGrid;
+  for (const std::string_view name : scene::used_capabilities(scene)) scene.needs.emplace_back(name);
+}
+
+// Measured on 2026-11-24 on 60 closings and on 78 recorded ones, between the dots, after a blur of 0.12 mm: change of
+// luma within 120 ms of the touch, rms 3.2 levels here and 3.4 there (median; 90th percentile 7.4 and 7.5), its 99th
+// percentile 17 and 12 (39 and 26); slope of what the touch adds, 99th percentile, 37 and 39 levels a millimetre (86
+// and 119, of which a part is dots that moved).
+void light(Scene& scene, Dice& dice) {
+  const double strength = dice.chance(0.15) ? dice.in({0.0, 0.3}) : dice.in({0.3, 1.0});
+  scene.picture.imprint_gain = 30.0 + 270.0 * strength;
+  scene.picture.wall_gain = strength * dice.in({0.0, 400.0});
+  scene.picture.specular = strength * dice.in({0.0, 150.0});
+  scene.picture.shadow = strength * dice.in({0.0, 80.0});
+  scene.effects.pixel_noise = dice.in({0.5, 3.0});
+  scene.effects.exposure_ms = dice.in({2.0, 12.0});
+  scene.effects.dot_shading_levels = dice.in({0.0, 10.0});
+  scene.effects.fabrication_um = dice.in({20.0, 60.0});
+}
+
+struct Body {
+  std::string_view name;
+  Shape shape;
+};
+
+Shape drawn(std::string_view name, Dice& dice) {
+  Shape shape;
+  shape.yaw_rad = dice.in({0.0, pi});
+  if (name == "sphere") {
+    shape.kind = ShapeKind::kSphere;
+    shape.radius_mm = dice.log_in({5.0, 35.0});
+    shape.yaw_rad = 0.0;
+  } else if (name == "cylinder") {
+    shape.kind = ShapeKind::kCylinder;
+    shape.radius_mm = dice.log_in({4.0, 25.0});
+  } else if (name == "ellipsoid") {
+    shape.kind = ShapeKind::kEllipsoid;
+    shape.radius_mm = dice.log_in({6.0, 25.0});
+    shape.radius_y_mm = dice.log_in({6.0, 25.0});
+  } else if (name == "edge") {
+    shape.kind = ShapeKind::kEdge;
+    shape.radius_mm = dice.in({0.5, 4.0});
+    shape.flank_deg = dice.in({15.0, 35.0});
+  } else if (name == "flat") {
+    const bool disc = dice.chance(0.3);
+    shape.kind = disc ? ShapeKind::kDisc : ShapeKind::kBox;
+    const double radius_mm = dice.in({3.0, 7.0});
+    const double half_x_mm = dice.in({3.0, 7.0});
+    const double half_y_mm = dice.in({3.0, 6.0});
+    if (disc) {
+      shape.radius_mm = radius_mm;
+    } else {
+      shape.half_x_mm = half_x_mm;
+      shape.half_y_mm = half_y_mm;
+    }
+    shape.rim_mm = dice.in({0.4, 2.0});
+    shape.tilt_rad = dice.in({-0.02, 0.02});
+  } else {  // fruit: a smooth body with low bumps of several mm
+    shape.kind = ShapeKind::kEllipsoid;
+    shape.radius_mm = dice.in({12.0, 30.0});
+    shape.radius_y_mm = dice.in({12.0, 30.0});
+    shape.texture = scene::TextureKind::kBumps;
+    shape.texture_pitch_mm = dice.in({2.5, 6.0});
+    shape.texture_height_mm = dice.in({0.05, 0.3});
+  }
+  return shape;
+}
+
+Relief drawn_relief(Dice& dice) {
+  return {static_cast<ReliefKind>(1 + dice.among(3)), dice.log_in({8.0, 80.0}), dice.log_in({0.35, 1.5})};
+}
+
+scene::Waypoint at(double t_s, Vec2 mm) {
+  return {.t_s = t_s, .x_mm = mm.x, .y_mm = mm.y};
+}
+
+Vec2 along(double angle_rad, double way_mm) {
+  return {way_mm * scene::portable::cos(angle_rad), way_mm * scene::portable::sin(angle_rad)};
+}
+
+struct Grip {
+  scene::FrictionLimit limit;
+  double way_mm = 0.0;  // of the fingers since they touched
+  Vec2 at_mm;           // of the object when they have closed
+  double from_s = 0.0;
+  double closed_s = 0.0;
+};
+
+// Empty gel, then the object comes straight down on a drawn place.
+Grip close_on(Scene& scene, Dice& dice, Span speed_mm_s) {
+  scene.gel.shear_modulus_mpa = dice.in({0.035, 0.110});
+  scene.object.friction = dice.in({0.4, 1.0});
+  scene.object.touch_mm = {dice.in({-6.0, 6.0}), dice.in({-4.5, 4.5})};
+  const double press_n = dice.log_in({0.6, 8.0});
+  Grip grip;
+  grip.limit = scene::friction_limit(scene.object.shape, scene.gel, scene.object.friction, press_n);
+  // Hard bodies are closed on within a frame or two, soft ones within a second.
+  scene.object.compliance_mm_per_n = dice.chance(0.4) ? dice.log_in({0.02, 0.2}) : dice.log_in({0.2, 3.0});
+  grip.way_mm = grip.limit.depth_mm + scene.object.compliance_mm_per_n * press_n;
+  grip.from_s = kEmpty_s + 0.04 * dice.in({0.0, 1.0});  // at any time of a frame
+  const double speed = dice.log_in(speed_mm_s);
+  grip.closed_s = grip.from_s + grip.way_mm / speed;
+  // Fingers do not meet quite straight: what is held goes sideways with them, within what the grip holds.
+  grip.at_mm = along(dice.in({0.0, 2.0 * pi}), grip.limit.slide_mm * dice.in({0.0, 0.22}));
+  scene.trajectory = {{.t_s = grip.from_s, .closing_mm = 0.0, .x_mm = 0.0, .y_mm = 0.0}};
+  // The other finger comes later: half of the grips close in two strokes.
+  const double first = dice.in({0.3, 0.7});
+  const double wait_s = dice.in({0.08, 0.4});
+  if (dice.chance(0.5)) {
+    const Vec2 there = first * grip.at_mm;
+    const double stop_s = grip.from_s + first * grip.way_mm / speed;
+    for (const double t_s : {stop_s, stop_s + wait_s})
+      scene.trajectory.push_back({.t_s = t_s, .closing_mm = first * grip.way_mm, .x_mm = there.x, .y_mm = there.y});
+    grip.closed_s += wait_s;
+  }
+  scene.trajectory.push_back(
+      {.t_s = grip.closed_s, .closing_mm = grip.way_mm, .x_mm = grip.at_mm.x, .y_mm = grip.at_mm.y});
+  return grip;
+}
+
+Trial closing(std::uint64_t seed, int number, bool slips) {
+  constexpr std::array<std::string_view, 6> kBodies{"sphere", "cylinder", "ellipsoid", "edge", "flat", "fruit"};
+  // The same dice: the grasp of a slip is a closing's.
+  Dice dice(TrialKind::kClosing, seed, number);
+  const std::string_view body = kBodies[static_cast<std::size_t>(number) % kBodies.size()];
+  Trial trial;
+  Scene& scene = trial.scene;
+  scene.object.shape = drawn(body, dice);
+  const bool rough = dice.chance(0.4);
+  const Relief relief = drawn_relief(dice);
+  if (rough) scene.object.relief = relief;
+  light(scene, dice);
+  const Grip grip = close_on(scene, dice, {5.0, 100.0});
+  trial.group = fmt::format("{}{}", body, rough ? ", relief" : "");
+  trial.closed_s = grip.closed_s;
+  const bool shaken = dice.chance(0.5);
+  const double angle = dice.in({0.0, 2.0 * pi});
+  double end_s = grip.closed_s + 0.6;
+  if (slips) {
+    const double speed_mm_s = dice.log_in({10.0, 60.0});
+    const double way_mm = std::min(2.0 * grip.limit.slide_mm + 0.35 * speed_mm_s, 8.0);
+    trial.slips = true;
+    trial.moved_s = grip.closed_s + 0.1;
+    end_s = trial.moved_s + way_mm / speed_mm_s;
+    scene.trajectory.push_back(at(trial.moved_s, grip.at_mm));
+    scene.trajectory.push_back(at(end_s, grip.at_mm + along(angle, way_mm)));
+  } else if (shaken) {
+    // To and fro; with the way aside, less than half of the one at which all of the contact would slide.
+    trial.moved_s = end_s;
+    scene.trajectory.push_back(at(end_s, grip.at_mm));
+    double way_mm = grip.limit.slide_mm * dice.in({0.06, 0.15});
+    const double half_s = 0.5 / dice.in({1.0, 5.0});
+    for (int k = 0; k < 4; ++k) {
+      end_s += k == 0 ? 0.5 * half_s : half_s;
+      scene.trajectory.push_back(at(end_s, grip.at_mm + along(angle, way_mm)));
+      way_mm = -way_mm;
+    }
+    scene.profile = scene::Profile::kMinimumJerk;
+  }
+  if (trial.moved_s == 0.0) scene.trajectory.push_back({.t_s = end_s});
+  scene.trajectory.back().closing_mm = grip.way_mm;
+  scene.duration_s = end_s + 0.2;
+  finish(scene, dice, slips ? TrialKind::kClosingSlip : TrialKind::kClosing, body, number);
+  return trial;
+}
+
+// Reliefs on a ball, a face with raised letters or dots, and three bodies that show none.
+Trial turn(std::uint64_t seed, int number) {
+  constexpr std::array<std::string_view, 6> kBodies{"grain", "ridges", "logo", "sphere", "flat", "cylinder"};
+  constexpr std::array<int, 3> kRates_deg_s{15, 40, 90};
+  constexpr std::array<int, 3> kWithin{6, 4, 3};
+  Dice dice(TrialKind::kTurn, seed, number);
+  const std::string_view body = kBodies[static_cast<std::size_t>(number) % kBodies.size()];
+  const std::size_t rate = static_cast<std::size_t>(number) / kBodies.size() % kRates_deg_s.size();
+  Trial trial;
+  Scene& scene = trial.scene;
+  const bool rough = body == "grain" || body == "ridges";
+  scene.object.shape = drawn(rough ? "sphere" : body == "logo" ? "flat" : body, dice);
+  if (rough) {
+    scene.object.shape.radius_mm = dice.in({10.0, 25.0});
+    scene.object.relief = {body == "grain" ? ReliefKind::kGrain : ReliefKind::kRidges, dice.log_in({15.0, 60.0}),
+                           dice.in({0.5, 1.2})};
+  }
+  if (body == "logo") {
+    scene.object.shape.texture = scene::TextureKind::kBumps;
+    scene.object.shape.texture_pitch_mm = dice.in({2.0, 3.5});
+    scene.object.shape.texture_height_mm = dice.in({0.08, 0.2});
+  }
+  light(scene, dice);
+  const Grip grip = close_on(scene, dice, {5.0, 100.0});
+  const double rate_deg_s = kRates_deg_s[rate];
+  const double turn_deg = 1.5 * grip.limit.turn_rad / kDegree + 0.6 * rate_deg_s;
+  trial.group = fmt::format("{} deg/s, {}", kRates_deg_s[rate], rough || body == "logo" ? "relief" : "smooth");
+  trial.slips = true;
+  trial.closed_s = grip.closed_s;
+  trial.moved_s = grip.closed_s + dice.in({0.3, 0.6});
+  trial.within_frames = kWithin[rate];
+  const double end_s = trial.moved_s + turn_deg / rate_deg_s;
+  scene.trajectory.push_back({.t_s = trial.moved_s, .twist_deg = 0.0});
+  scene.trajectory.push_back(
+      {.t_s = end_s, .closing_mm = grip.way_mm, .twist_deg = dice.chance(0.5) ? turn_deg : -turn_deg});
+  scene.duration_s = end_s;
+  finish(scene, dice, TrialKind::kTurn, body, number);
+  return trial;
+}
+
+// From 4 mm before a drawn place to 4 mm beyond it, or for 1.2 s.
+Trial slide(std::uint64_t seed, int number) {
+  constexpr std::array<int, 6> kSpeeds_mm_s{2, 5, 10, 20, 50, 100};
+  Dice dice(TrialKind::kSlide, seed, number);
+  const std::size_t speed = static_cast<std::size_t>(number) / kReliefs.size() % kSpeeds_mm_s.size();
+  Trial trial;
+  Scene& scene = trial.scene;
+  scene.object.relief = kReliefs[static_cast<std::size_t>(number) % kReliefs.size()];
+  scene.object.shape.yaw_rad = dice.in({0.0, pi});
+  const double angle = dice.in({0.0, 2.0 * pi});
+  const Vec2 middle{dice.in({-2.0, 2.0}), dice.in({-1.5, 1.5})};
+  const Vec2 back = along(angle, -4.0);
+  scene.object.touch_mm = {middle.x + back.x, middle.y + back.y};
+  const double press_n = dice.in({1.0, 2.5});
+  trial.group = fmt::format("{} mm/s", kSpeeds_mm_s[speed]);
+  trial.slips = true;
+  trial.closed_s = 1.0;
+  trial.moved_s = dice.in({1.2, 1.24});
+  const double way_mm = std::min(8.0, 1.2 * kSpeeds_mm_s[speed]);
+  const double end_s = trial.moved_s + way_mm / kSpeeds_mm_s[speed];
+  scene.trajectory = {{.t_s = kEmpty_s, .force_n = 0.0},
+                      {.t_s = trial.closed_s, .force_n = press_n},
+                      at(trial.moved_s, {}),
+                      {.t_s = end_s, .force_n = press_n}};
+  const Vec2 end = along(angle, way_mm);
+  scene.trajectory.back().x_mm = end.x;
+  scene.trajectory.back().y_mm = end.y;
+  scene.effects = {.pixel_noise = 2.0, .exposure_ms = 5.0};
+  scene.duration_s = end_s + 0.3;
+  finish(scene, dice, TrialKind::kSlide, fmt::format("{}_mm_s", kSpeeds_mm_s[speed]), number);
+  return trial;
+}
+
+// Pressed on by 0.8 to 3 N and shaken to and fro, by 0.1 to 0.8 mm.
+Trial shaken(std::uint64_t seed, int number) {
+  constexpr double kLong_s = 15.0;
+  Dice dice(TrialKind::kShaken, seed, number);
+  Trial trial;
+  Scene& scene = trial.scene;
+  const std::size_t relief = static_cast<std::size_t>(number) % kReliefs.size();
+  scene.object.relief = kReliefs[relief];
+  scene.object.bonded = true;
+  trial.group = scene::kReliefNames[static_cast<std::size_t>(kReliefs[relief].kind)];
+  trial.closed_s = 1.0;
+  trial.moved_s = 1.5;
+  const double press_n = dice.in({0.8, 3.0});
+  scene.trajectory = {{.t_s = kEmpty_s, .force_n = 0.0}, {.t_s = trial.closed_s, .force_n = press_n}, at(1.5, {})};
+  double way_mm = dice.in({0.1, 0.8});
+  const double angle = dice.in({0.0, pi});
+  double t_s = trial.moved_s;
+  while (t_s < kLong_s) {
+    t_s += 0.5 / dice.in({1.0, 6.0});
+    scene.trajectory.push_back(at(t_s, along(angle, way_mm)));
+    way_mm = -way_mm;
+  }
+  scene.profile = scene::Profile::kMinimumJerk;
+  scene.effects.pixel_noise = 2.0;
+  scene.duration_s = t_s + 0.2;
+  finish(scene, dice, TrialKind::kShaken, trial.group, number);
+  return trial;
+}
+
+// When the grip begins to open for the last time; 0: it never does.
+double opens_s(const std::vector<scene::Waypoint>& trajectory) {
+  double from_s = 0.0;
+  double later = 0.0;
+  for (std::size_t i = trajectory.size(); i-- > 0;) {
+    const scene::Waypoint& at = trajectory[i];
+    const std::optional<double>& grip = at.closing_mm ? at.closing_mm : at.force_n;
+    if (!grip) continue;
+    if (later > 0.0 && *grip <= later) break;
+    later = *grip;
+    from_s = at.t_s;
+  }
+  return later > 0.0 ? from_s : 0.0;
+}
+
+// Each 600 of them are all objects, motions and outcomes of one seed; a few are a little of each.
+Trial paper_trial(std::uint64_t seed, int number, bool smooth) {
+  constexpr int kObjects = 10;  // those that the paper trains with come first
+  constexpr auto kKinds = static_cast<int>(scene::kGraspKinds.size());
+  constexpr int kAll = kObjects * static_cast<int>(scene::kPrimitives.size()) * kKinds;
+  constexpr int kStep = 37;  // no factor of theirs
+  const int index = number % kAll * kStep % kAll;
+  const auto kind = static_cast<scene::GraspKind>(index % kKinds);
+  const scene::PaperObject& object = scene::kPaperObjects[static_cast<std::size_t>(index / kKinds % kObjects)];
+  const scene::Primitive& primitive = scene::kPrimitives[static_cast<std::size_t>(index / kKinds / kObjects)];
+  scene::Level level{.inject = scene::Inject::kGrey};
+  level.contact = scene::as_round(object.shape) ? scene::ContactLevel::kSprings : scene::ContactLevel::kGrid;
+  Trial trial;
+  trial.scene = scene::grasp_trial(object, primitive, kind, seed + static_cast<std::uint64_t>(number / kAll), level);
+  Scene& scene = trial.scene;
+  if (smooth) scene.object.relief = {};
+  scene.effects.marker_noise_um = 0.0;  // of tracked markers; a picture has its own
+  scene.effects.pixel_noise = 2.0;
+  scene.needs.clear();
+  for (const std::string_view name : scene::used_capabilities(scene)) scene.needs.emplace_back(name);
+  trial.group = scene::info(kind).name;
+  trial.slips = scene::info(kind).slips;
+  trial.within_frames = 8;
+  trial.opens_s = opens_s(scene.trajectory);
+  return trial;
+}
+
+}  // namespace
+
+Trial make_trial(TrialKind kind, std::uint64_t seed, int number) {
+  switch (kind) {
+    case TrialKind::kClosing:
+      return closing(seed, number, false);
+    case TrialKind::kClosingSlip:
+      return closing(seed, number, true);
+    case TrialKind::kTurn:
+      return turn(seed, number);
+    case TrialKind::kSlide:
+      return slide(seed, number);
+    case TrialKind::kShaken:
+      return shaken(seed, number);
+    case TrialKind::kSmooth:
+      return paper_trial(seed, number, true);
+    case TrialKind::kGrasp:
+      break;
+  }
+  return paper_trial(seed, number, false);
+}
+
+TrialResult run_trial(const Trial& trial, const Params& params, const model::Tree* tree) {
+  constexpr double kLag_s = 0.12;
+  // Half of the contact is a threshold like any other: a rise so shortly before it is early, not false.
+  constexpr int kEarlyFrames = 2;
+  TrialResult result;
+  Rig rig(params);
+  Player player(trial.scene, rig.clock());
+  App& app = rig.connect(player.camera(), tree);
+  if (!app.start(params).ok()) return result;
+  struct Rise {
+    int frame;
+    double t_s;
+  };
+  std::vector<Rise> rises;
+  std::optional<int> onset;
+  bool up = false;
+  bool up_at_onset = false;
+  int in_contact = 0;
+  while (player.step(app, params, false)) {
+    const PlayedFrame now = played(player, app);
+    if (trial.opens_s > 0.0 && now.t_s + 1.0 / trial.scene.fps > trial.opens_s) app.opening(true);
+    result.referenced = result.referenced || now.referenced;
+    if (!onset && now.level >= scene::SlipLevel::kHalf) {
+      onset = now.frame;
+      result.onset_s = now.t_s;
+      up_at_onset = now.slip;
+    }
+    if (onset && !trial.slips) break;
+    if (!onset && player.snapshot().contact.contact_radius_mm > 0.0) ++in_contact;
+    if (now.slip && !up) rises.push_back({now.frame, now.t_s});
+    up = now.slip;
+  }
+  result.contact_s = in_contact / trial.scene.fps;
+  if (trial.slips && up_at_onset) {
+    for (const Rise& rise : rises) {
+      if (rise.frame <= *onset) result.delay_frames = rise.frame - *onset;
+    }
+  }
+  for (const Rise& rise : rises) {
+    if (trial.slips && onset && rise.frame >= *onset - kEarlyFrames) {
+      if (!result.delay_frames) result.delay_frames = rise.frame - *onset;
+      break;
+    }
+    const bool moved = trial.moved_s > 0.0 && rise.t_s >= trial.moved_s;
+    ++result.alarms[rise.t_s < trial.closed_s + kLag_s ? 0U : moved ? 2U : 1U];
+  }
+  return result;
+}
+
+void TrialTally::add(const Trial& trial, const TrialResult& result) {
+  ++trials;
+  unreferenced += result.referenced ? 0 : 1;
+  contact_s += result.contact_s;
+  bool any = false;
+  for (std::size_t phase = 0; phase < alarms.size(); ++phase) {
+    alarms[phase] += result.alarms[phase];
+    any = any || result.alarms[phase] > 0;
+  }
+  alarmed += any ? 1 : 0;
+  if (!result.onset_s || !trial.slips) return;
+  ++onsets;
+  if (!result.delay_frames) return;
+  detected += *result.delay_frames <= trial.within_frames ? 1 : 0;
+  delays.insert(std::ranges::upper_bound(delays, *result.delay_frames), *result.delay_frames);
+}
+
+std::optional<double> TrialTally::median_delay() const {
+  if (delays.empty()) return {};
+  const std::size_t half = delays.size() / 2;
+  return delays.size() % 2 == 1 ? delays[half] : 0.5 * (delays[half - 1] + delays[half]);
+}
+
+void TrialTable::add(const Trial& trial, const TrialResult& result) {
+  auto group = std::ranges::find(groups_, trial.group, &TrialTally::group);
+  if (group == groups_.end()) {
+    group = groups_.insert(std::ranges::upper_bound(groups_, trial.group, {}, &TrialTally::group), TrialTally{});
+    group->group = trial.group;
+  }
+  group->add(trial, result);
+  all_.add(trial, result);
+}
+
+std::string table_text(const TrialTable& table) {
+  std::string out =
+      fmt::format("{:<20} {:>6} {:>6} {:>9} {:>7} {:>7} | {:>7} {:>5} {:>5} {:>8} {:>9} {:>7}\n", "group", "trials",
+                  "onsets", "in time", "ever", "median", "closing", "held", "moved", "trials", "contact", "an hour");
+  const auto line = [&](const TrialTally& t) {
+    const auto median = t.median_delay();
+    out += fmt::format("{:<20} {:>6} {:>6} {:>9} {:>7} {:>7} | {:>7} {:>5} {:>5} {:>8} {:>7.0f} s {:>7.0f}\n", t.group,
+                       t.trials, t.onsets, t.onsets > 0 ? fmt::format("{:.0f} %", 100.0 * t.detected / t.onsets) : "-",
+                       t.delays.size(), median ? fmt::format("{:.1f}", *median) : "-", t.alarms[0], t.alarms[1],
+                       t.alarms[2], t.alarmed, t.contact_s, t.alarms_per_hour());
+  };
+  for (const TrialTally& tally : table.groups()) line(tally);
+  line(table.all());
+  out +=
+      "Detections in time and ever, median delay in frames; alarms before the onset while the grip closes, holds and "
+      "is\n"
+      "moved, trials that alarm, contact without slip, alarms an hour of it.\n";
+  if (table.all().unreferenced > 0)
+    out += fmt::format("{} trials without a rest position: their firmware judged nothing\n", table.all().unreferenced);
+  return out;
+}
+
+}  // namespace holdfast::tool
