@@ -16,6 +16,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <span>
 
 #include "base/math.hpp"
 #include "base/status.hpp"
@@ -64,8 +65,8 @@ inline constexpr std::size_t kSampledWords = 1024;
 // kFrameFrozen when the picture is one of the last kRemembered, or has the number of the frame before.
 [[nodiscard]] inline Status update(State& state, const LumaView& luma, std::uint32_t sequence) {
   const std::uint64_t fingerprint = fingerprint_of(luma);
-  const auto end = state.seen.begin() + static_cast<std::ptrdiff_t>(state.count);
-  const bool known = std::find(state.seen.begin(), end, fingerprint) != end;
+  const std::span<const std::uint64_t> seen = std::span(state.seen).first(state.count);
+  const bool known = std::find(seen.begin(), seen.end(), fingerprint) != seen.end();
   const bool same_number = state.any && sequence == state.sequence;
   state.any = true;
   state.sequence = sequence;
