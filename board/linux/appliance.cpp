@@ -42,6 +42,7 @@ struct Options {
   std::string backend = "v4l2";
   std::string gpio = "header";
   std::string host, link, gripper;
+  bool host_commands = false;
   std::filesystem::path keep, code_file, accepted_file;
   std::uint64_t accepted_frames = 250;  // 10 s at 25 fps
   std::string code;
@@ -210,6 +211,10 @@ std::optional<int> make(int argc, char** argv) {
       ->check(CLI::IsMember({"header", "mcp2221"}))
       ->capture_default_str();
   cli.add_option("--host", options.host, "serial port of the diagnostics text; without it standard output");
+  cli.add_flag(
+      "--host-commands", options.host_commands,
+      "obey command frames (TARE, OPENING, RELEASE, ARM, GRIP) on the port of --host without its unlock: for a "
+      "robot that is wired to it");
   cli.add_option("--link", options.link, "serial port of status and command frames");
   cli.add_option("--gripper", options.gripper, "serial port of a Robotiq Hand-E, as /dev/serial/by-id/...");
   cli.add_option("--keep", options.keep, "keep the reference in this file, and go on with what it holds");
@@ -274,7 +279,8 @@ console::Place place() {
           .owner = appliance->options.settings.owner.get(),
           .notes = appliance->options.settings.notes.get(),
           .faults = nullptr,
-          .prompts = !appliance->options.host.empty()};
+          .prompts = !appliance->options.host.empty(),
+          .host_commands = appliance->options.host_commands};
 }
 Params params() {
   return appliance->options.settings.params;

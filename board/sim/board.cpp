@@ -53,6 +53,7 @@ struct Options {
   double fps = 25.0;
   double seconds = 0.0;  // 0: until asked to end
   std::filesystem::path tape, keep, link, gripper, host, code_file;
+  bool host_commands = false;
   std::string code;
   Settings settings;
 };
@@ -291,7 +292,8 @@ class Desk {
                        .owner = options.settings.owner.get(),
                        .notes = options.settings.notes.get(),
                        .faults = &faults_,
-                       .prompts = host_ != nullptr};
+                       .prompts = host_ != nullptr,
+                       .host_commands = options.host_commands};
 };
 
 std::unique_ptr<Desk> desk;
@@ -321,6 +323,8 @@ std::optional<int> make(int argc, char** argv) {
                  "make this path the gripper's serial port; without it a simulated Hand-E answers");
   cli.add_option("--host", options.host,
                  "make this path the console's serial port; without it text on standard output");
+  cli.add_flag("--host-commands", options.host_commands,
+               "obey command frames (TARE, OPENING, RELEASE, ARM, GRIP) on the console's port without its unlock");
   cli.add_option("--code-file", options.code_file, "the code that unlocks the console; without it `desk`");
   add_settings(cli, options.settings);
   cli.footer(

@@ -352,7 +352,8 @@ constexpr std::array<DeviceRow, 5> kDevices{{
        page.cell("this port");
        page.cell(console.out().lost() == 0 ? "yes" : "no");
        Text<100> more;
-       more << console.frames_lost() << " frames and " << console.out().lost() << " texts were not taken in time";
+       more << console.frames_lost() << " frames and " << console.out().lost() << " texts not taken in time, "
+            << console.refused() << " commands refused";
        page.cell(more.view());
      }},
 }};

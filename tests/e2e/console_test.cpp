@@ -12,10 +12,14 @@
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string>
+#include <string_view>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include "app/command_frame.hpp"
 #include "slip/tree_io.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/pty.hpp"
@@ -65,6 +69,7 @@ TEST_GROUP(ConsoleTool) {
   test::TempDir dir;
   std::unique_ptr<HostProcess> firmware;
   std::string owner_key;
+  std::vector<std::string> more;  // of holdfastd's options
 
   void setup() override {
     ::setenv("XDG_STATE_HOME", dir.path().c_str(), 1);
@@ -89,6 +94,7 @@ TEST_GROUP(ConsoleTool) {
                                    "--models",
                                    at((std::string(name) + ".model").c_str())};
     if (!owner_key.empty()) words.insert(words.end(), {"--owner-key", owner_key});
+    words.insert(words.end(), more.begin(), more.end());
     return std::make_unique<HostProcess>(words);
   }
   void start(const char* name) {
@@ -176,6 +182,75 @@ TEST(ConsoleTool, LocksAgainWhatItUnlocked) {
   LONGS_EQUAL(1, wrong.status);
   STRCMP_CONTAINS("ERR 11 wrong_code", wrong.err.c_str());
   STRCMP_EQUAL("", wrong.out.c_str());
+}
+
+// The next program finds it locked, however soon it comes and whatever the one before did not say.
+TEST(ConsoleTool, FindsItLockedAfterWhoeverLeft) {
+  Signals signals;
+  Port port;
+  CHECK(port.open(at("port")) == Port::Opened::kYes);
+  for (int round = 0; round < 20; ++round) {
+    Device before(port, signals, 5000ms);
+    CHECK(before.attach(5000ms));
+    CHECK(before.say("unlock desk").ok());
+    port.close();
+    CHECK(port.open(at("port")) == Port::Opened::kYes);
+    CHECK(port.write("set hold_ms 333\rtell opening 1\r"));
+    Device after(port, signals, 5000ms);
+    CHECK(after.attach(5000ms));
+    CHECK_FALSE(after.unlocked());
+    STRCMP_CONTAINS("\"value\":200,", after.say("get hold_ms json").lines.at(0).c_str());
+    CHECK(after.say("log json").lines.at(0).find("OPENING") == std::string::npos);
+  }
+}
+
+// Every command that a robot may send, sent as a frame to a console that nobody unlocked: of a device as it is started
+// by default, and of one that was told to obey.
+TEST(ConsoleTool, ObeysFramesOnlyWhenItWasToldTo) {
+  for (const bool told : {false, true}) {
+    if (told) more = {"--host-commands"};
+    start("port");
+    Signals signals;
+    Port port;
+    CHECK(port.open(at("port")) == Port::Opened::kYes);
+    Device console(port, signals, 5000ms);
+    CHECK(console.attach(5000ms));
+    CHECK(until([&] { return console.say("status json").lines.at(0).find("\"state\":\"OK\"") != std::string::npos; }));
+    std::uint16_t sequence = 0;
+    for (const auto& [command, argument] : {std::pair{command_frame::Command::kTare, std::uint8_t{1}},
+                                            {command_frame::Command::kOpening, std::uint8_t{1}},
+                                            {command_frame::Command::kRelease, std::uint8_t{0}},
+                                            {command_frame::Command::kArm, std::uint8_t{0}},
+                                            {command_frame::Command::kGrip, std::uint8_t{1}}}) {
+      std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
+      (void)command_frame::encode(command_frame::CommandFrame{++sequence, command, argument}, wire);
+      CHECK(port.write(std::string(1, '\0').append(wire.begin(), wire.end())));
+    }
+    const std::string log = console.say("log json").lines.at(0);
+    for (const char* const name : {"TARE", "OPENING", "RELEASE", "ARM", "GRIP"}) {
+      const bool without = std::string_view(name) == "RELEASE" || std::string_view(name) == "GRIP";  // a gripper
+      const std::string result = !told ? "locked" : without ? "state" : "done";
+      STRCMP_CONTAINS((R"("event":"command","what":")" + std::string(name) + R"(","value":")" + result).c_str(),
+                      log.c_str());
+    }
+    STRCMP_CONTAINS(told ? ", 0 commands refused" : ", 5 commands refused",
+                    console.say("devices json").lines.at(0).c_str());
+  }
+}
+
+// A card's console is on pins of its header: nothing that is shipped obeys whoever reaches them.
+TEST(ConsoleTool, IsNotToldToByAnythingThatIsShipped) {
+  int looked_at = 0;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(HOLDFAST_SOURCE_DIR "/board")) {
+    const std::string kind = entry.path().extension().string();
+    if (!entry.is_regular_file() || kind == ".cpp" || kind == ".md" || kind == ".svg") continue;
+    ++looked_at;
+    std::istringstream lines(read_file(entry.path().string()));
+    for (std::string line; std::getline(lines, line);) {
+      CHECK_TEXT(line.starts_with("#") || line.find("host-commands") == std::string::npos, entry.path().c_str());
+    }
+  }
+  CHECK(looked_at > 30);
 }
 
 TEST(ConsoleTool, RestoresWhatItBackedUp) {

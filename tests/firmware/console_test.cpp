@@ -73,6 +73,13 @@ Heard take_apart(const std::string& bytes) {
 const std::vector<std::uint8_t> kLoaded =
     test::model_bytes(*find_feature_set("paper"), std::span(test::kSpreadTree.nodes).first(3), "loaded_one");
 
+// As a sender begins it among text.
+std::string frame_of(std::uint16_t sequence, command_frame::Command command, std::uint8_t argument) {
+  std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
+  command_frame::encode(command_frame::CommandFrame{sequence, command, argument}, wire);
+  return std::string(1, '\0').append(wire.begin(), wire.end());
+}
+
 }  // namespace
 
 TEST_GROUP(Console) {
@@ -1092,13 +1099,12 @@ TEST(Console, TracesEveryFrameAndWatchesFiveTimesASecond) {
   check_error("trace", Error::kArguments);
 }
 
-TEST(Console, ObeysCommandFramesAmongTheText) {
+TEST(Console, ObeysCommandFramesAmongTheTextWhereThatIsAllowed) {
+  desk.place.host_commands = true;
   start();
   (void)desk.heard();
-  std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
-  command_frame::encode(command_frame::CommandFrame{77, command_frame::Command::kOpening, 1}, wire);
-  std::string bytes("sta\0", 4);
-  bytes.append(wire.begin(), wire.end());
+  std::string bytes("sta");
+  bytes += frame_of(77, command_frame::Command::kOpening, 1);
   bytes += "tus\r";
   desk.type(bytes);
   desk.run(100ms);
@@ -1115,6 +1121,221 @@ TEST(Console, ObeysCommandFramesAmongTheText) {
   desk.type(other);
   desk.run(50ms);
   check_ok("version");
+}
+
+// Every command that there is, and with every argument: what is not unlocked changes nothing, is answered and counted,
+// and the first of each kind is in the log.
+TEST(Console, ObeysNoCommandFrameWhileLocked) {
+  desk.params.gripper = static_cast<std::int32_t>(Gripper::kHandE);
+  start();
+  (void)desk.heard();
+  const MarkerField rest = desk.daemon->app().state().reference.rest;
+  std::uint16_t sequence = 0;
+  int sent = 0;
+  for (int round = 0; round < 40; ++round) {  // 128 events fit into the log
+    for (const command_frame::CommandInfo& row : command_frame::kCommands) {
+      for (std::uint8_t argument = 0; argument <= row.max_argument; ++argument, ++sent) {
+        desk.type(frame_of(++sequence, row.command, argument));
+        desk.run(10ms);
+        CHECK_FALSE(desk.daemon->is_opening());
+      }
+    }
+  }
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(sent, heard.answers.size());
+  for (const command_frame::AnswerFrame& answer : heard.answers) LONGS_EQUAL(5, static_cast<int>(answer.result));
+  CHECK(desk.daemon->app().outputs().state == DeviceState::kOk);
+  CHECK(desk.gpio.level(hal::Line::kGripOk) == hal::Level::kHigh);
+  CHECK_FALSE(desk.daemon->grip().go);
+  LONGS_EQUAL(rest.markers[31].x.raw(), desk.daemon->app().state().reference.rest.markers[31].x.raw());
+  LONGS_EQUAL(sent, desk.console->refused());
+  check_says("devices", (", " + std::to_string(sent) + " commands refused").c_str());
+  const std::string log = desk.say("log");
+  for (const char* const name : {"TARE", "OPENING", "RELEASE", "ARM", "GRIP"}) {
+    const std::size_t first = log.find(std::string("command         ") + name);
+    CHECK_TEXT(first != std::string::npos, name);
+    STRCMP_CONTAINS("locked", log.substr(first, log.find('\n', first) - first).c_str());
+    CHECK_TEXT(log.find(std::string("command         ") + name, first + 1) == std::string::npos, name);
+  }
+  STRCMP_CONTAINS("state           OK", log.c_str());  // what happened before is in it still
+}
+
+TEST(Console, ObeysCommandFramesWhileUnlocked) {
+  start();
+  (void)desk.unlock();
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  CHECK(desk.daemon->is_opening());
+  check_ok("lock");
+  desk.type(frame_of(2, command_frame::Command::kOpening, 0));
+  desk.run(50ms);
+  CHECK(desk.daemon->is_opening());
+  LONGS_EQUAL(1, desk.console->refused());
+  // The robot's own link is the robot's, locked or not.
+  const std::string end = frame_of(3, command_frame::Command::kOpening, 0);
+  CHECK(desk.link.feed({reinterpret_cast<const std::uint8_t*>(end.data()), end.size()}));
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+}
+
+// A frame that was refused is not kept: unlocking obeys what is said afterwards.
+TEST(Console, DoesNotMakeUpForWhatItRefused) {
+  start();
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  (void)desk.unlock();
+  desk.run(100ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));  // a repetition: answered as before
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  desk.type(frame_of(2, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  CHECK(desk.daemon->is_opening());
+}
+
+TEST(Console, LocksWhenTheCableIsPulled) {
+  start();
+  (void)desk.unlock();
+  desk.host.hang_up();
+  desk.run(10ms);
+  CHECK_FALSE(desk.console->unlocked());
+  desk.host.reconnect();
+  check_error("set hold_ms 300", Error::kLocked);
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  (void)desk.unlock();
+  desk.host.change_hands();  // another program, from one read to the next
+  check_error("tell opening 1", Error::kLocked);
+  CHECK_FALSE(desk.daemon->is_opening());
+  check_ok("version");
+}
+
+// What was typed before the cable was out does not happen when another one is in: no line of it, no half of one.
+TEST(Console, DoesNothingThatWasLeftInTheCable) {
+  start();
+  (void)desk.unlock();
+  // Read, and not begun.
+  for (const std::string& line :
+       {std::string("tell opening 1\r"), "unlock " + std::string(test::ConsoleDesk::kCode) + "\r"}) {
+    desk.type(line);
+    desk.turn();
+    desk.host.hang_up();
+    desk.run(10ms);
+    desk.host.reconnect();
+    desk.run(50ms);
+    CHECK_FALSE(desk.daemon->is_opening());
+    CHECK_FALSE(desk.console->unlocked());
+    STRCMP_CONTAINS("ERR 33 interrupted", desk.heard().c_str());
+  }
+
+  // What is being written is written.
+  (void)desk.unlock();
+  desk.stored.set_slow(true);
+  desk.type("save\r");
+  desk.run(50ms);
+  desk.host.hang_up();
+  desk.run(10ms);
+  desk.host.reconnect();
+  desk.stored.finish();
+  desk.run(50ms);
+  STRCMP_CONTAINS("OK\r\n", desk.heard().c_str());
+  LONGS_EQUAL(1, desk.stored.writes());
+
+  // In the queue behind an answer that nobody takes: lines, the code, a frame.
+  desk.place.host_commands = true;
+  desk.end();
+  start();
+  desk.host.set_full(true);
+  for (int k = 0; k < 3; ++k) desk.type("get\r");
+  desk.type("unlock " + std::string(test::ConsoleDesk::kCode) + "\rtell opening 1\r");
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.type("echo off\r");
+  desk.run(500ms);
+  desk.host.set_full(false);
+  desk.host.change_hands();
+  desk.type("status js");
+  desk.run(1s);
+  CHECK_FALSE(desk.console->unlocked());
+  CHECK_FALSE(desk.daemon->is_opening());
+  LONGS_EQUAL(1, desk.console->refused());
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(5, static_cast<int>(heard.answers.at(0).result));
+  STRCMP_CONTAINS("ERR 33 interrupted", heard.text.c_str());
+  STRCMP_CONTAINS("ERR 10 locked", heard.text.c_str());
+  check_says("on", "\"unlocked\":false");  // whose line it is now
+  desk.type("echo on\r");
+  desk.run(50ms);
+
+  // Half a line and half a frame.
+  desk.type("unlock " + std::string(test::ConsoleDesk::kCode));
+  desk.run(50ms);
+  desk.host.hang_up();
+  desk.run(10ms);
+  desk.host.reconnect();
+  desk.type("\r");
+  desk.run(50ms);
+  CHECK_FALSE(desk.console->unlocked());
+  const std::string frame = frame_of(2, command_frame::Command::kOpening, 1);
+  desk.type(frame.substr(0, 6));
+  desk.run(10ms);
+  desk.host.change_hands();
+  desk.type(frame.substr(6));
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  desk.type("\x03\r");
+  desk.run(50ms);
+
+  // Ctrl-C before it was looked at.
+  desk.host.set_full(true);
+  for (int k = 0; k < 3; ++k) desk.type("get\r");
+  desk.run(500ms);
+  desk.host.change_hands();
+  desk.run(10ms);
+  desk.host.set_full(false);
+  desk.type("\x03");
+  desk.run(300ms);
+  STRCMP_CONTAINS("OK\r\n", desk.unlock().c_str());
+  CHECK(desk.console->unlocked());
+}
+
+// Only a command keeps it open: noise, empty lines, refusals do not.
+TEST(Console, LocksItselfAmongNoise) {
+  start();
+  desk.camera->set(sim::CameraSwitch::kOff);
+  (void)desk.unlock();
+  for (int k = 0; k < 11; ++k) {
+    desk.run(57s);
+    for (const char* const noise : {"\r", "\xFF\xFE\r", "qwzx\r", "# nothing\r"}) desk.type(noise);
+    desk.type(std::string(300, 'x') + "\r");
+    desk.type(frame_of(static_cast<std::uint16_t>(k), command_frame::Command::kArm, 0));
+    desk.run(100ms);
+  }
+  CHECK_FALSE(desk.console->unlocked());
+}
+
+TEST(Console, LocksOnAWrongCode) {
+  start();
+  (void)desk.unlock();
+  check_error("unlock nonsense", Error::kWrongCode);
+  CHECK_FALSE(desk.console->unlocked());
+  check_error("set hold_ms 300", Error::kLocked);
+}
+
+// A code behind a mistyped word, or alone as at a prompt for it, does not wait for who comes next.
+TEST(Console, KeepsMistypedCodesOutOfTheHistory) {
+  start();
+  check_ok("version");
+  for (const char* const line : {"unlokc 7QX-41-red", "7QX-41-red", "UNLOCK 7QX-41-red"}) {
+    check_error(line, Error::kUnknownCommand);
+  }
+  (void)desk.heard();
+  desk.type("\x1B[A");
+  desk.run(50ms);
+  const std::string shown = desk.heard();
+  STRCMP_CONTAINS("version", shown.c_str());
+  CHECK(shown.find(test::ConsoleDesk::kCode) == std::string::npos);
 }
 
 // Noise that looks like the beginning of a frame holds nobody up for long.

@@ -17,6 +17,7 @@
 #include "app/link.hpp"
 #include "app/marker_frame.hpp"
 #include "app/modes.hpp"
+#include "app/params.hpp"
 #include "app/status_frame.hpp"
 #include "app/supervisor.hpp"
 #include "base/status.hpp"
@@ -149,7 +150,19 @@ std::string commands() {
       text(cf::Once::kForget.count() / 1000) +
       " ms after the frame before is answered again with the same result and not executed again. A new command takes "
       "another sequence, also when it says the same. After a start, begin with another sequence than the last one, or "
-      "be silent for that time first. Each port keeps its own last command.\n\n";
+      "be silent for that time first. Each port keeps its own last command.\n\n"
+      "### Who is obeyed\n\n"
+      "On the port `link` every command. On the port `host`, the console's, a command is obeyed while the console is "
+      "unlocked, or where holdfastd was started with `--host-commands`. Otherwise it is answered `locked`, the "
+      "console's "
+      "`devices` counts it, and `log` has the first of each kind.\n\n"
+      "### How long OPENING lasts\n\n"
+      "From the first OPENING 1, or RELEASE, for `opening_max_ms` (" +
+      text(Params{}.opening_max_ms) +
+      " ms by default); said again it is the same one, and its time runs on. Another one begins only after an end - "
+      "OPENING 0, GRIP 1, or the line OPENING going LOW - or after something was touched anew, which a model that does "
+      "not read the picture cannot tell. Until then OPENING is answered `overdue`; RELEASE opens the gripper all the "
+      "same, and what slips meanwhile is told.\n\n";
   out += "## Answer frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kAnswerFields);
   out += "\n### Results\n\n" + head({"number", "name", "meaning"});
   for (const cf::ResultInfo& row_of : cf::kResults) {

@@ -98,7 +98,7 @@ enum holdfast_reason {
 
 enum holdfast_command_number {
   HOLDFAST_COMMAND_TARE = 1,  // forget the rest position of the markers and learn it anew (argument 0: only while nothing touches the gel; 1: even then)
-  HOLDFAST_COMMAND_OPENING = 2,  // the gripper opens: loss of contact is no slip (argument 1: begins; 0: has ended)
+  HOLDFAST_COMMAND_OPENING = 2,  // the gripper opens: loss of contact is no slip, for `opening_max_ms` at most (argument 1: begins; 0: has ended)
   HOLDFAST_COMMAND_RELEASE = 3,  // lower the grip force step by step, to let the object go (argument 0)
   HOLDFAST_COMMAND_ARM = 4,  // leave a latched fault; activates the gripper anew (argument 0)
   HOLDFAST_COMMAND_GRIP = 5  // move the gripper (argument 1: close and hold with the starting force; 0: open)
@@ -109,7 +109,9 @@ enum holdfast_result {
   HOLDFAST_RESULT_TOUCHING = 1,  // refused: something touches the gel
   HOLDFAST_RESULT_STATE = 2,  // refused: not in this state, or no gripper is set up
   HOLDFAST_RESULT_UNKNOWN = 3,  // refused: this firmware does not know the command
-  HOLDFAST_RESULT_ARGUMENT = 4  // refused: the argument is out of the command's range
+  HOLDFAST_RESULT_ARGUMENT = 4,  // refused: the argument is out of the command's range
+  HOLDFAST_RESULT_LOCKED = 5,  // refused: this is the console's port, and it is locked
+  HOLDFAST_RESULT_OVERDUE = 6  // refused: OPENING lasted for `opening_max_ms` and was not ended
 };
 
 // As in LINK.md; "?": a number from a newer firmware.
@@ -196,6 +198,8 @@ static inline const char *holdfast_result_name(uint8_t number) {
     case HOLDFAST_RESULT_STATE: return "state";
     case HOLDFAST_RESULT_UNKNOWN: return "unknown";
     case HOLDFAST_RESULT_ARGUMENT: return "argument";
+    case HOLDFAST_RESULT_LOCKED: return "locked";
+    case HOLDFAST_RESULT_OVERDUE: return "overdue";
     default: return "?";
   }
 }
