@@ -43,8 +43,8 @@ struct Options {
   std::string gpio = "header";
   std::string host, link, gripper;
   bool host_commands = false;
-  std::filesystem::path keep, code_file, accepted_file;
-  std::uint64_t accepted_frames = 250;  // 10 s at 25 fps
+  std::filesystem::path keep, code_file, ok_file;
+  std::uint64_t ok_frames = 250;  // 10 s at 25 fps
   std::string code;
   std::int32_t time_scale = hardware().time_scale;
   Settings settings;
@@ -85,9 +85,9 @@ class Appliance {
   }
   // Whoever has to know that this release works on this board - an update is kept by it - looks for the file.
   void prove(const App& app) {
-    if (proved_ || options.accepted_file.empty() || app.accepted() < options.accepted_frames) return;
+    if (proved_ || options.ok_file.empty() || app.ok_frames() < options.ok_frames) return;
     proved_ = true;
-    const int fd = ::open(options.accepted_file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
+    const int fd = ::open(options.ok_file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
     if (fd >= 0) ::close(fd);
   }
   // Into the log, once, without memory: the kernel's clock begins with it, and one of the firmware's seconds is
@@ -225,8 +225,8 @@ std::optional<int> make(int argc, char** argv) {
   }
   cli.add_option("--code-file", options.code_file,
                  "the code that unlocks the console, one line; without it the console changes nothing");
-  cli.add_option("--accepted-file", options.accepted_file, "make this file once so many frames were accepted:");
-  cli.add_option("--accepted-frames", options.accepted_frames)->check(CLI::PositiveNumber)->capture_default_str();
+  cli.add_option("--ok-file", options.ok_file, "make this file once so many frames were OK, without a FAULT between:");
+  cli.add_option("--ok-frames", options.ok_frames)->check(CLI::PositiveNumber)->capture_default_str();
   add_settings(cli, options.settings);
   cli.add_flag("--lower", asked_to_lower,
                "drive the outputs of a holdfastd that is gone LOW, and end; of the other options --gpio counts");

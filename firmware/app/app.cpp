@@ -59,7 +59,7 @@ Status App::start(const Params& params, bool auto_size) {
   alive_high_ = false;
   distrusted_ = 0;
   first_accepted_.reset();
-  accepted_ = 0;
+  ok_frames_ = 0;
   last_rejection_ = Reason::kNone;
   supervisor_ = {};  // what held before the restart vouches for nothing now
   outputs_ = {};
@@ -303,7 +303,6 @@ void App::vouch() {
   const Micros now = devices_.clock.now();
   watchdog_.vouch(now);
   if (!first_accepted_) first_accepted_ = now;
-  ++accepted_;
 }
 
 bool App::give_up(const supervisor::Outputs& outputs, Reason why) {
@@ -341,6 +340,11 @@ void App::report() {
     frame.entropy_rate_nat_s_q8 = result_.features.entropy_rate.raw();
   }
   told_ = frame;
+  if (frame.state == DeviceState::kFault) {
+    ok_frames_ = 0;
+  } else if (frame.state == DeviceState::kOk && outputs_.accepted) {
+    ++ok_frames_;
+  }
   std::array<std::uint8_t, status_frame::kWireBytes> wire{};
   const std::size_t size = status_frame::encode(frame, wire);
   if (!devices_.link.write(std::span(wire).first(size))) count_up(link_refused_);

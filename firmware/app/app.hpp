@@ -95,8 +95,8 @@ class App {
   [[nodiscard]] const model::Tree* tree() const { return tree_; }
   // When ALIVE vouched for a frame first since start(). The clock of a board with real devices begins with its kernel.
   [[nodiscard]] std::optional<Micros> first_accepted() const { return first_accepted_; }
-  // Frames that ALIVE vouched for since start().
-  [[nodiscard]] std::uint64_t accepted() const { return accepted_; }
+  // Accepted frames that the status frame called OK since start(), or since the last FAULT.
+  [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor() const { return supervisor_; }
   [[nodiscard]] const health::State& health() const { return health_; }
@@ -144,7 +144,7 @@ class App {
   keepsake::Identity sensor_{};  // that this run began with
   Micros waiting_since_{};
   std::optional<Micros> first_accepted_;
-  std::uint64_t accepted_ = 0;
+  std::uint64_t ok_frames_ = 0;
   Micros arrived_{};                       // the frame that is worked on
   Reason last_rejection_ = Reason::kNone;  // of the frame seen last
   Reason strain_ = Reason::kNone;

@@ -890,10 +890,32 @@ TEST(App, KnowsWhenItVouchedFirst) {
   CHECK_TRUE(edge > Micros{0} && app->first_accepted() == edge);
   run(6);
   CHECK_TRUE(app->first_accepted() == edge);
-  LONGS_EQUAL(gpio.edges(Line::kAlive), app->accepted());
   app->stop();
   CHECK_TRUE(app->start(Params{}).ok());
   CHECK_FALSE(app->first_accepted().has_value());
+}
+
+// What an update is kept by. Frames while the empty gel is learned, the first after a fault, and those over which OK is
+// held are no proof.
+TEST(App, CountsOkFramesSinceTheLastFault) {
+  film(50);
+  build({{20, 1, sim::CameraFault::kBad, {}}, {30, 8, sim::CameraFault::kBad, {}}});
+  start();
+  std::uint64_t expected = 0, before_fault = 0, not_ok = 0, held = 0;
+  for (int k = 0; k < 48; ++k) {
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    CHECK_TRUE(step());
+    const bool accepted = gpio.edges(Line::kAlive) > edges, ok = app->told().state == DeviceState::kOk;
+    if (accepted && !ok) ++not_ok;
+    if (!accepted && ok) ++held;
+    if (accepted && ok) ++expected;
+    if (app->told().state == DeviceState::kFault) before_fault = std::max(before_fault, std::exchange(expected, 0));
+    LONGS_EQUAL(expected, app->ok_frames());
+  }
+  CHECK_TRUE(before_fault > 15 && expected > 0 && not_ok > 3 && held > 0);
+  app->stop();
+  CHECK_TRUE(app->start(Params{}).ok());
+  LONGS_EQUAL(0, app->ok_frames());
 }
 
 TEST(App, FaultsWhileALineRefusesAndComesBack) {
