@@ -133,8 +133,7 @@ void add_settings(CLI::App& cli, Settings& settings) {
                  "take only what is signed with the other half of this key (holdfast settings keygen), and nothing "
                  "when it cannot be read; without this option the device is in development mode");
   cli.add_flag("--development", settings.development, "development mode: take unsigned settings and models, too");
-  cli.add_option("--notes", settings.notes_path,
-                 "the folder where the board leaves what the console tells of release and updates");
+  cli.add_option("--notes", settings.notes_path, "the folder from which the console reports release and updates");
 }
 
 std::string read_settings(Settings& settings) {

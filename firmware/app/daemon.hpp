@@ -46,7 +46,7 @@ class Daemon {
 
   // As App::start(), but a camera that is not there yet is waited for: kConfig, kGpioFailed.
   [[nodiscard]] Status start(const Params& params, bool auto_size = false);
-  // Other parameters while it runs; those that are made with the board (applies_at_restart()) stay as they are.
+  // Other parameters while it runs; those that are made with the board (Applies::kAtRestart) stay as they are.
   // Range: validate(params) is ok.
   void reconfigure(const Params& params);
   // A command that came some other way than on the link.

@@ -23,7 +23,7 @@ inline constexpr std::array<StateInfo, 6> kStates{{
     {DeviceState::kReference, "REFERENCE", "learning the rest position of the markers on the empty gel"},
     {DeviceState::kOk, "OK", "healthy, referenced and no slip"},
     {DeviceState::kSlip, "SLIP", "the object slips: tighten"},
-    {DeviceState::kDegraded, "DEGRADED", "measuring, but not well enough to vouch for the grip"},
+    {DeviceState::kDegraded, "DEGRADED", "measuring, but not well enough to confirm the grip"},
     {DeviceState::kFault, "FAULT", "cannot measure: hold the grip and look at the reason"},
 }};
 
@@ -130,7 +130,7 @@ inline constexpr std::array<ReasonInfo, 47> kReasons{{
      "camera timestamps stand still or run backwards", "restart the stream; report the camera's driver"},
     {Reason::kTimeGap, "time_gap", "too long since the frame before", "frames were dropped or the machine stalled",
      "rates start again with this frame; look for overload if it repeats"},
-    {Reason::kFrameStale, "frame_stale", "the frame is too old to vouch for the grip", "frames queue up: overload",
+    {Reason::kFrameStale, "frame_stale", "the frame is too old to confirm the grip", "frames queue up: overload",
      "close what else loads the board; use a faster mode"},
     {Reason::kFrameRate, "frame_rate", "frames come slower or faster than the sensor's 15 to 27 fps",
      "automatic exposure halves the rate, or the USB bus is overloaded", "set manual exposure; use another USB port"},
@@ -151,8 +151,8 @@ inline constexpr std::array<ReasonInfo, 47> kReasons{{
      "end OPENING when the gripper has opened; it ends itself after opening_max_ms"},
     {Reason::kForceLimit, "force_limit", "the object slips and the grip force is at its limit",
      "object too heavy or too smooth for the limit", "lower the load, or raise max_force if the object bears it"},
-    {Reason::kContactLost, "contact_lost", "the contact ended, and nobody had said OPENING",
-     "the object fell or was pulled away", "look for the object; say OPENING before letting go on purpose"},
+    {Reason::kContactLost, "contact_lost", "the contact ended without OPENING", "the object fell or was pulled away",
+     "look for the object; send OPENING before the gripper opens on purpose"},
     {Reason::kLightChanged, "light_changed",
      "the light changed while the rest position was being learned: that begins anew",
      "the camera's exposure settles after its start, or follows the picture",

@@ -118,12 +118,12 @@ std::string framing() {
               text(mf::kWireBytes)}) +
          row({text(link::Kind::kRest), "rest position", "likewise", text(mf::kWireBytes)}) +
          "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" gives "
-         "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It passes "
-         "over kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
+         "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It skips "
+         "kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
          "### Frames beside lines of text\n\n"
          "On the port `link` there are frames alone. On the port `host` they stand between lines of text, never inside "
          "one, and there **a frame begins and ends with 0x00**. A sender may always begin with one: delimiters may "
-         "repeat. A receiver tells them apart like this:\n\n"
+         "repeat. A receiver distinguishes them like this:\n\n"
          "1. A 0x00 begins anew, whatever came before it.\n"
          "2. When the second byte behind it is 0x01 to 0x08 (the version), a frame has begun. Otherwise both bytes are "
          "text, and so is all that follows up to the next 0x00. Lines hold no such bytes: none is taken for a frame.\n"
@@ -201,8 +201,7 @@ std::string link_markdown() {
   out += "## Status frame, version " + text(link::kVersion) + "\n\n" + layout(sf::kFields);
   out += "\n**The receiver's rule:** `grip_ok` counts only while the last change of `alive` is younger than " +
          text(sf::kFreshFor.count() / 1000) +
-         " ms by the receiver's own clock. A frame that does not arrive is not fine, and what a first frame says is "
-         "not either.\n\n"
+         " ms by the receiver's own clock. A missing frame is not fine, and neither is the first frame alone.\n\n"
          "### Flags\n\n";
   out += head({"bit", "name", "meaning"});
   for (const sf::Flag& flag : sf::kFlags) out += row({text(flag.bit), flag.name, flag.meaning});
@@ -217,8 +216,7 @@ std::string link_markdown() {
          "On the port `host`, after the console's command `watch on`: the displacements of every fifth picture, " +
          text(mf::kPerFrame) +
          " markers a frame, and the rest positions when they are learned and now and then. A marker that is seen and "
-         "has a "
-         "rest position stands at the sum of both.\n\n" +
+         "has a rest position stands at the sum of both.\n\n" +
          layout(mf::kDisplacementFields);
   return out + "\n## Examples\n\n" + examples();
 }
@@ -345,7 +343,8 @@ std::string errors_markdown() {
   out +=
       "\n## Messages of the tools\n\n"
       "`holdfast`, `holdfastd` and the scripts end with one line on standard error that says what happened, the likely "
-      "cause and the next step, and with a status: 1 it could not be done, 2 the command line is wrong.\n";
+      "cause and the next step. Exit status: 1 it could not be done; 2 the command line is wrong (`holdfast`: 1, "
+      "too).\n";
   return out;
 }
 

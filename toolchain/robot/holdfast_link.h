@@ -42,7 +42,7 @@ enum holdfast_state {
   HOLDFAST_STATE_REFERENCE = 1,  // learning the rest position of the markers on the empty gel
   HOLDFAST_STATE_OK = 2,  // healthy, referenced and no slip
   HOLDFAST_STATE_SLIP = 3,  // the object slips: tighten
-  HOLDFAST_STATE_DEGRADED = 4,  // measuring, but not well enough to vouch for the grip
+  HOLDFAST_STATE_DEGRADED = 4,  // measuring, but not well enough to confirm the grip
   HOLDFAST_STATE_FAULT = 5  // cannot measure: hold the grip and look at the reason
 };
 
@@ -67,7 +67,7 @@ enum holdfast_reason {
   HOLDFAST_REASON_EXPOSURE = 40,  // the picture is too dark or too bright
   HOLDFAST_REASON_TIME_NOT_FORWARD = 64,  // the frame is not newer than the one before
   HOLDFAST_REASON_TIME_GAP = 65,  // too long since the frame before
-  HOLDFAST_REASON_FRAME_STALE = 66,  // the frame is too old to vouch for the grip
+  HOLDFAST_REASON_FRAME_STALE = 66,  // the frame is too old to confirm the grip
   HOLDFAST_REASON_FRAME_RATE = 67,  // frames come slower or faster than the sensor's 15 to 27 fps
   HOLDFAST_REASON_DEADLINE = 68,  // more than 1 % of the frames of the last 10 s were decided late
   HOLDFAST_REASON_FEW_MARKERS = 96,  // some markers are lost
@@ -78,7 +78,7 @@ enum holdfast_reason {
   HOLDFAST_REASON_NEEDS_ARM = 101,  // a fault has passed and is latched
   HOLDFAST_REASON_OPENING = 102,  // the gripper opens: loss of contact is no slip
   HOLDFAST_REASON_FORCE_LIMIT = 103,  // the object slips and the grip force is at its limit
-  HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended, and nobody had said OPENING
+  HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended without OPENING
   HOLDFAST_REASON_LIGHT_CHANGED = 105,  // the light changed while the rest position was being learned: that begins anew
   HOLDFAST_REASON_REFERENCE_LOADED = 106,  // the lattice of the markers is bent: it was not taken for the rest position
   HOLDFAST_REASON_CONFIG = 128,  // a setting is out of its range
