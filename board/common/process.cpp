@@ -77,6 +77,19 @@ std::string look_at(std::span<const std::uint8_t> slot, const hal::Verifier* own
   return why == model_file::Refusal::kNone ? std::string{} : words(model_file::info(why));
 }
 
+// For the log: which settings count, and why not all that were stored.
+void tell_of_settings(Settings& settings, const Shelf& shelf, settings::Found found) {
+  const std::string path = settings.path.string();
+  for (std::size_t k = 0; k < hal::Store::kSlots && !settings.key_unreadable; ++k) {
+    const Shelf::Slot& slot = shelf.slot(k);
+    if (slot.damaged())
+      settings.told.push_back("slot " + std::to_string(k + 1) + " of " + path + ": " + std::string(words(slot)));
+  }
+  if (found == settings::Found::kWhole) return;
+  const std::string from = "the settings in force are " + std::string(settings::info(found).from);
+  settings.told.push_back(settings::lost(found) ? from + ": FAULT is held. " + words(info(Reason::kConfig)) : from);
+}
+
 // The newest model that is good; whatever is wrong with the others, or with all of them, the device starts.
 void read_models(Settings& settings) {
   if (settings.models_path.empty()) return;
@@ -150,7 +163,7 @@ std::string read_settings(Settings& settings) {
     settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes);
     add_trouble(settings, *settings.store);
     const Shelf shelf(sealed::Kind::kSettings, settings::good, settings.store.get(), settings.owner.get());
-    (void)settings::read(shelf.payload(), settings.params);
+    tell_of_settings(settings, shelf, settings::take(shelf, settings.params));
   }
   read_models(settings);
   if (!settings.notes_path.empty()) settings.notes = std::make_unique<drivers::FolderNotes>(settings.notes_path);

@@ -45,7 +45,7 @@ struct Settings {
   std::unique_ptr<drivers::FileStore> models;  // as `store`
   bool model_loaded = false;
   model::Tree loaded_model;       // when it is
-  std::vector<std::string> told;  // what the log is to say of the models, a line each
+  std::vector<std::string> told;  // what the log is to say of both, a line each
   [[nodiscard]] const model::Tree* model() const { return model_loaded ? &loaded_model : nullptr; }
 
   std::filesystem::path notes_path;             // --notes; empty: nobody leaves any

@@ -45,8 +45,10 @@ void SlotFile::read() {
   for (std::size_t slot = 0; slot < found_.size(); ++slot) {
     std::span<std::uint8_t> rest = found_[slot];
     std::size_t at = slot * apart_;
+    readable_[slot] = true;
     while (!rest.empty()) {
       const std::int64_t count = calls_.pread(fd_, rest, static_cast<std::int64_t>(at));
+      readable_[slot] = count >= 0;
       if (count <= 0) break;
       rest = rest.subspan(static_cast<std::size_t>(count));
       at += static_cast<std::size_t>(count);

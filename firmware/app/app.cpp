@@ -66,7 +66,7 @@ Status App::start(const Params& params, bool auto_size) {
   sensor_ = {};
   state_.any_frame = false;  // another stream may count its time from another start
   health_ = {};
-  strain_ = beside_ = strain_beside_ = Reason::kNone;
+  strain_ = held_ = beside_ = strain_beside_ = Reason::kNone;
   force_limit_ = false;
   waiting_since_ = devices_.clock.now();
   if (!devices_.camera.start()) return {Reason::kCameraGone};
@@ -191,6 +191,13 @@ void App::beside(Reason fault, Reason strain, bool force_limit) {
   signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
 }
 
+void App::hold(Reason fault) {
+  held_ = fault;
+  if (fault == Reason::kNone) return;
+  supervisor::fail(supervisor_, fault);
+  signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
+}
+
 bool App::resume(const keepsake::Contents& contents) {
   if (contents.sensor != sensor_ || sensor_ == keepsake::Identity{}) return false;
   if (contents.pitch_um != config_.displacement.pitch_um) return false;
@@ -206,7 +213,7 @@ void App::remember(keepsake::Contents& contents) const {
 }
 
 supervisor::Health App::health_now() const {
-  return {.fault = beside_,
+  return {.fault = held_ != Reason::kNone ? held_ : beside_,
           .strain = strain_ != Reason::kNone ? strain_ : strain_beside_,
           .opening = state_.opening,
           .force_limit = force_limit_};

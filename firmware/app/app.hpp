@@ -76,6 +76,8 @@ class App {
   void opening(bool is_opening);
   // What the devices beside the camera say; counts from the next frame on, a fault at once.
   void beside(Reason fault, Reason strain, bool force_limit);
+  // FAULT for this reason, at once and whatever the frames say, until kNone is given. After start().
+  void hold(Reason fault);
   // Goes on with an earlier process's rest position, when this sensor is that one, and what this model reads of the
   // empty gel was learned then. After start().
   [[nodiscard]] bool resume(const keepsake::Contents& contents);
@@ -148,6 +150,7 @@ class App {
   Micros arrived_{};                       // the frame that is worked on
   Reason last_rejection_ = Reason::kNone;  // of the frame seen last
   Reason strain_ = Reason::kNone;
+  Reason held_ = Reason::kNone;
   Reason beside_ = Reason::kNone;
   Reason strain_beside_ = Reason::kNone;
   bool force_limit_ = false;

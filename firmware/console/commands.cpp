@@ -159,6 +159,7 @@ Answer version(Console& console, const Words& words, std::int32_t step) {
   page.integer("model_crc32", model.text_crc32);
   page.text("model_from", model.from);
   sequence(page, "model_sequence", console.model_sequence());
+  page.text("settings_from", settings::info(console.found()).from);
   page.text("takes", console.settings().development() ? "anything: development mode" : "what its owner signed");
   sequence(page, "settings_sequence", console.settings().sequence());
   page.close();
@@ -488,6 +489,33 @@ Answer save(Console& console, const Words& words, std::int32_t step) {
   return begun_or_stored(console, step, What::kParameters);
 }
 
+constexpr std::array<Column, 4> kSlotColumns{{{"record", 10}, {"slot", 6}, {"number", 12}, {"is", 0}}};
+
+// What lies in the slots of both places; and the word by which the device goes on with what is left of its settings.
+Answer stored(Console& console, const Words& words, std::int32_t step) {
+  if (words.count == 2 && words[1] == "accept" && !words.json) {
+    if (!console.unlocked()) return error(Error::kLocked);
+    const Error result = console.accept();
+    return result == Error::kNone ? kDone : error(result);
+  }
+  if (words.count != 1) return error(Error::kArguments);
+  Page& page = console.page();
+  if (step == 0) page.open(words.json);
+  constexpr auto kSlots = static_cast<std::int32_t>(hal::Store::kSlots);
+  return list_step(page, "slots", kSlotColumns, step, 2 * kSlots, [&](std::int32_t k) {
+    const Shelf& shelf = k < kSlots ? console.settings() : console.models();
+    const Shelf::Slot& slot = shelf.slot(idx(k % kSlots));
+    page.cell(k < kSlots ? "settings" : "model");
+    page.cell(k % kSlots + 1);
+    if (slot.sequence != 0) {
+      page.cell(slot.sequence);
+    } else {
+      page.no_cell();
+    }
+    page.cell(shelf.has_place() ? holdfast::words(slot) : "no place to store any");
+  });
+}
+
 // The same for what does not count yet; whoever stored it is told.
 Answer for_next_start(Console& console, std::int32_t step, What what) {
   const Answer answer = begun_or_stored(console, step, what);
@@ -711,6 +739,10 @@ void event_cells(Page& page, const FlightEvent& event) {
       what = kParams[idx(event.a)].name;
       value << event.b;
       break;
+    case EventKind::kSettings:
+      what = settings::kFound[idx(event.a)].name;
+      if (event.b != 0) value << "accepted";
+      break;
     case EventKind::kUnlocked:
       break;
   }
@@ -835,7 +867,7 @@ Answer fault(Console& console, const Words& words, std::int32_t step) {
   return error(Error::kArguments);
 }
 
-constexpr std::array<CommandInfo, 25> kCommands{{
+constexpr std::array<CommandInfo, 26> kCommands{{
     {"help", "[COMMAND|PARAMETER] [json]", "what can be said, or one thing in detail", false, help},
     {"version", "[json]", "firmware, release, last update, board, model", false, version},
     {"status", "[json]", "state, reason, age, rate, markers, last slip", false, status},
@@ -846,6 +878,7 @@ constexpr std::array<CommandInfo, 25> kCommands{{
     {"diff", "[json]", "what differs from the defaults, as lines to paste back", false, diff},
     {"dump", "[json]", "all parameters, as lines to paste back", false, dump},
     {"save", "", "store the parameters for the next start", true, save},
+    {"stored", "[accept] [json]", "each stored record; accept: go on without what is lost", false, stored},
     {"load", "settings|model|end|off|AT [HEX|CRC32]", "store a signed record for the next start (console --load)", true,
      load},
     {"defaults", "[PARAMETER]", "back to the default, all or one", true, defaults},

@@ -106,6 +106,11 @@ void Console::start(const Params& params) {
   editor_.set_echo(place_.prompts);
   // Whoever types here begins in the middle of text: the first key is not held back as what may begin a frame.
   for (int k = 0; k < 2; ++k) (void)frames_.push('\n');
+  Params ignored;  // the board has taken them
+  found_ = settings::take(settings_, ignored);
+  held_ = settings::lost(found_);
+  if (settings_.has_place()) daemon_.recorder().note(EventKind::kSettings, started_, static_cast<std::int32_t>(found_));
+  if (held_) daemon_.app().hold(Reason::kConfig);
   say_state();
 }
 
@@ -460,9 +465,26 @@ Error Console::store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size
   return begun(shelf, shelf.put(record.first(bytes), [](auto) { return true; }));
 }
 
+void Console::go_on() {
+  if (!held_) return;
+  held_ = false;
+  daemon_.recorder().note(EventKind::kSettings, clock_.now(), static_cast<std::int32_t>(found_), 1);
+  daemon_.app().hold(Reason::kNone);
+}
+
+// Without what its owner signed such a device goes by values that nobody signed.
+Error Console::accept() {
+  if (held_ && !settings_.development()) return Error::kOwnersAlone;
+  go_on();
+  return Error::kNone;
+}
+
 Error Console::save() {
   std::array<std::uint8_t, settings::kMostBytes> record;
-  return store_own(settings_, record, settings::write(params_, std::span(record).subspan(sealed::kPayloadAt)));
+  const Error result =
+      store_own(settings_, record, settings::write(params_, std::span(record).subspan(sealed::kPayloadAt)));
+  saving_ = result == Error::kNone;
+  return result;
 }
 
 Error Console::store_default_model() {
@@ -489,6 +511,7 @@ Error Console::begun(Shelf& shelf, Shelf::Put put) {
   switch (put) {
     case Shelf::Put::kBegun:
       storing_ = &shelf;
+      saving_ = false;
       return Error::kNone;
     case Shelf::Put::kNoPlace:
       return Error::kNotStored;
@@ -522,6 +545,10 @@ std::optional<Error> Console::stored() {
       detail_ << "error " << storing_->error() << " of the system";
       return Error::kWriteFailed;
     default:
+      if (saving_) {
+        go_on();
+        found_ = settings::Found::kWhole;
+      }
       return Error::kNone;
   }
 }

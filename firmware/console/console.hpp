@@ -122,6 +122,10 @@ class Console {
   [[nodiscard]] Error store_loaded();
   [[nodiscard]] Error store_default_model();
   [[nodiscard]] std::optional<Error> stored();
+  // Goes on with the settings in force though others were stored: until the next start, or what is saved.
+  [[nodiscard]] Error accept();
+  // What this start found of its settings, or has saved since.
+  [[nodiscard]] settings::Found found() const { return found_; }
   [[nodiscard]] Loading& loading() { return loading_; }
   [[nodiscard]] const Shelf& settings() const { return settings_; }
   [[nodiscard]] const Shelf& models() const { return models_; }
@@ -155,6 +159,7 @@ class Console {
   void send_frame(std::span<const std::uint8_t> wire);
   void send_markers();
   void trace_line();
+  void go_on();
   [[nodiscard]] Error store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size_t payload);
   [[nodiscard]] Error begun(Shelf& shelf, Shelf::Put put);
   [[nodiscard]] Error explain(const model_file::RefusalInfo& why);
@@ -186,6 +191,9 @@ class Console {
   Shelf models_;
   std::uint32_t model_sequence_;
   Shelf* storing_ = &settings_;  // which of them is asked for stored()
+  bool saving_ = false;          // what is stored there are the parameters in force
+  settings::Found found_ = settings::Found::kNoPlace;
+  bool held_ = false;  // in FAULT for that
   Loading loading_;
   bool unlocked_ = false;
   int wrong_codes_ = 0;

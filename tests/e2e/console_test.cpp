@@ -245,6 +245,58 @@ TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
   STRCMP_CONTAINS("cannot read the owner's key", refused.err.c_str());
 }
 
+// The card damages what the owner signed: the process holds FAULT, says why, and goes on only with what he signs anew.
+TEST(ConsoleTool, LosesNoSettingsInSilence) {
+  const auto damage = [&](std::streamoff at_byte) {
+    std::fstream file(dir / "port.settings", std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(at_byte);
+    file.put('\x55');
+  };
+  const auto anew = [&] {
+    firmware->send(SIGKILL);
+    std::string said = firmware->finish(kDeadline).err;
+    start("port");
+    return said;
+  };
+  const auto becomes = [&](const char* part) {
+    CHECK_TEXT(until([&] { return tool({"--run", "status json"}).out.find(part) != std::string::npos; }), part);
+  };
+  const auto sign = [&](const char* name, const char* sequence) {
+    write_file(dir / "robot.toml", "max_force = 90\n");
+    check_fine(HostProcess({kTool, "settings", "compile", at("robot.toml"), "-o", at(name), "--sign",
+                            at("keys/owner.key"), "--sequence", sequence})
+                   .finish(60s));
+  };
+  check_fine(HostProcess({kTool, "settings", "keygen", at("keys")}).finish(60s));
+  sign("one", "5");
+  sign("two", "6");
+  STRCMP_CONTAINS("not in range", HostProcess({kTool, "settings", "compile", at("robot.toml"), "-o", at("last"),
+                                               "--sequence", "4294967295"})
+                                      .finish(60s)
+                                      .err.c_str());
+
+  owner_key = at("keys/owner.pub");
+  STRCMP_CONTAINS("the settings in force are defaults: none were ever stored\n", anew().c_str());
+  becomes(R"("state":"OK")");
+  check_fine(unlocked({"--load", at("one")}));
+  check_fine(unlocked({"--load", at("two")}));
+  (void)anew();
+  becomes(R"("state":"OK")");
+  damage(4096 + 20);
+  (void)anew();
+  becomes(R"("state":"FAULT","reason":"config")");
+  STRCMP_CONTAINS("\"value\":255", tool({"--run", "get max_force json"}).out.c_str());
+  STRCMP_CONTAINS("ERR 38 owners_alone", unlocked({"--run", "stored accept"}).err.c_str());
+  check_fine(unlocked({"--load", at("two")}));
+  const std::string said = anew();
+  STRCMP_CONTAINS("slot 2 of ", said.c_str());
+  STRCMP_CONTAINS("the record's check sum is wrong\n", said.c_str());
+  STRCMP_CONTAINS("the settings in force are defaults: what was stored is lost or damaged: FAULT is held. ",
+                  said.c_str());
+  becomes(R"("state":"OK")");
+  STRCMP_CONTAINS("\"value\":90", tool({"--run", "get max_force json"}).out.c_str());
+}
+
 // From a model's text to a device that decides by it, and back; and what is left when the card damages what was stored.
 TEST(ConsoleTool, DecidesByTheModelThatTheOwnerSigned) {
   const auto ask = [&](std::vector<std::string> words) {

@@ -73,6 +73,14 @@ Heard take_apart(const std::string& bytes) {
 const std::vector<std::uint8_t> kLoaded =
     test::model_bytes(*find_feature_set("paper"), std::span(test::kSpreadTree.nodes).first(3), "loaded_one");
 
+// Whose signatures begin with 0x5A.
+class Owner final : public hal::Verifier {
+  [[nodiscard]] bool do_holds(std::span<const std::uint8_t> /*message*/,
+                              std::span<const std::uint8_t, kSignatureBytes> signature) const override {
+    return signature[0] == 0x5A;
+  }
+};
+
 }  // namespace
 
 TEST_GROUP(Console) {
@@ -132,6 +140,37 @@ TEST_GROUP(Console) {
     std::array<char, 20> sum{};
     (void)std::snprintf(sum.data(), sum.size(), "load end %08X", crc32(bytes));
     return sum.data();
+  }
+  static std::vector<std::uint8_t> signed_record(std::uint32_t sequence, const Params& params) {
+    std::vector<std::uint8_t> out = record(sequence, params);
+    sealed::put_signature(out, std::array<std::uint8_t, sealed::kSignatureBytes>{0x5A});
+    return out;
+  }
+  // As an earlier process left it.
+  void lay(std::size_t slot, const std::vector<std::uint8_t>& bytes) {
+    std::copy(bytes.begin(), bytes.end(), desk.stored.slot(slot).begin());
+  }
+  void damage(std::size_t slot) {
+    desk.stored.slot(slot)[sealed::kPayloadAt] ^= 1;
+  }
+  void restart() {
+    desk.end();
+    start();
+  }
+  [[nodiscard]] bool grip_ok() const {
+    return desk.gpio.level(hal::Line::kGripOk) == hal::Level::kHigh;
+  }
+  void check_held() {
+    CHECK_FALSE(grip_ok());
+    const std::string status = desk.say("status json");
+    STRCMP_CONTAINS(R"("state":"FAULT","reason":"config","what":"settings are lost, damaged or out of their range")",
+                    status.c_str());
+    STRCMP_CONTAINS("say stored at the console", status.c_str());
+  }
+  void check_fine() {
+    desk.run(400ms);
+    CHECK(grip_ok());
+    check_says("status json", R"("state":"OK","reason":"none")");
   }
   // What the next start would read.
   Params stored() {
@@ -647,12 +686,6 @@ TEST(Console, DecidesByTheModelThatWasLoaded) {
 
 // With its owner's key a device stores nothing by itself, and takes nothing that is not signed.
 TEST(Console, TakesFromItsOwnerOnly) {
-  class Owner final : public hal::Verifier {
-    [[nodiscard]] bool do_holds(std::span<const std::uint8_t> /*message*/,
-                                std::span<const std::uint8_t, kSignatureBytes> signature) const override {
-      return signature[0] == 0x5A;
-    }
-  };
   const Owner owner;
   desk.place.owner = &owner;
   start();
@@ -692,6 +725,188 @@ TEST(Console, TakesFromItsOwnerOnly) {
     (void)desk.unlock();
     check_says("model json",
                payload.empty() ? R"("from":"compiled in","sequence":8)" : R"("from":"loaded","sequence":7)");
+  }
+}
+
+// Settings that were stored and do not count: FAULT from the first frame on, whatever is filmed.
+TEST(Console, HoldsFaultWhenItsSettingsAreLost) {
+  Params safe;
+  safe.max_force = 60;
+  safe.latch = 1;
+  lay(0, record(6, safe));
+  lay(1, record(7, safe));
+  damage(0);
+  damage(1);
+  start();
+  STRCMP_CONTAINS("* FAULT config\r\n", desk.heard().c_str());
+  check_held();
+  check_says("version json", R"("settings_from":"defaults: what was stored is lost or damaged")");
+  check_says("log json", R"("event":"settings","what":"lost","value":"")");
+  check_says("stored json",
+             R"({"slots":[{"record":"settings","slot":1,"number":null,"is":"the record's check sum is wrong"},)"
+             R"({"record":"settings","slot":2,"number":null,"is":"the record's check sum is wrong"},)"
+             R"({"record":"model","slot":1,"number":null,"is":"empty: never written to"},)");
+  desk.run(30s);
+  check_held();
+  check_error("stored accept", Error::kLocked);
+  (void)desk.unlock();
+  check_ok("stored accept");
+  check_fine();
+  check_says("log json", R"("event":"settings","what":"lost","value":"accepted")");
+  // Until the next start; what is saved, into both slots, counts for good.
+  restart();
+  check_held();
+  (void)desk.unlock();
+  check_ok("set max_force 60");
+  check_held();
+  desk.stored.set_failure(28, 40);
+  check_error("save", Error::kWriteFailed);
+  check_held();
+  check_says("stored json", R"("slot":1,"number":null,"is":"unknown: reading or writing it failed")");
+  desk.stored.set_failure(0);
+  check_ok("save");
+  check_fine();
+  check_says("version json", R"("settings_from":"what was stored")");
+  check_says("stored json", R"({"slots":[{"record":"settings","slot":1,"number":1,"is":"whole, the newest"},)"
+                            R"({"record":"settings","slot":2,"number":1,"is":"whole, and older"},)");
+  restart();
+  check_fine();
+  LONGS_EQUAL(60, desk.console->params().max_force);
+  check_says("log json", R"("event":"settings","what":"whole","value":"")");
+}
+
+// Nor does it go back to an older record in silence: nobody knows what the damaged one said.
+TEST(Console, HoldsFaultWhenItFallsBack) {
+  Params older;
+  older.max_force = 200;
+  for (const std::size_t newer : {std::size_t{0}, std::size_t{1}}) {
+    lay(1 - newer, record(6, older));
+    lay(newer, record(7, {}));
+    damage(newer);
+    start();
+    check_held();
+    LONGS_EQUAL(200, desk.console->params().max_force);
+    check_says("version json", R"("settings_from":"one of two records: the other, maybe the newer one, is damaged")");
+    check_says("log json", R"("event":"settings","what":"one_of_two")");
+    (void)desk.unlock();
+    // Loading counts at the next start.
+    Params loaded;
+    loaded.max_force = 90;
+    check_ok(load(record(8, loaded)).c_str());
+    check_held();
+    restart();
+    check_fine();
+    LONGS_EQUAL(90, desk.console->params().max_force);
+    desk.end();
+  }
+}
+
+// A place that the medium does not read, and zeros where a record must have been, are no first start.
+TEST(Console, KnowsAFirstStartFromALoss) {
+  start();
+  check_fine();
+  check_says("version json", R"("settings_from":"defaults: none were ever stored")");
+  check_says("log json", R"("event":"settings","what":"first_start","value":"")");
+  (void)desk.unlock();
+  check_ok("stored accept");
+  check_error("stored json accept", Error::kArguments);
+  check_error("stored some", Error::kArguments);
+
+  desk.stored.set_unreadable(true);
+  restart();
+  check_held();
+  check_says("stored json", R"("slot":1,"number":null,"is":"unknown: reading or writing it failed")");
+  desk.stored.set_unreadable(false);
+
+  lay(1, record(7, {}));
+  restart();
+  check_held();
+  check_says("stored", "erased: the second slot is never written before this one");
+  std::ranges::fill(desk.stored.slot(1), std::uint8_t{0});
+
+  desk.place.settings = nullptr;
+  restart();
+  check_fine();
+  check_says("version json", R"("settings_from":"defaults: there is no place to store any")");
+  check_says("stored", "no place to store any");
+  CHECK(desk.say("log").find("settings ") == std::string::npos);
+}
+
+// A value that this firmware does not know, or does not allow, was meant all the same.
+TEST(Console, HoldsFaultWhenPartOfItsSettingsIsLost) {
+  std::vector<std::uint8_t> bytes(8 + sealed::kAround);
+  (void)sealed::write(sealed::Kind::kSettings, 7, std::vector<std::uint8_t>(8), bytes);
+  lay(0, bytes);
+  start();
+  check_held();
+  check_says("version json", R"("settings_from":"what was stored, without values that this firmware does not know")");
+  (void)desk.unlock();
+  check_ok("save");
+  check_fine();
+}
+
+// An older record is what somebody may have put back: a device with an owner goes on with none but a newer one of his.
+TEST(Console, IsNotRolledBack) {
+  const Owner owner;
+  desk.place.owner = &owner;
+  Params older;
+  older.max_force = 200;
+  lay(0, signed_record(6, older));
+  lay(1, signed_record(7, {}));
+  damage(1);
+  start();
+  check_held();
+  LONGS_EQUAL(255, desk.console->params().max_force);
+  check_says("version json", R"("settings_from":"defaults: what was stored is lost or damaged")");
+  (void)desk.unlock();
+  check_error("stored accept", Error::kOwnersAlone);
+  check_error("save", Error::kNotSigned);
+  check_error(load(signed_record(6, older)).c_str(), Error::kTooOld);
+  check_error(load(record(8, older)).c_str(), Error::kNotSigned);
+  check_held();
+  Params newer;
+  newer.max_force = 90;
+  check_ok(load(signed_record(7, newer)).c_str());
+  check_held();
+  restart();
+  check_fine();
+  LONGS_EQUAL(90, desk.console->params().max_force);
+
+  // Both lost: what is loaded then goes into both, so that the start after it is a good one.
+  damage(0);
+  damage(1);
+  restart();
+  check_held();
+  (void)desk.unlock();
+  check_error("stored accept", Error::kOwnersAlone);
+  check_ok(load(signed_record(9, newer)).c_str());
+  restart();
+  check_fine();
+  LONGS_EQUAL(90, desk.console->params().max_force);
+  // Settings of the time before it had an owner are not what the owner wants.
+  lay(1, record(8, {}));
+  restart();
+  check_held();
+  check_says("stored", "the record is not signed, and this device has an owner");
+}
+
+// Behind the last number the device numbers anew.
+TEST(Console, SavesBehindTheLastNumber) {
+  Params params;
+  params.hold_ms = 300;
+  lay(0, record(0xFFFFFFFF, params));
+  start();
+  (void)desk.unlock();
+  LONGS_EQUAL(300, desk.console->params().hold_ms);
+  for (int k = 1; k <= 3; ++k) {
+    check_ok(("set hold_ms " + std::to_string(300 + k)).c_str());
+    check_ok("save");
+    check_says("version json", ("\"settings_sequence\":" + std::to_string(k) + "}").c_str());
+    restart();
+    (void)desk.unlock();
+    LONGS_EQUAL(300 + k, desk.console->params().hold_ms);
+    check_fine();
+    if (k == 1) check_error(load(record(0xFFFFFFFF, params)).c_str(), Error::kTooOld);
   }
 }
 

@@ -148,7 +148,14 @@ inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
   (void)settings::read(shelf.payload(), read);
   if (!validate(read).ok()) return "parameters that contradict each other were read";
   const hal::NoOwner owner;
-  if (!Shelf(sealed::Kind::kSettings, settings::good, &store, &owner).payload().empty()) return "nobody signed this";
+  const Shelf owned(sealed::Kind::kSettings, settings::good, &store, &owner);
+  if (!owned.payload().empty()) return "nobody signed this";
+  const auto blank = [&](std::size_t k) { return std::ranges::all_of(store.slot(k), [](auto b) { return b == 0; }); };
+  Params none;
+  const settings::Found found = settings::take(owned, none);
+  if (found != (blank(0) && blank(1) ? settings::Found::kFirst : settings::Found::kLost) || none != Params{}) {
+    return "what nobody signed was lost without a word";
+  }
   if (shelf.next_sequence() == 0) return {};
   std::vector<std::uint8_t> record(settings::kMostBytes);
   const std::size_t size = settings::write(read, std::span(record).subspan(sealed::kPayloadAt));
