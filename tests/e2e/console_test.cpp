@@ -278,6 +278,10 @@ TEST(ConsoleTool, LosesNoSettingsInSilence) {
   owner_key = at("keys/owner.pub");
   STRCMP_CONTAINS("the settings in force are defaults: none were ever stored\n", anew().c_str());
   becomes(R"("state":"OK")");
+  const Finished refused = unlocked({"--run", "set fault_markers_pct 1"});
+  LONGS_EQUAL(1, refused.status);
+  STRCMP_CONTAINS("ERR 38 owners_alone: fault_markers_pct: ", refused.err.c_str());
+  check_fine(unlocked({"--run", "set force_step 5"}));
   check_fine(unlocked({"--load", at("one")}));
   check_fine(unlocked({"--load", at("two")}));
   (void)anew();
