@@ -72,6 +72,8 @@ Answer help_one(Console& console, std::string_view name) {
     page.text("help", row->help);
     page.text("price", row->price);
     page.text("applies", kAppliesNames[static_cast<std::size_t>(row->applies)]);
+    page.text("class", kParamClassNames[static_cast<std::size_t>(row->kind)]);
+    page.text("why", row->why);
     page.close();
     return kDone;
   }
@@ -399,17 +401,19 @@ Answer modes(Console& console, const Words& words, std::int32_t step) {
 
 // ---- Settings
 
-constexpr std::array<Column, 7> kParamColumns{
-    {{"name", 24}, {"value", 8}, {"unit", 8}, {"min", 7}, {"max", 8}, {"default", 9}, {"applies", 0}}};
-constexpr std::array<Column, 9> kParamJsonColumns{{{"name", 0},
-                                                   {"value", 0},
-                                                   {"unit", 0},
-                                                   {"min", 0},
-                                                   {"max", 0},
-                                                   {"default", 0},
-                                                   {"applies", 0},
-                                                   {"help", 0},
-                                                   {"price", 0}}};
+constexpr std::array<Column, 8> kParamColumns{
+    {{"name", 22}, {"value", 7}, {"unit", 8}, {"min", 6}, {"max", 7}, {"default", 9}, {"class", 9}, {"applies", 0}}};
+constexpr std::array<Column, 11> kParamJsonColumns{{{"name", 0},
+                                                    {"value", 0},
+                                                    {"unit", 0},
+                                                    {"min", 0},
+                                                    {"max", 0},
+                                                    {"default", 0},
+                                                    {"applies", 0},
+                                                    {"help", 0},
+                                                    {"price", 0},
+                                                    {"class", 0},
+                                                    {"why", 0}}};
 
 const ParamInfo* nth_match(std::string_view part, std::int32_t n) {
   for (const ParamInfo& row : kParams) {
@@ -441,10 +445,14 @@ Answer get(Console& console, const Words& words, std::int32_t step) {
     page.cell(row.min);
     page.cell(row.max);
     page.cell(row.default_value);
+    const std::string_view kind = kParamClassNames[static_cast<std::size_t>(row.kind)];
+    if (!words.json) page.cell(kind);
     page.cell(kAppliesNames[static_cast<std::size_t>(row.applies)]);
     if (!words.json) return;
     page.cell(row.help);
     page.cell(row.price);
+    page.cell(kind);
+    page.cell(row.why);
   });
 }
 

@@ -445,6 +445,13 @@ Error Console::change(const Params& params) {
     detail_ << problem.row->name << " is " << problem.rule;
     return Error::kContradiction;
   }
+  const auto owners = std::ranges::find_if(kParams, [&](const ParamInfo& row) {
+    return row.kind == ParamClass::kSafety && params.*row.member != params_.*row.member;
+  });
+  if (owners != kParams.end() && !settings_.development()) {
+    detail_ << owners->name;
+    return Error::kOwnersAlone;
+  }
   for (const ParamInfo& row : kParams) {
     if (params.*row.member == params_.*row.member) continue;
     daemon_.recorder().note(EventKind::kSetting, clock_.now(), static_cast<std::int32_t>(&row - kParams.data()),

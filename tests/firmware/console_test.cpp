@@ -692,7 +692,7 @@ TEST(Console, TakesFromItsOwnerOnly) {
   (void)desk.unlock();
   check_says("version json", R"("takes":"what its owner signed","settings_sequence":null})");
   check_says("status json", R"("development":false})");
-  check_ok("set hold_ms 500");  // until the next start
+  check_ok("set force_step 5");  // until the next start
   check_error("save", Error::kNotSigned);
   Params params;
   params.hold_ms = 700;
@@ -890,6 +890,50 @@ TEST(Console, IsNotRolledBack) {
   check_says("stored", "the record is not signed, and this device has an owner");
 }
 
+// A change that can make GRIP_OK HIGH where it should be LOW needs the owner's signature; the rest needs the code.
+TEST(Console, LeavesSafetyToItsOwner) {
+  const Owner owner;
+  for (const bool owned : {false, true}) {
+    desk.place.owner = owned ? &owner : nullptr;
+    start();
+    (void)desk.unlock();
+    for (const ParamInfo& row : kParams) {
+      const std::int32_t other = row.default_value == row.max ? row.max - 1 : row.default_value + 1;
+      const std::string line = "set " + std::string(row.name) + " " + std::to_string(other);
+      const bool refused = owned && row.kind == ParamClass::kSafety;
+      const std::string answer = desk.say(line);
+      STRCMP_CONTAINS_TEXT(refused ? "ERR 38 owners_alone: " : "OK\r\n", answer.c_str(), line.c_str());
+      LONGS_EQUAL_TEXT(refused ? row.default_value : other, desk.console->params().*row.member, line.c_str());
+      // Nothing is changed by saying what is so.
+      check_ok(("set " + std::string(row.name) + " " + std::to_string(desk.console->params().*row.member)).c_str());
+      check_ok(("defaults " + std::string(row.name)).c_str());
+    }
+    desk.end();
+  }
+  // Back to the defaults is a change like any other.
+  Params strict;
+  strict.latch = 1;
+  strict.force_step = 9;
+  lay(0, signed_record(7, strict));
+  start();
+  (void)desk.unlock();
+  for (const char* const line : {"set fault_markers_pct 1", "set hold_ms 0", "set opening_max_ms 60000", "set latch 0",
+                                 "defaults", "defaults latch"}) {
+    check_error(line, Error::kOwnersAlone);
+  }
+  check_says("set hold_ms 0",
+             "ERR 38 owners_alone: hold_ms: this decides when GRIP_OK may be HIGH, and only the device's owner may say "
+             "it. Likely cause: the device was given its owner's key. Next: write it into a TOML file, holdfast "
+             "settings compile --sign, holdfast console --load, and reboot\r\n");
+  check_ok("set force_step 5");
+  check_ok("defaults force_step");
+  strict.force_step = Params{}.force_step;
+  CHECK(desk.console->params() == strict);
+  CHECK(desk.daemon->params() == strict);
+  check_error("set hold_ms 5001", Error::kRange);
+  check_error("set fault_markers_pct 99", Error::kContradiction);
+}
+
 // Behind the last number the device numbers anew.
 TEST(Console, SavesBehindTheLastNumber) {
   Params params;
@@ -934,7 +978,14 @@ TEST(Console, TakesItsOwnDiffBack) {
 
 TEST(Console, ShowsParameters) {
   start();
-  check_says("get", "grip_speed");
+  const std::string table = desk.say("get");
+  for (const ParamInfo& row : kParams) {
+    const std::size_t at = table.find("\n" + std::string(row.name) + " ");
+    CHECK(at != std::string::npos);
+    const std::string line = table.substr(at + 1, table.find('\r', at) - at - 1);
+    CHECK_TEXT(line.size() <= 80, line.c_str());
+    STRCMP_CONTAINS(kParamClassNames[static_cast<std::size_t>(row.kind)].data(), line.c_str());
+  }
   const std::string some = desk.say("get jpeg");
   STRCMP_CONTAINS("jpeg_threads", some.c_str());
   CHECK(some.find("grip_speed") == std::string::npos);
@@ -952,6 +1003,8 @@ TEST(Console, ExplainsCommandsAndParameters) {
   }
   check_says("help set", "PARAMETER VALUE");
   check_says("help hold_ms", "how long the request stays raised");
+  check_says("help hold_ms", "class                 safety");
+  check_says("help jpeg_lanes json", R"("class":"tuning","why":"the same bytes; what comes late is rejected"})");
   check_says("help mode", "relearned");
   check_error("help nothing", Error::kArguments);
   check_says("help json", R"({"commands":[{"name":"help","arguments":)");
