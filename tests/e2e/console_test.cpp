@@ -333,8 +333,11 @@ TEST(ConsoleTool, LosesNoSettingsInSilence) {
     start("port");
     return said;
   };
-  const auto becomes = [&](const char* part) {
-    CHECK_TEXT(until([&] { return tool({"--run", "status json"}).out.find(part) != std::string::npos; }), part);
+  // Held from the start on, or never: a busy machine may have faults of its own.
+  const auto holds = [&] {
+    const std::string status = tool({"--run", "status json"}).out;
+    CHECK(!status.empty());
+    return status.find(R"("state":"FAULT","reason":"config")") != std::string::npos;
   };
   const auto sign = [&](const char* name, const char* sequence) {
     write_file(dir / "robot.toml", "max_force = 90\n");
@@ -352,7 +355,7 @@ TEST(ConsoleTool, LosesNoSettingsInSilence) {
 
   owner_key = at("keys/owner.pub");
   STRCMP_CONTAINS("the settings in force are defaults: none were ever stored\n", anew().c_str());
-  becomes(R"("state":"OK")");
+  CHECK_FALSE(holds());
   const Finished refused = unlocked({"--run", "set fault_markers_pct 1"});
   LONGS_EQUAL(1, refused.status);
   STRCMP_CONTAINS("ERR 38 owners_alone: fault_markers_pct: ", refused.err.c_str());
@@ -360,10 +363,10 @@ TEST(ConsoleTool, LosesNoSettingsInSilence) {
   check_fine(unlocked({"--load", at("one")}));
   check_fine(unlocked({"--load", at("two")}));
   (void)anew();
-  becomes(R"("state":"OK")");
+  CHECK_FALSE(holds());
   damage(4096 + 20);
   (void)anew();
-  becomes(R"("state":"FAULT","reason":"config")");
+  CHECK(holds());
   STRCMP_CONTAINS("\"value\":255", tool({"--run", "get max_force json"}).out.c_str());
   STRCMP_CONTAINS("ERR 38 owners_alone", unlocked({"--run", "stored accept"}).err.c_str());
   check_fine(unlocked({"--load", at("two")}));
@@ -372,7 +375,7 @@ TEST(ConsoleTool, LosesNoSettingsInSilence) {
   STRCMP_CONTAINS("the record's check sum is wrong\n", said.c_str());
   STRCMP_CONTAINS("the settings in force are defaults: what was stored is lost or damaged: FAULT is held. ",
                   said.c_str());
-  becomes(R"("state":"OK")");
+  CHECK_FALSE(holds());
   STRCMP_CONTAINS("\"value\":90", tool({"--run", "get max_force json"}).out.c_str());
 }
 
