@@ -20,7 +20,6 @@
 #include "board/board.hpp"
 #include "board/common/process.hpp"
 #include "drivers/common/crew.hpp"
-#include "drivers/common/file_keep.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/watchdog_thread.hpp"
@@ -65,14 +64,13 @@ class Appliance {
       problem = usb_.open(drivers::kMcp2221Vendor, drivers::kMcp2221Product, {});
       if (problem.empty()) problem = bridge_.open({.wiring = drivers::kMcp2221Desk});
     }
-    if (problem.empty() && keep_ && !keep_->error().empty()) problem = "cannot use " + keep_->error();
   }
 
   [[nodiscard]] bool watch(OutputWatchdog& watchdog) {
     watchdog_ = std::make_unique<drivers::WatchdogThread>(watchdog, gpio_, clock_);
-    notify_.ready();
     return watchdog_->running();
   }
+  void started() { notify_.ready(); }
   [[nodiscard]] bool over() {
     notify_.alive(clock_.now());
     tell_of_camera();
@@ -81,13 +79,15 @@ class Appliance {
   void tell(const App& app) {
     prove(app);
     tell_of_first_frame(app);
+    kept_.tell();
   }
   // Whoever has to know that this release works on this board - an update is kept by it - looks for the file.
   void prove(const App& app) {
-    if (proved_ || options.accepted_file.empty() || app.accepted() < options.accepted_frames) return;
-    proved_ = true;
+    if (proved_ || options.accepted_file.empty() || app.accepted() - tried_at_ < options.accepted_frames) return;
+    tried_at_ = app.accepted();  // a file system that is full may have room after as many more
     const int fd = ::open(options.accepted_file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
-    if (fd >= 0) ::close(fd);
+    proved_ = fd >= 0;
+    if (proved_) ::close(fd);
   }
   // Into the log, once, without memory: the kernel's clock begins with it, and one of the firmware's seconds is
   // `time_scale` of its.
@@ -134,16 +134,13 @@ class Appliance {
     line << "holdfastd: " << (now.empty() ? "the camera is there" : now) << "\n";
     (void)(::write(STDERR_FILENO, line.c_str(), line.view().size()) >= 0);
   }
-  [[nodiscard]] hal::Keep& keep() {
-    if (keep_) return *keep_;
-    return no_keep_;
-  }
 
   drivers::Notify notify_;
   drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
   bool told_first_ = false, proved_ = false;
+  std::uint64_t tried_at_ = 0;  // accepted frames, when it was to be proved last
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};
@@ -153,9 +150,7 @@ class Appliance {
   static constexpr std::chrono::microseconds kFresh{100'000}, kWhenever{0};
   Port host_ = port_of(options.host, kWhenever);
   Port link_ = port_of(options.link, kFresh), gripper_ = port_of(options.gripper, kFresh);
-  std::unique_ptr<drivers::FileKeep> keep_ =
-      options.keep.empty() ? nullptr : std::make_unique<drivers::FileKeep>(options.keep, keepsake::kBytes);
-  hal::NoKeep no_keep_;
+  KeptFile kept_{options.keep};
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
   drivers::Threads crew_{{.workers = static_cast<std::size_t>(options.settings.params.jpeg_threads)}};
@@ -164,7 +159,7 @@ class Appliance {
 
  public:
   Devices devices{*camera_, gpio_, port_or_none(link_), clock_, jpeg_};
-  Periphery periphery{port_or_none(gripper_), keep()};
+  Periphery periphery{port_or_none(gripper_), kept_.keep()};
 };
 
 std::unique_ptr<Appliance> appliance;
@@ -284,6 +279,9 @@ const model::Tree* model() {
 }
 bool watch(OutputWatchdog& watchdog) {
   return appliance->watch(watchdog);
+}
+void started() {
+  appliance->started();
 }
 void tell(const App& app) {
   appliance->tell(app);

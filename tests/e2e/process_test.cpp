@@ -271,6 +271,48 @@ TEST(Process, AKilledProcessIsNeverFineAndTheNextOneResumes) {
   check(empty, wanted);
 }
 
+// A keepsake that cannot be kept is a line in the log; every start died of it (SIGBUS) when the file was mapped.
+TEST(Process, AFullFileSystemKeepsNothingAndEverythingElseGoesOn) {
+  CHECK_TEXT(tape.has_value(), error.c_str());
+  if (test::run({"unshare", "-Urm", "true"}).status != 0)
+    return test::skip("no name spaces for a file system of its own");
+  Receiver receiver(*tape);
+  std::filesystem::create_directory(dir / "full");
+  process = std::make_unique<test::HostProcess>(std::vector<std::string>{
+      "unshare", "-Urm", "sh", "-c",
+      "mount -t tmpfs -o size=4k full \"$1\" && exec \"$2\" --real-time --empty --tape \"$3\" --keep \"$1/keep\"", "sh",
+      (dir / "full").string(), HOLDFAST_BIN_DIR "/holdfastd", (dir / "tape").string()});
+  CHECK(receiver.look_until([&] { return receiver.surely_fine(); }, now() + kWellAgain));
+  process->send(SIGTERM);
+  const test::Finished finished = process->finish();
+  LONGS_EQUAL(0, finished.status);
+  for (const char* words :
+       {"full/keep: No space left on device", "Likely cause: the file system is full", "Next: free"}) {
+    STRCMP_CONTAINS(words, finished.err.c_str());
+  }
+  LONGS_EQUAL(1, std::ranges::count(finished.err, '\n'));
+}
+
+TEST(Process, AKeepsakeThatIsCutUnderItIsWrittenAnew) {
+  CHECK_TEXT(tape.has_value(), error.c_str());
+  Receiver receiver(*tape);
+  start(kept("--empty"));
+  CHECK(receiver.look_until([&] { return receiver.surely_fine(); }, now() + kWellAgain));
+  const std::uintmax_t whole = std::filesystem::file_size(dir / "keep");
+  std::filesystem::resize_file(dir / "keep", 0);
+  // Every two seconds on an empty gel, the two slots in turn.
+  const auto written = [&] { return std::filesystem::file_size(dir / "keep") > whole / 3; };
+  CHECK(receiver.look_until(written, now() + kWellAgain));
+  process->send(SIGKILL);
+  (void)process->finish();
+  start(kept("--held"));
+  CHECK(receiver.look_until([&] { return receiver.surely_fine(); }, now() + kWellAgain));
+  process->send(SIGTERM);
+  const test::Finished finished = process->finish();
+  LONGS_EQUAL(0, finished.status);
+  CHECK_TEXT(finished.out.find("REFERENCE") == std::string::npos, finished.out.c_str());
+}
+
 // What was true before SIGSTOP is not said after SIGCONT, however the process was caught.
 TEST(Process, AStoppedProcessIsNeverFineAndHasToEarnItAnew) {
   CHECK_TEXT(tape.has_value(), error.c_str());
