@@ -127,7 +127,7 @@ class Appliance {
   }
   // Into the log, once each, without memory. (A camera that is missing is looked for again several times a second.)
   void tell_of_camera() {
-    const std::string_view now = camera_->problem();
+    const std::string_view now = camera_->problem().empty() ? camera_->unset() : camera_->problem();
     if (now == told_.view()) return;
     told_ = now;
     drivers::FixedText<600> line;
