@@ -142,7 +142,12 @@ class Gallery final : public JpegDecoder {
     const reference_model::Picture& picture = pictures_[number % pictures_.size()];
     out.width = picture.width;
     out.height = picture.height;
-    std::copy(picture.pixels.begin(), picture.pixels.end(), out.pixels.begin());
+    // No two pictures of a sensor are alike.
+    std::uint32_t random = number;
+    std::transform(picture.pixels.begin(), picture.pixels.end(), out.pixels.begin(), [&](std::uint8_t pixel) {
+      random = random * 1664525 + 1013904223;
+      return static_cast<std::uint8_t>(pixel ^ (random >> 31));
+    });
     return kOkStatus;
   }
   const std::vector<reference_model::Picture>& pictures_;
