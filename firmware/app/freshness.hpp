@@ -49,7 +49,7 @@ inline constexpr std::size_t kSampledWords = 1024;
   const std::size_t words_a_row = idx(luma.width) / 8;
   const std::size_t words = words_a_row * idx(luma.height);
   const std::size_t step = words / kSampledWords + 1;
-  std::uint64_t hash = (std::uint64_t{0xcbf29ce4} << 32 | 0x84222325) ^ (idx(luma.width) << 32 | idx(luma.height));
+  std::uint64_t hash = 0xcbf29ce484222325u ^ (idx(luma.width) << 32 | idx(luma.height));
   const std::uint8_t* row = luma.data;
   std::size_t in_row = 0;
   for (std::size_t k = 0; k < words; k += step) {
