@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "drivers/sim/camera_memory.hpp"
 
+#include "drivers/sim/noise.hpp"
+
 namespace holdfast::sim {
 
 bool CameraMemory::do_start() {
@@ -19,14 +21,15 @@ hal::Capture CameraMemory::do_next(hal::Frame& frame, std::chrono::microseconds 
   }
   clock_.advance_to(arrival);
   const LumaView& picture = pictures_[static_cast<std::size_t>(shown_ % pictures_.size())];
-  const auto bytes = static_cast<std::size_t>(picture.stride) * static_cast<std::size_t>(picture.height);
-  frame = {{picture.data, bytes},
-           hal::PixelFormat::kLuma8,
-           picture.width,
-           picture.height,
-           picture.stride,
-           exposure_,
-           static_cast<std::uint32_t>(shown_)};
+  std::span<const std::uint8_t> bytes(picture.data, bytes_of(picture));
+  if (config_.live && drawn_ >= pictures_.size()) {
+    room_.assign(bytes.begin(), bytes.end());
+    add_noise(room_, drawn_);
+    bytes = room_;
+  }
+  ++drawn_;
+  frame = {bytes,     hal::PixelFormat::kLuma8,          picture.width, picture.height, picture.stride,
+           exposure_, static_cast<std::uint32_t>(shown_)};
   exposure_ += config_.period;
   ++shown_;
   ++borrowed_;

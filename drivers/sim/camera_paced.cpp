@@ -36,7 +36,7 @@ hal::Capture PacedCamera::do_next(hal::Frame& frame, std::chrono::microseconds t
     return hal::Capture::kTimeout;
   }
   if (wait > std::chrono::microseconds{0}) clock_.wait(wait);
-  frame = film_.frame(exposure - began_ >= config_.touch, static_cast<std::size_t>(next_));
+  frame = film_.frame(exposure - began_ >= config_.touch, static_cast<std::size_t>(next_), room_);
   frame.timestamp = exposure;
   frame.sequence = static_cast<std::uint32_t>(next_++);
   return hal::Capture::kFrame;

@@ -40,6 +40,7 @@ class PacedCamera final : public hal::Camera {
   void fill_buffers(std::chrono::microseconds now);
 
   const Film& film_;
+  Film::Picture room_;  // of the frame that is lent
   hal::Clock& clock_;
   Config config_;
   std::chrono::microseconds began_{};  // exposure of frame 0

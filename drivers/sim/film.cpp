@@ -3,6 +3,7 @@
 
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/clock.hpp"
+#include "drivers/sim/noise.hpp"
 #include "drivers/sim/scene/scene.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 
@@ -30,10 +31,16 @@ scene::Scene press(hal::PixelFormat format) {
 
 }  // namespace
 
-hal::Frame Film::frame(bool is_held, std::size_t index) const {
+hal::Frame Film::frame(bool is_held, std::size_t index, Picture& room) const {
   const std::vector<Picture>& pictures = is_held ? held : empty;
+  const Picture& picture = pictures[index % pictures.size()];
   hal::Frame frame;
-  frame.bytes = pictures[index % pictures.size()];
+  frame.bytes = picture;
+  if (index >= pictures.size() && format == hal::PixelFormat::kLuma8) {
+    room = picture;
+    add_noise(room, index);
+    frame.bytes = room;
+  }
   frame.format = format;
   frame.width = width;
   frame.height = height;

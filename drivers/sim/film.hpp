@@ -20,8 +20,10 @@ struct Film {
   std::vector<Picture> empty, held;     // at least one of each
   std::vector<scene::PointPx> markers;  // on the empty gel
 
-  // The frame that shows picture `index` of them, going round. Time and number are the caller's.
-  [[nodiscard]] hal::Frame frame(bool is_held, std::size_t index) const;
+  // The frame that shows picture `index` of them, going round. Time and number are the caller's. A sensor repeats no
+  // picture: from the second round on luma has noise of its own, drawn into `room`, which the frame
+  // borrows. JPEG is repeated as it is.
+  [[nodiscard]] hal::Frame frame(bool is_held, std::size_t index, Picture& room) const;
 };
 
 // kLuma8: 410x308. kMjpeg: 3280x2464, a quarter of a second of work for each picture. At most `most` of each kind, and

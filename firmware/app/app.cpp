@@ -64,6 +64,7 @@ Status App::start(const Params& params, bool auto_size) {
   supervisor_ = {};  // what held before the restart vouches for nothing now
   outputs_ = {};
   sensor_ = {};
+  freshness::restart(state_.freshness);
   state_.any_frame = false;  // another stream may count its time from another start
   health_ = {};
   strain_ = beside_ = strain_beside_ = Reason::kNone;
@@ -76,7 +77,7 @@ Status App::start(const Params& params, bool auto_size) {
 
 void App::configure(const Params& params) {
   config_ = pipeline_config(params, auto_size_, tree_);
-  config_.follow_drift = devices_.camera.live();
+  config_.follow_drift = config_.must_be_fresh = devices_.camera.live();
   supervisor_config_ = supervisor_config(params);
   health_config_ = {};
   if (!devices_.camera.live()) {  // a recording may have five frames a second, and nobody in it can say OPENING
@@ -163,6 +164,7 @@ bool App::absent(Reason why) {
 Status App::restart_camera() {
   devices_.camera.stop();
   health::restart(health_);
+  freshness::restart(state_.freshness);
   state_.any_frame = false;  // another stream may count its time from another start
   Status status = devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
   if (status.ok()) {
@@ -222,10 +224,9 @@ void App::take(const hal::Frame& frame) {
   constexpr Micros kFarthest{std::int64_t{1} << 62};
   const Micros timestamp = std::clamp(frame.timestamp, -kFarthest, kFarthest);
   const Micros age = devices_.clock.now() - timestamp;
-  Status news = age > kOldestFrame   ? Status{Reason::kFrameStale}
-                : age < -kClockSlack ? Status{Reason::kTimeNotForward}
-                                     : kOkStatus;
-  if (news.ok() && devices_.camera.live()) news = health::fresh(health_, frame);
+  const Status news = age > kOldestFrame   ? Status{Reason::kFrameStale}
+                      : age < -kClockSlack ? Status{Reason::kTimeNotForward}
+                                           : kOkStatus;
   if (news.ok()) {
     result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
     if (result_.quality.ok() && is_stale()) result_.quality = {Reason::kFrameStale};  // decided too late

@@ -1,22 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Watches the stream rather than the picture: whether it moves at all, at which rate, and whether it is decided in
-// time.
-//
-// The worst accident in the records is the frozen frame: a camera that stopped, the same picture served on with new
-// stamps, and a robot that went on open loop (pollen-robotics/grabette #89). No two pictures of a sensor are alike, so
-// one that is, byte for byte, is not news. Of sources that are no sensor (hal::Camera::live()) a low rate is reported.
+// Watches the stream rather than the picture: at which rate it comes, and whether it is decided in time. Of sources
+// that are no sensor (hal::Camera::live()) only a low rate is reported.
 #pragma once
 
 #include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <span>
 
 #include "base/math.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
-#include "hal/camera.hpp"
 
 namespace holdfast::health {
 
@@ -33,9 +27,6 @@ inline constexpr int kRateFrames = 16;       // the rate is a mean over so many
 inline constexpr int kDeadlineFrames = 256;  // 10 s at 25 fps
 
 struct State {
-  std::uint64_t fingerprint = 0;  // of the frame before
-  std::uint32_t sequence = 0;     // of the frame before
-  bool any = false;
   struct Stamp {
     Micros at{};
     std::uint32_t sequence = 0;
@@ -45,36 +36,12 @@ struct State {
   int newest = 0;
   std::array<std::uint64_t, kDeadlineFrames / 64> late{};  // a ring of bits
   int late_at = 0;
-  std::uint32_t frozen_frames = 0;  // since start
-  std::uint32_t late_frames = 0;    // since start
+  std::uint32_t late_frames = 0;  // since start
 };
 
 // The stream begins anew: what came before says nothing about what follows.
 inline void restart(State& state) {
-  state.any = false;
   state.stamp_count = 0;
-}
-
-// Of up to kSampled bytes spread over the frame, and of its length. Equal frames have equal ones; two pictures of a
-// sensor differ in most bytes (entropy-coded noise), so that their being equal is chance alone. FNV-1a, 64 bits.
-inline constexpr std::size_t kSampled = 4096;
-[[nodiscard]] constexpr std::uint64_t fingerprint_of(std::span<const std::uint8_t> bytes) {
-  std::uint64_t hash = 0xcbf29ce484222325u ^ bytes.size();
-  const std::size_t step = bytes.size() / kSampled + 1;
-  for (std::size_t i = 0; i < bytes.size(); i += step) hash = (hash ^ bytes[i]) * 0x100000001b3u;
-  return hash;
-}
-
-// kFrameFrozen when the frame is the one before once more, by its bytes or by its number.
-[[nodiscard]] inline Status fresh(State& state, const hal::Frame& frame) {
-  const std::uint64_t fingerprint = fingerprint_of(frame.bytes);
-  const bool same = state.any && (fingerprint == state.fingerprint || frame.sequence == state.sequence);
-  state.any = true;
-  state.fingerprint = fingerprint;
-  state.sequence = frame.sequence;
-  if (!same) return kOkStatus;
-  count_up(state.frozen_frames);
-  return {Reason::kFrameFrozen};
 }
 
 // An accepted frame: `age` when it was decided. Frames that were lost on the way do not slow the sensor's rate down:

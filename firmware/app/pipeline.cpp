@@ -66,6 +66,11 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
     return rejected(state, out, s);
   }
   state.laps.lap(Task::kDecode);
+  if (config.must_be_fresh) {
+    if (const Status s = freshness::update(state.freshness, luma, frame.sequence); !s.ok()) {
+      return rejected(state, out, lit(luma, s));
+    }
+  }
   out.light_changed = begin_anew_in_new_light(state, config, luma);
   if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) {
     return rejected(state, out, lit(luma, s));

@@ -3,6 +3,7 @@
 // feel, judge.
 #pragma once
 
+#include "app/freshness.hpp"
 #include "app/keepsake.hpp"
 #include "app/laps.hpp"
 #include "base/status.hpp"
@@ -42,6 +43,8 @@ struct Config {
   // Let the rest position follow a gel that nobody touches (reference::follow). Not in a recording, whose reference
   // somebody has chosen.
   bool follow_drift = false;
+  // Refuse a picture that was shown before. Not of a recording, which may be played again.
+  bool must_be_fresh = false;
   // Fewer valid markers than this share of the grid: the frame tells nothing about the grip.
   int fault_markers_pct = 71;  // 45 of 63
 };
@@ -51,6 +54,7 @@ struct State {
   luma_input::State luma;
   light::State light;
   tracker::State tracker;
+  freshness::State freshness;
   reference::State reference;
   DisplacementField displacement;
   features::State features;

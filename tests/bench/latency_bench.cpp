@@ -90,7 +90,7 @@ class Camera final : public hal::Camera {
       probe_.times->beside_cpu.push_back(back.cpu_us - probe_.edge.cpu_us);
     }
     clock_.advance(kPeriod);
-    frame = film_.frame(held_, next_);
+    frame = film_.frame(held_, next_, room_);
     frame.timestamp = clock_.now() - kPeriod;
     frame.sequence = static_cast<std::uint32_t>(next_++);
     probe_.handed = begin();
@@ -99,12 +99,15 @@ class Camera final : public hal::Camera {
   void do_release(const hal::Frame&) override {}
   void do_stop() override {}
   [[nodiscard]] std::string_view do_identity() const override { return "bench"; }
+  // The few JPEG pictures there are come again and again.
+  [[nodiscard]] bool do_live() const override { return film_.format == hal::PixelFormat::kLuma8; }
 
   const sim::Film& film_;
   sim::Clock& clock_;
   Probe& probe_;
   bool held_ = false;
   std::size_t next_ = 0;
+  sim::Film::Picture room_;
 };
 
 class Lines final : public hal::Gpio {

@@ -73,6 +73,8 @@ class Film final : public hal::Camera {
   void do_release(const hal::Frame& /*frame*/) override {}
   void do_stop() override {}
   [[nodiscard]] std::string_view do_identity() const override { return "digest"; }
+  // Short films go round, and recordings repeat pictures.
+  [[nodiscard]] bool do_live() const override { return false; }
 
   sim::Clock& clock_;
   Micros exposure_{};

@@ -96,10 +96,9 @@ TEST(Scene, SlipIsRaisedAfterTheOnsetAndLowersGripOkInTheSameFrame) {
   CHECK(run.first_slip.has_value());
   CHECK(run.onset.has_value());
   // As the scene promises.
-  CHECK(scene.expect.max_delay_ms && scene.goal.max_delay_ms);
+  CHECK(scene.expect.max_delay_ms.has_value());
   const double delay_ms = 1e3 * static_cast<double>(*run.first_slip - *run.onset) / scene.fps;
-  std::printf("\nslip %.0f ms after the onset; promised %.0f, the goal is %.0f\n", delay_ms, *scene.expect.max_delay_ms,
-              *scene.goal.max_delay_ms);
+  std::printf("\nslip %.0f ms after the onset; promised %.0f\n", delay_ms, *scene.expect.max_delay_ms);
   CHECK(delay_ms >= 0.0 && delay_ms <= *scene.expect.max_delay_ms + 1e-3);
   CHECK(run.grip_ok_low_in_that_frame);
   LONGS_EQUAL(63, run.least_markers);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "app/app.hpp"
+#include "app/freshness.hpp"
 #include "app/health.hpp"
 #include "app/pipeline.hpp"
 #include "app/supervisor.hpp"
@@ -150,13 +151,15 @@ TEST(Extremes, CountsOfClampsStayAtTheirEnd) {
 
 TEST(Extremes, CountsOfFrozenAndLateFramesStayAtTheirEnd) {
   health::State watched;
-  watched.frozen_frames = watched.late_frames = UINT32_MAX - 1;
-  hal::Frame frame;
-  CHECK_TRUE(health::fresh(watched, frame).ok());
+  freshness::State pictures;
+  pictures.repeated = watched.late_frames = UINT32_MAX - 1;
+  const std::vector<std::uint8_t> pixels(64 * 48, 7);
+  const LumaView picture{pixels.data(), 64, 48, 64};
+  CHECK_TRUE(freshness::update(pictures, picture, 0).ok());
   for (std::uint32_t k = 1; k <= 3; ++k) {
-    reason_is(Reason::kFrameFrozen, health::fresh(watched, frame).reason);
+    reason_is(Reason::kFrameFrozen, freshness::update(pictures, picture, k).reason);
     (void)health::strain(watched, {}, k * Micros{40'000}, k, 10s);
-    UNSIGNED_LONGS_EQUAL(UINT32_MAX, watched.frozen_frames);
+    UNSIGNED_LONGS_EQUAL(UINT32_MAX, pictures.repeated);
     UNSIGNED_LONGS_EQUAL(UINT32_MAX, watched.late_frames);
   }
 }
@@ -214,18 +217,18 @@ TEST(Extremes, DriftIsFollowedWithoutSummingUp) {
 TEST(Extremes, FrameNumbersWrap) {
   health::State watched;
   health::Config rules;
+  freshness::State pictures;
+  std::vector<std::uint8_t> pixels(64 * 48, 7);
   for (const std::uint32_t step : {1U, 2U, 5U}) {
     health::restart(watched);
+    freshness::restart(pictures);
     std::uint32_t sequence = UINT32_MAX - 20 * step;
     Micros now{};
-    hal::Frame frame;
     for (int k = 0; k < 60; ++k) {
       sequence += step;
       now += step * 40ms;
-      std::uint8_t byte = static_cast<std::uint8_t>(k);
-      frame.bytes = {&byte, 1};
-      frame.sequence = sequence;
-      CHECK_TRUE(health::fresh(watched, frame).ok());
+      pixels[static_cast<std::size_t>(k)] += 1;
+      CHECK_TRUE(freshness::update(pictures, {pixels.data(), 64, 48, 64}, sequence).ok());
       reason_is(Reason::kNone, health::strain(watched, rules, now, sequence, 50ms));
     }
   }

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "app/health.hpp"
 
-#include <array>
 #include <chrono>
 #include <cstdint>
-#include <vector>
 
 #include <CppUTest/TestHarness.h>
 
@@ -14,20 +12,9 @@ using namespace std::chrono_literals;
 TEST_GROUP(Health) {
   health::State state;
   health::Config config;
-  std::vector<std::uint8_t> bytes = std::vector<std::uint8_t>(100'000, 7);
   std::uint32_t sequence = 0;
   Micros stamp{};
 
-  void teardown() override {
-    bytes = {};
-  }
-
-  Reason fresh() {
-    hal::Frame frame;
-    frame.bytes = bytes;
-    frame.sequence = sequence++;
-    return health::fresh(state, frame).reason;
-  }
   // One accepted frame a period on; `lost` frames were sent in between and did not come.
   Reason strain(Micros period, std::uint32_t lost = 0, Micros age = 50ms) {
     sequence += 1 + lost;
@@ -35,44 +22,6 @@ TEST_GROUP(Health) {
     return health::strain(state, config, stamp, sequence, age);
   }
 };
-
-TEST(Health, FindsAFrozenFrameByItsBytes) {
-  CHECK_TRUE(fresh() == Reason::kNone);
-  CHECK_TRUE(fresh() == Reason::kFrameFrozen);
-  CHECK_TRUE(fresh() == Reason::kFrameFrozen);
-  bytes[0] ^= 1;
-  CHECK_TRUE(fresh() == Reason::kNone);
-  bytes.resize(99'999);  // one byte shorter is another picture
-  CHECK_TRUE(fresh() == Reason::kNone);
-  LONGS_EQUAL(2, state.frozen_frames);
-}
-
-// One byte in 25 of a frame of 100 kB is looked at; a sensor's noise changes most of them.
-TEST(Health, TakesNoisyPicturesForNews) {
-  std::uint32_t random = 1;
-  for (int k = 0; k < 1000; ++k) {
-    for (std::uint8_t& byte : bytes) {
-      random = random * 1664525 + 1013904223;
-      byte = static_cast<std::uint8_t>(120 + (random >> 30));
-    }
-    CHECK_TRUE(fresh() == Reason::kNone);
-  }
-}
-
-TEST(Health, FindsANumberThatStandsStill) {
-  hal::Frame frame;
-  frame.bytes = bytes;
-  frame.sequence = 5;
-  CHECK_TRUE(health::fresh(state, frame).ok());
-  bytes[0] = 1;
-  CHECK_TRUE(health::fresh(state, frame).reason == Reason::kFrameFrozen);
-}
-
-TEST(Health, ForgetsTheFrameBeforeARestart) {
-  CHECK_TRUE(fresh() == Reason::kNone);
-  health::restart(state);
-  CHECK_TRUE(fresh() == Reason::kNone);
-}
 
 TEST(Health, JudgesTheRateOverSixteenFrames) {
   struct Case {

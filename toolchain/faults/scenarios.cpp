@@ -34,9 +34,13 @@ const char* situation_name(bool held) {
   return held ? ", held" : ", empty";
 }
 
+bool needs_jpeg(Trouble trouble) {
+  return trouble == Trouble::kCameraTruncated || trouble == Trouble::kCameraComment;
+}
+
 bool uses_jpeg(const Setup& setup) {
   return std::any_of(setup.windows.begin(), setup.windows.end(),
-                     [](const Window& window) { return window.trouble == Trouble::kCameraTruncated; });
+                     [](const Window& window) { return needs_jpeg(window.trouble); });
 }
 
 }  // namespace
@@ -165,7 +169,7 @@ Setup soak_setup(std::uint64_t frames, std::uint64_t seed) {
   // 10 to 30 s apart: 500 frames in the mean; 0.2 to 3 s long.
   for (Micros at = 10s; at < setup.end - 10s; at += Micros{10'000'000 + static_cast<std::int64_t>(below(20'000'000))}) {
     const Trouble trouble = static_cast<Trouble>(below(kTroubles));
-    if (trouble == Trouble::kCameraTruncated) continue;  // needs JPEG
+    if (needs_jpeg(trouble)) continue;
     setup.windows.push_back({trouble, at, at + Micros{200'000 + static_cast<std::int64_t>(below(2'800'000))}});
   }
   return setup;

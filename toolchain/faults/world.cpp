@@ -45,6 +45,10 @@ constexpr std::array<TroubleInfo, kTroubles> kInfos{{
     {Trouble::kCameraRefused, Component::kCamera, "camera_refused", true},
     {Trouble::kCameraHangs, Component::kCamera, "camera_hangs", true},
     {Trouble::kCameraStuck, Component::kCamera, "camera_stuck", true},
+    {Trouble::kCameraRing2, Component::kCamera, "camera_ring_2", true},
+    {Trouble::kCameraRing3, Component::kCamera, "camera_ring_3", true},
+    {Trouble::kCameraRing32, Component::kCamera, "camera_ring_32", true},
+    {Trouble::kCameraComment, Component::kCamera, "camera_comment", true},
     {Trouble::kCameraGarbage, Component::kCamera, "camera_garbage", true},
     {Trouble::kCameraBad, Component::kCamera, "camera_bad", true},
     {Trouble::kCameraTorn, Component::kCamera, "camera_torn", false},
@@ -104,28 +108,30 @@ constexpr std::array<TroubleInfo, kTroubles> kInfos{{
 }};
 // clang-format on
 
-// One gel, as luma and as JPEG of the same size.
+// One gel, as luma and as JPEG of the same size. No JPEG is shown twice in a run of two faults.
 struct Films {
   sim::Film luma, jpeg;
 };
+constexpr std::size_t kJpegs = 320;
 
 const Films& films() {
   static const Films films = [] {
     Films made;
     made.luma = sim::shoot(hal::PixelFormat::kLuma8, 100);
-    const auto encode = [&](const std::vector<sim::Film::Picture>& from) {
+    const auto encode = [&](bool is_held) {
       std::vector<sim::Film::Picture> to;
-      to.reserve(from.size());
-      for (const auto& luma : from) {
-        to.push_back(scene::encode_jpeg(luma, made.luma.width, made.luma.height, scene::JpegInput::kGrey, 90));
+      sim::Film::Picture room;
+      for (std::size_t k = 0; k < kJpegs; ++k) {
+        const hal::Frame frame = made.luma.frame(is_held, k, room);
+        to.push_back(scene::encode_jpeg(frame.bytes, frame.width, frame.height, scene::JpegInput::kGrey, 90));
       }
       return to;
     };
     made.jpeg = {.format = hal::PixelFormat::kMjpeg,
                  .width = made.luma.width,
                  .height = made.luma.height,
-                 .empty = encode(made.luma.empty),
-                 .held = encode(made.luma.held),
+                 .empty = encode(false),
+                 .held = encode(true),
                  .markers = {}};
     return made;
   }();
@@ -316,22 +322,49 @@ class WorldCamera final : public hal::Camera {
     const bool held = setup_.held && exposure >= kTouch && !fell;
     const sim::Film& film = setup_.jpeg ? films().jpeg : films().luma;
     const auto& pictures = held ? film.held : film.empty;
-    const std::vector<std::uint8_t>& picture = pictures[index % pictures.size()];
-    std::span<const std::uint8_t> bytes = picture;
+    frame = film.frame(held, in_ring(index, arrival), room_);
     if (situation_.was(Trouble::kCameraStuck, arrival) && !shown_.empty()) {
-      bytes = shown_;
+      frame.bytes = shown_;
+    } else if (situation_.was(Trouble::kCameraComment, arrival) && !shown_.empty()) {
+      frame.bytes = comment(index);
     } else {
-      bytes = spoil(bytes, pictures[(index + 1) % pictures.size()], arrival);
-      shown_.assign(bytes.begin(), bytes.end());
+      frame.bytes = spoil(frame.bytes, pictures[(index + 1) % pictures.size()], arrival);
+      shown_.assign(frame.bytes.begin(), frame.bytes.end());
     }
-    frame = film.frame(held, index);
-    frame.bytes = bytes;
     frame.sequence = sequence;
     frame.timestamp = exposure;
     if (situation_.was(Trouble::kStampsBack, arrival)) frame.timestamp -= 5s;
     if (situation_.was(Trouble::kStampsAhead, arrival)) frame.timestamp += 10s;
     if (const Window* w = situation_.open(Trouble::kStampsEqual, arrival)) frame.timestamp = w->from;
     return hal::Capture::kFrame;
+  }
+
+  // Which picture is shown: `index`, or one of the last that were shown before the ring began.
+  [[nodiscard]] std::size_t in_ring(std::size_t index, Micros arrival) {
+    for (const auto& [trouble, size] : {std::pair{Trouble::kCameraRing2, std::size_t{2}},
+                                        {Trouble::kCameraRing3, std::size_t{3}},
+                                        {Trouble::kCameraRing32, std::size_t{32}}}) {
+      const Window* const w = situation_.open(trouble, arrival);
+      if (w == nullptr) continue;
+      if (std::exchange(ring_, w) != w) ring_from_ = index;
+      return ring_from_ - size + (index - ring_from_) % size;
+    }
+    return index;
+  }
+
+  // What was shown last, with a comment of its own behind SOI.
+  [[nodiscard]] std::span<const std::uint8_t> comment(std::size_t index) {
+    const std::array<std::uint8_t, 8> segment{0xff,
+                                              0xfe,
+                                              0,
+                                              6,
+                                              static_cast<std::uint8_t>(index >> 24),
+                                              static_cast<std::uint8_t>(index >> 16),
+                                              static_cast<std::uint8_t>(index >> 8),
+                                              static_cast<std::uint8_t>(index)};
+    made_.assign(shown_.begin(), shown_.end());
+    made_.insert(made_.begin() + std::min<std::ptrdiff_t>(2, std::ssize(made_)), segment.begin(), segment.end());
+    return made_;
   }
 
   // Every fault of the picture that is in force, one after the other: two may be.
@@ -392,7 +425,9 @@ class WorldCamera final : public hal::Camera {
   std::int64_t next_ = 0;
   std::size_t never_sent_ = 0;
   bool dropped_ = false;
-  std::vector<std::uint8_t> shown_, made_;
+  const Window* ring_ = nullptr;
+  std::size_t ring_from_ = 0;  // the frame with which it began
+  std::vector<std::uint8_t> shown_, made_, room_;
 };
 
 // Lines whose levels outlive the process, on the tape.

@@ -26,6 +26,10 @@ enum class Trouble : std::uint8_t {
   kCameraRefused,       // gone, and refuses to start for as long
   kCameraHangs,         // the call that waits for a frame does not return
   kCameraStuck,         // the same bytes with new stamps and numbers
+  kCameraRing2,         // the last 2 pictures in turn, with new stamps and numbers
+  kCameraRing3,         // the last 3
+  kCameraRing32,        // the last 32, as many as V4L2 has buffers
+  kCameraComment,       // the same picture, its bytes differ in a comment: JPEG only
   kCameraGarbage,       // random bytes
   kCameraBad,           // the driver reports a damaged transfer
   kCameraTorn,          // the lower half is of the picture before

@@ -191,10 +191,9 @@ learn::Table silence_table(const std::string& id, const std::string& title, cons
       .title = title,
       .note =
           "Alarm: slip rises. An onset is detected when an alarm comes after the last silent frame before it, at most "
-          "6 "
-          "frames early, and at most 5, 10 or 15 frames late. Silence of high and medium confidence; shaken: its "
-          "frames "
-          "100 to 250, without artificial_strawberry. Second slips: to loss, after a first slip. Intervals: 95 %, "
+          "6 frames early, and at most 5, 10 or 15 frames late. Silence of high and medium confidence; shaken: its "
+          "frames 100 to 250, without artificial_strawberry. Second slips: to loss, after a first slip. Intervals: 95 "
+          "%, "
           "Clopper and Pearson for shares, Garwood for rates. A minute has 1500 frames.",
       .brief = true,
       .columns = {{"detector", "detector", ""},
@@ -231,8 +230,7 @@ learn::Table trial_table(const std::string& id, const std::string& title, const 
           "Alarms in clips whose labels are of high or medium confidence, outside of slips (3 frames before to 15 "
           "after), by phase. Touch: 1 frame before to 12 after the first contact; shake: frames 100 to 250 of clips of "
           "400 and more; load step and release: 5 frames beyond either end, not part of the whole; hold: all other "
-          "frames. "
-          "Where contact begins later than frame 3 the first 13 frames are left out.",
+          "frames. Where contact begins later than frame 3 the first 13 frames are left out.",
       .brief = true,
       .columns = {{"detector", "detector", ""}, {"of", "clips of", ""}, {"trials", "trials", "", 0}}};
   add_alarms(table.columns, "whole", "whole trial");
