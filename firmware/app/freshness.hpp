@@ -16,6 +16,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <span>
 
 #include "base/math.hpp"
 #include "base/status.hpp"
@@ -48,7 +49,7 @@ inline constexpr std::size_t kSampledWords = 1024;
   const std::size_t words_a_row = idx(luma.width) / 8;
   const std::size_t words = words_a_row * idx(luma.height);
   const std::size_t step = words / kSampledWords + 1;
-  std::uint64_t hash = (std::uint64_t{0xcbf29ce4} << 32 | 0x84222325) ^ (idx(luma.width) << 32 | idx(luma.height));
+  std::uint64_t hash = 0xcbf29ce484222325u ^ (idx(luma.width) << 32 | idx(luma.height));
   const std::uint8_t* row = luma.data;
   std::size_t in_row = 0;
   for (std::size_t k = 0; k < words; k += step) {
@@ -64,8 +65,8 @@ inline constexpr std::size_t kSampledWords = 1024;
 // kFrameFrozen when the picture is one of the last kRemembered, or has the number of the frame before.
 [[nodiscard]] inline Status update(State& state, const LumaView& luma, std::uint32_t sequence) {
   const std::uint64_t fingerprint = fingerprint_of(luma);
-  const auto end = state.seen.begin() + static_cast<std::ptrdiff_t>(state.count);
-  const bool known = std::find(state.seen.begin(), end, fingerprint) != end;
+  const std::span<const std::uint64_t> seen = std::span(state.seen).first(state.count);
+  const bool known = std::find(seen.begin(), seen.end(), fingerprint) != seen.end();
   const bool same_number = state.any && sequence == state.sequence;
   state.any = true;
   state.sequence = sequence;

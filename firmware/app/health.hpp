@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Watches the stream rather than the picture: at which rate it comes, and whether it is decided in time. Of sources
-// that are no sensor (hal::Camera::live()) a low rate is reported.
+// that are no sensor (hal::Camera::live()) only a low rate is reported.
 #pragma once
 
 #include <array>

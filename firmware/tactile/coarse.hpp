@@ -3,10 +3,9 @@
 // face, the whole of a weak relief. Here each patch is one pixel of a coarse picture, and one motion is fitted to all.
 //
 //   change  = mean of the patch now less that before; its slopes: of the object's shading, mean of both pictures
-//   nuisance  first the change loses what a sticking contact explains: a constant, a linear and a plane change of
-//   light;
-//             the shading itself (pressure: brighter or darker in place); its dilation (a rim that grows); the slopes
-//             of the empty gel (the gel carries its patches across light that is fixed to the camera)
+//   nuisance  first the change loses what a sticking contact explains: a change of light, constant or linear over the
+//             gel; the shading itself (pressure: brighter or darker in place); its dilation (a rim that grows); the
+//             slopes of the empty gel (the gel carries its patches across light that is fixed to the camera)
 //   explained what is left and lies along the slopes: a shift along x or y, a turn about the middle, least squares
 //   noise   = what nothing explains, by degree of freedom, and 0.02 levels^2
 //   motion  = step sqrt((explained - 33 noise) / (sum |slope|^2 / 2 + 0.01 N)): 33 = 3 motions of 11 times the noise

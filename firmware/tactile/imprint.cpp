@@ -390,7 +390,7 @@ std::int32_t slope_of(const std::array<std::int8_t, kFree>& weights, const std::
 struct Seen {
   std::int32_t patch = 0;
   std::uint32_t now = 0;    // kPairs G
-  std::uint32_t then = 0;   //
+  std::uint32_t then = 0;   // kPairs G, one lag ago
   std::int32_t weight = 0;  // 68 g: of both, in 1/68 levels^2. At most 2^25.1
   std::int32_t change = 0;  // 625 R, in 1/625 levels^2. At most 2^25.4
 };
