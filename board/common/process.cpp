@@ -6,11 +6,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <vector>
 
+#include "app/keepsake.hpp"
 #include "app/models.hpp"
 #include "app/settings.hpp"
 #include "app/shelf.hpp"
@@ -123,6 +126,28 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
   const std::string line = "holdfastd: " + what + ". Likely cause: " + likely + ". Next: " + next + "\n";
   (void)std::fputs(line.c_str(), stderr);
   return status;
+}
+
+KeptFile::KeptFile(const std::filesystem::path& path)
+    : path_(path.string()),
+      file_(path.empty() ? nullptr : std::make_unique<drivers::FileKeep>(path, keepsake::kBytes)) {}
+
+hal::Keep& KeptFile::keep() {
+  if (file_) return *file_;
+  return none_;
+}
+
+void KeptFile::tell() {
+  if (!file_ || file_->error() == told_) return;
+  told_ = file_->error();
+  std::array<char, 600> line{};
+  const char* const format =
+      told_ == 0 ? "holdfastd: %s: the rest position and the grip are kept again\n"
+                 : "holdfastd: %s: %s: the rest position and the grip are not kept; the next process learns the gel "
+                   "anew. Likely cause: the file system is full, or the folder is not there or not this user's. Next: "
+                   "free some space there (df shows it), or give --keep another path\n";
+  (void)std::snprintf(line.data(), line.size(), format, path_.c_str(), std::strerror(told_));
+  (void)(::write(STDERR_FILENO, line.data(), std::strlen(line.data())) >= 0);
 }
 
 void add_settings(CLI::App& cli, Settings& settings) {

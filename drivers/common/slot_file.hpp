@@ -47,7 +47,7 @@ class SlotFile {
  private:
   [[nodiscard]] int make_durable(const std::filesystem::path& path);
   [[nodiscard]] int write_at(std::size_t at, std::span<const std::uint8_t> bytes);
-  void read();
+  [[nodiscard]] int read();
 
   FileCalls& calls_;
   std::size_t slot_bytes_;

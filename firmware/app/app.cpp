@@ -215,8 +215,12 @@ void App::remember(keepsake::Contents& contents) const {
 }
 
 supervisor::Health App::health_now() const {
+  const Reason strain = strain_ != Reason::kNone          ? strain_
+                        : strain_beside_ != Reason::kNone ? strain_beside_
+                        : devices_.camera.steady()        ? Reason::kNone
+                                                          : Reason::kCameraControls;
   return {.fault = held_ != Reason::kNone ? held_ : beside_,
-          .strain = strain_ != Reason::kNone ? strain_ : strain_beside_,
+          .strain = strain,
           .opening = state_.opening,
           .force_limit = force_limit_};
 }
@@ -225,15 +229,16 @@ bool App::is_stale() const {
   return devices_.clock.now() - result_.timestamp > kOldestFrame;
 }
 
-// A frame that tells of long ago vouches for nothing; one from the future would lock out all that follow it. Range: any
-// stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
+// A frame that tells of long ago vouches for nothing, nor does one that may; one from the future would lock out all
+// that follow it. Range: any stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
 void App::take(const hal::Frame& frame) {
   constexpr Micros kFarthest{std::int64_t{1} << 62};
   const Micros timestamp = std::clamp(frame.timestamp, -kFarthest, kFarthest);
   const Micros age = devices_.clock.now() - timestamp;
-  const Status news = age > kOldestFrame   ? Status{Reason::kFrameStale}
-                      : age < -kClockSlack ? Status{Reason::kTimeNotForward}
-                                           : kOkStatus;
+  const Status news = devices_.camera.live() && !frame.stamped ? Status{Reason::kFrameUnstamped}
+                      : age > kOldestFrame                     ? Status{Reason::kFrameStale}
+                      : age < -kClockSlack                     ? Status{Reason::kTimeNotForward}
+                                                               : kOkStatus;
   if (news.ok()) {
     result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
     if (result_.quality.ok() && is_stale()) result_.quality = {Reason::kFrameStale};  // decided too late

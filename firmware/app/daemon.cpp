@@ -161,7 +161,7 @@ void Daemon::camera_started() {
   stalled_since_ = devices_.clock.now();
   if (looked_for_kept_) return;
   looked_for_kept_ = true;
-  if (keepsake::load(keepsake_, periphery_.keep.memory())) resumed_ = app_.resume(keepsake_.slot.contents);
+  if (keepsake::load(keepsake_, periphery_.keep)) resumed_ = app_.resume(keepsake_.slot.contents);
 }
 
 void Daemon::lose_camera(Micros retry_after) {
@@ -204,12 +204,12 @@ void Daemon::keep_reference() {
   app_.remember(keepsake_.slot.contents);
   kept_ = true;
   kept_at_ = now;
-  (void)keepsake::save(keepsake_, periphery_.keep.memory());  // a board without keeps nothing
+  (void)keepsake::save(keepsake_, periphery_.keep);  // a board without keeps nothing
 }
 
 // The gripper holds on while no process runs; the next one goes on tightening from where this one was.
 void Daemon::resume_grip() {
-  if (!keepsake::load(kept_grip_, periphery_.keep.memory()) || kept_grip_.slot.contents.gripping == 0) return;
+  if (!keepsake::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.gripping == 0) return;
   if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
   const keepsake::Grip& kept = kept_grip_.slot.contents;
   regulator_ = {};
@@ -224,7 +224,7 @@ void Daemon::keep_grip() {
   const keepsake::Grip grip{static_cast<std::uint8_t>(grip_.go ? 1 : 0), grip_.force, grip_.position};
   if (kept_grip_.slot.contents == grip) return;
   kept_grip_.slot.contents = grip;
-  (void)keepsake::save(kept_grip_, periphery_.keep.memory());
+  (void)keepsake::save(kept_grip_, periphery_.keep);
 }
 
 void Daemon::serve_link() {
@@ -281,7 +281,7 @@ Result Daemon::tare(bool even_if_touched) {
   }
   app_.tare();
   kept_ = false;
-  keepsake::forget(keepsake_, periphery_.keep.memory());
+  keepsake::forget(keepsake_, periphery_.keep);
   return Result::kDone;
 }
 

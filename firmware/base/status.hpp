@@ -49,11 +49,13 @@ enum class Reason : std::uint8_t {
   kPictureTooLarge = 38,
   kDotsOverflow = 39,
   kExposure = 40,
+  kCameraControls = 41,
   kTimeNotForward = 64,
   kTimeGap = 65,
   kFrameStale = 66,
   kFrameRate = 67,
   kDeadline = 68,
+  kFrameUnstamped = 69,
   kFewMarkers = 96,
   kLearning = 97,
   kSlipDetected = 98,
@@ -88,7 +90,7 @@ struct ReasonInfo {
   std::string_view next;   // what to do next
 };
 
-inline constexpr std::array<ReasonInfo, 47> kReasons{{
+inline constexpr std::array<ReasonInfo, 49> kReasons{{
     {Reason::kNone, "none", "nothing to report", "-", "-"},
     {Reason::kNoFrame, "no_frame", "no frame arrived in time", "the camera stalls or the USB bus is overloaded",
      "check the cable and give the sensor a USB port of its own"},
@@ -126,6 +128,9 @@ inline constexpr std::array<ReasonInfo, 47> kReasons{{
      "heavy noise, dirt, or a texture instead of a gel", "clean the gel; check exposure and gain"},
     {Reason::kExposure, "exposure", "the picture is too dark or too bright",
      "light off, lens covered, or exposure and gain not as set", "check the sensor's light; set manual exposure"},
+    {Reason::kCameraControls, "camera_controls", "the camera does not take its settings of brightness or frame rate",
+     "another program sets them, or another firmware of the sensor",
+     "end the other program and plug the sensor in again; the log names the settings"},
     {Reason::kTimeNotForward, "time_not_forward", "the frame is not newer than the one before",
      "camera timestamps stand still or run backwards", "restart the stream; report the camera's driver"},
     {Reason::kTimeGap, "time_gap", "too long since the frame before", "frames were dropped or the machine stalled",
@@ -136,6 +141,8 @@ inline constexpr std::array<ReasonInfo, 47> kReasons{{
      "automatic exposure halves the rate, or the USB bus is overloaded", "set manual exposure; use another USB port"},
     {Reason::kDeadline, "deadline", "more than 1 % of the frames of the last 10 s were decided late",
      "the board is too hot, throttled or busy", "close what else loads the board, cool it, or use a faster mode"},
+    {Reason::kFrameUnstamped, "frame_unstamped", "the frame has no usable time stamp: nobody knows how old it is",
+     "the camera's driver does not stamp by the monotonic clock", "use the kernel's uvcvideo for the sensor"},
     {Reason::kFewMarkers, "few_markers", "some markers are lost", "dirt on the gel or strong shear at the edge",
      "clean the gel if it persists with an empty gripper"},
     {Reason::kLearning, "learning", "the rest position is being learned", "start or TARE",

@@ -47,6 +47,7 @@ class SlowCalls final : public drivers::FileCalls {
   [[nodiscard]] std::int64_t pwrite(int fd, std::span<const std::uint8_t> bytes, std::int64_t at) override {
     return system_.pwrite(fd, bytes, at);
   }
+  [[nodiscard]] int allocate(int fd, std::int64_t size) override { return system_.allocate(fd, size); }
   [[nodiscard]] int fsync(int fd) override { return system_.fsync(fd); }
   [[nodiscard]] int fdatasync(int fd) override {
     held.wait(true);

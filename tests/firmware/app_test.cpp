@@ -195,6 +195,29 @@ class RefusingGpio final : public hal::Gpio {
   Level last_grip_ok_told_ = Level::kLow;
 };
 
+// A sensor whose frames may come without a stamp, stamped by the driver when they came; and which may not take its
+// settings.
+class DoubtfulCamera final : public hal::Camera {
+ public:
+  DoubtfulCamera(hal::Camera& inside, const sim::Clock& clock) : inside_(inside), clock_(clock) {}
+  bool stamps = true, takes_settings = true, is_live = true;
+
+ private:
+  [[nodiscard]] bool do_start() override { return inside_.start(); }
+  [[nodiscard]] hal::Capture do_next(hal::Frame& frame, Micros timeout) override {
+    const hal::Capture capture = inside_.next(frame, timeout);
+    frame.stamped = stamps;
+    if (!stamps) frame.timestamp = clock_.now();
+    return capture;
+  }
+  void do_release(const hal::Frame& frame) override { inside_.release(frame); }
+  void do_stop() override { inside_.stop(); }
+  [[nodiscard]] bool do_steady() const override { return takes_settings; }
+  [[nodiscard]] bool do_live() const override { return is_live; }
+  hal::Camera& inside_;
+  const sim::Clock& clock_;
+};
+
 // A camera that does not open.
 class NoCamera final : public hal::Camera {
   [[nodiscard]] bool do_start() override { return false; }
@@ -694,6 +717,66 @@ TEST(App, RecoversFromOneTimestampInTheFuture) {
   run(1);
   state_is(DeviceState::kOk, app->outputs().state);
   reason_is(Reason::kNone, app->outputs().reason);
+  CHECK_TRUE(told_fine());
+}
+
+// Stamped when it was taken, a frame looks fresh however long it lay in a buffer: nobody may be told "fine" by it.
+TEST(App, FramesOfUnknownAgeVouchForNothing) {
+  film(12);
+  build({}, 10);
+  DoubtfulCamera doubtful(*camera, clock);
+  app = std::make_unique<App>(Devices{doubtful, gpio, link, clock, jpeg});
+  start();
+  run(15);
+  CHECK_TRUE(told_fine());
+  doubtful.stamps = false;
+  const Micros last_good = last_edge;
+  for (int k = 0; k < 25; ++k) {
+    status_frame::StatusFrame told;
+    CHECK_TRUE(step(&told));
+    reason_is(Reason::kFrameUnstamped, told.reason);
+    if (clock.now() - last_good <= 150ms) continue;
+    state_is(DeviceState::kFault, told.state);
+    CHECK_FALSE(told_fine());
+  }
+  LONGS_EQUAL(last_good.count(), last_edge.count());
+  doubtful.stamps = true;
+  run(3);
+  state_is(DeviceState::kOk, app->outputs().state);
+  CHECK_TRUE(told_fine());
+
+  // From the start on: not even a rest position is learned.
+  doubtful.stamps = false;
+  start();
+  run(20);
+  state_is(DeviceState::kFault, app->outputs().state);
+  reason_is(Reason::kFrameUnstamped, app->outputs().reason);
+  LONGS_EQUAL(0, app->accepted());
+
+  // A recording has no age, with stamps or without.
+  doubtful.is_live = false;
+  start();
+  run(20);
+  CHECK_TRUE(app->accepted() > 0);
+}
+
+// With another exposure or gain it goes on measuring, and slip is told; but nothing was measured so, and nothing is
+// vouched for.
+TEST(App, ACameraThatDoesNotTakeItsSettingsIsDegraded) {
+  film(15, 14);
+  build({}, 10);
+  DoubtfulCamera doubtful(*camera, clock);
+  app = std::make_unique<App>(Devices{doubtful, gpio, link, clock, jpeg});
+  doubtful.takes_settings = false;
+  start();
+  run(14);
+  state_is(DeviceState::kDegraded, app->outputs().state);
+  reason_is(Reason::kCameraControls, app->outputs().reason);
+  CHECK_FALSE(told_fine());
+  LONGS_EQUAL(14, gpio.edges(Line::kAlive));
+  doubtful.takes_settings = true;
+  run(1);
+  state_is(DeviceState::kOk, app->outputs().state);
   CHECK_TRUE(told_fine());
 }
 

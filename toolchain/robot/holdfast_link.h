@@ -65,11 +65,13 @@ enum holdfast_reason {
   HOLDFAST_REASON_PICTURE_TOO_LARGE = 38,  // the picture is larger than the fixed memory
   HOLDFAST_REASON_DOTS_OVERFLOW = 39,  // too many blobs in the picture
   HOLDFAST_REASON_EXPOSURE = 40,  // the picture is too dark or too bright
+  HOLDFAST_REASON_CAMERA_CONTROLS = 41,  // the camera does not take its settings of brightness or frame rate
   HOLDFAST_REASON_TIME_NOT_FORWARD = 64,  // the frame is not newer than the one before
   HOLDFAST_REASON_TIME_GAP = 65,  // too long since the frame before
   HOLDFAST_REASON_FRAME_STALE = 66,  // the frame is too old to confirm the grip
   HOLDFAST_REASON_FRAME_RATE = 67,  // frames come slower or faster than the sensor's 15 to 27 fps
   HOLDFAST_REASON_DEADLINE = 68,  // more than 1 % of the frames of the last 10 s were decided late
+  HOLDFAST_REASON_FRAME_UNSTAMPED = 69,  // the frame has no usable time stamp: nobody knows how old it is
   HOLDFAST_REASON_FEW_MARKERS = 96,  // some markers are lost
   HOLDFAST_REASON_LEARNING = 97,  // the rest position is being learned
   HOLDFAST_REASON_SLIP = 98,  // the object slips
@@ -147,11 +149,13 @@ static inline const char *holdfast_reason_name(uint8_t number) {
     case HOLDFAST_REASON_PICTURE_TOO_LARGE: return "picture_too_large";
     case HOLDFAST_REASON_DOTS_OVERFLOW: return "dots_overflow";
     case HOLDFAST_REASON_EXPOSURE: return "exposure";
+    case HOLDFAST_REASON_CAMERA_CONTROLS: return "camera_controls";
     case HOLDFAST_REASON_TIME_NOT_FORWARD: return "time_not_forward";
     case HOLDFAST_REASON_TIME_GAP: return "time_gap";
     case HOLDFAST_REASON_FRAME_STALE: return "frame_stale";
     case HOLDFAST_REASON_FRAME_RATE: return "frame_rate";
     case HOLDFAST_REASON_DEADLINE: return "deadline";
+    case HOLDFAST_REASON_FRAME_UNSTAMPED: return "frame_unstamped";
     case HOLDFAST_REASON_FEW_MARKERS: return "few_markers";
     case HOLDFAST_REASON_LEARNING: return "learning";
     case HOLDFAST_REASON_SLIP: return "slip";
