@@ -368,24 +368,4 @@ std::string parameters_markdown() {
   return out;
 }
 
-std::string parameters_markdown() {
-  std::string out =
-      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by wire_doc from firmware/app/params.hpp; do not edit. -->\n"
-      "# Parameters\n\n"
-      "`get` and `help NAME` show them at the console, `holdfast settings list` on the host. A wrong value of class "
-      "**safety** can make GRIP_OK HIGH where it should be LOW, or harm what is held: a device with its owner's key "
-      "takes these from a file only that the owner has signed (`holdfast settings compile --sign`, then `holdfast "
-      "console --load`, then `reboot`). **tuning** and **display** can be set at the console of any device that is "
-      "unlocked, until the next start.\n\n";
-  out += head({"name", "class", "why", "default", "range", "counts", "what", "price"});
-  for (const ParamInfo& info_of : kParams) {
-    const std::string unit = info_of.unit.empty() ? "" : " " + std::string(info_of.unit);
-    out += row({code(info_of.name), kParamClassNames[static_cast<std::size_t>(info_of.kind)], info_of.why,
-                text(info_of.default_value) + unit, text(info_of.min) + " to " + text(info_of.max) + unit,
-                kAppliesNames[static_cast<std::size_t>(info_of.applies)], info_of.help, info_of.price});
-  }
-  return out;
-}
-
 }  // namespace holdfast::wire_doc
