@@ -30,6 +30,8 @@ namespace holdfast::board {
 // Has `watchdog` called from a thread of its own until the program ends; a board in virtual time needs none. Before the
 // Daemon starts. False: no thread is to be had.
 [[nodiscard]] bool watch(OutputWatchdog& watchdog);
+// The Daemon has started: whoever waits for that may be told.
+void started();
 // Once around: what the board's log is to say of it.
 void tell(const App& app);
 // The program was asked to end, or there is nothing more to see.

@@ -19,6 +19,7 @@ int main(int argc, char** argv) {
     console.cannot_start(status.reason);
     return 1;
   }
+  board::started();
   console.start(board::params());
   while (!board::over() && !console.asked_to_restart()) {
     daemon.poll();

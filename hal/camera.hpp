@@ -23,6 +23,7 @@ struct Frame {
   std::int32_t stride = 0;                // bytes from row to row (kLuma8)
   std::chrono::microseconds timestamp{};  // start of exposure on the HAL clock's time base
   std::uint32_t sequence = 0;             // counts what the sensor sent; a gap is a dropped frame
+  bool stamped = true;                    // false: nobody knows how old it is; `timestamp` is when the driver took it
 };
 
 enum class Capture : std::uint8_t {
@@ -53,6 +54,12 @@ class Camera {
   // Why the last start() failed, one line for people: what, likely cause, next step. Empty: it did not, or the driver
   // cannot tell. Valid until the next call of the camera.
   [[nodiscard]] std::string_view problem() const { return do_problem(); }
+  // What of the camera's settings is not as the driver set it, one line for people: what, likely cause, next step.
+  // Empty: nothing, or the driver cannot tell. Valid as problem().
+  [[nodiscard]] std::string_view unset() const { return do_unset(); }
+  // Its brightness and its frame rate are what the driver set, and the camera does not change them by itself. False: a
+  // setting for that is among unset().
+  [[nodiscard]] bool steady() const { return do_steady(); }
   // A sensor that sends pictures now: no two are alike, because they have noise, and it must neither hurry nor be late.
   // Not so a recording, or a scene that is drawn without noise.
   [[nodiscard]] bool live() const { return do_live(); }
@@ -64,6 +71,8 @@ class Camera {
   virtual void do_stop() = 0;
   [[nodiscard]] virtual std::string_view do_identity() const { return {}; }
   [[nodiscard]] virtual std::string_view do_problem() const { return {}; }
+  [[nodiscard]] virtual std::string_view do_unset() const { return {}; }
+  [[nodiscard]] virtual bool do_steady() const { return true; }
   [[nodiscard]] virtual bool do_live() const { return true; }
   bool running_ = false;
 };

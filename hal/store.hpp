@@ -31,10 +31,15 @@ class Store {
   [[nodiscard]] std::span<const std::uint8_t> found(std::size_t slot) const {
     return slot < kSlots ? do_found(slot) : std::span<const std::uint8_t>{};
   }
-  // Over the beginning of a slot. False: no such slot, nothing to write, too much for a slot, or still busy.
-  [[nodiscard]] bool begin(std::size_t slot, std::span<const std::uint8_t> bytes) {
+  // False: the medium did not say what lies there, and found() means nothing. Zeros that could be read are what a place
+  // holds that was never written to. Range: slot below kSlots.
+  [[nodiscard]] bool readable(std::size_t slot) const { return slot < kSlots && do_readable(slot); }
+  // Over the beginning of a slot. `both`: once that is durable, over the other one as well, and it is over when both
+  // are; for slots of which neither holds anything. False: no such slot, nothing to write, too much for a slot, or
+  // still busy.
+  [[nodiscard]] bool begin(std::size_t slot, std::span<const std::uint8_t> bytes, bool both = false) {
     if (slot >= kSlots || bytes.empty() || bytes.size() > slot_bytes() || state() == State::kBusy) return false;
-    do_begin(slot, bytes);
+    do_begin(slot, bytes, both);
     return true;
   }
   [[nodiscard]] State state() const { return do_state(); }
@@ -44,7 +49,8 @@ class Store {
  private:
   [[nodiscard]] virtual std::size_t do_slot_bytes() const = 0;
   [[nodiscard]] virtual std::span<const std::uint8_t> do_found(std::size_t slot) const = 0;
-  virtual void do_begin(std::size_t slot, std::span<const std::uint8_t> bytes) = 0;
+  [[nodiscard]] virtual bool do_readable(std::size_t slot) const = 0;
+  virtual void do_begin(std::size_t slot, std::span<const std::uint8_t> bytes, bool both) = 0;
   [[nodiscard]] virtual State do_state() const = 0;
   [[nodiscard]] virtual int do_error() const = 0;
 };

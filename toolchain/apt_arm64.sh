@@ -11,6 +11,7 @@ apt_arm64_in() {
   : >"$dir/state/status"
   local options=(-o "Dir::State=$dir/state" -o "Dir::State::status=$dir/state/status" -o "Dir::Cache=$dir/cache"
     -o APT::Architecture=arm64 -o APT::Architectures=arm64 -o "APT::Sandbox::User=$(id -un)")
+  [[ -z ${HOLDFAST_APT_SOURCES:-} ]] || options+=(-o "Dir::Etc::SourceList=$HOLDFAST_APT_SOURCES" -o Dir::Etc::SourceParts=/dev/null)
   # shellcheck disable=SC2034  # for the caller
   apt_arm64=(apt-get -q "${options[@]}") apt_cache_arm64=(apt-cache -q "${options[@]}")
 }

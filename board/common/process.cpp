@@ -6,11 +6,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <vector>
 
+#include "app/keepsake.hpp"
 #include "app/models.hpp"
 #include "app/settings.hpp"
 #include "app/shelf.hpp"
@@ -77,6 +80,19 @@ std::string look_at(std::span<const std::uint8_t> slot, const hal::Verifier* own
   return why == model_file::Refusal::kNone ? std::string{} : words(model_file::info(why));
 }
 
+// For the log: which settings count, and why not all that were stored.
+void tell_of_settings(Settings& settings, const Shelf& shelf, settings::Found found) {
+  const std::string path = settings.path.string();
+  for (std::size_t k = 0; k < hal::Store::kSlots && !settings.key_unreadable; ++k) {
+    const Shelf::Slot& slot = shelf.slot(k);
+    if (slot.damaged())
+      settings.told.push_back("slot " + std::to_string(k + 1) + " of " + path + ": " + std::string(words(slot)));
+  }
+  if (found == settings::Found::kWhole) return;
+  const std::string from = "the settings in force are " + std::string(settings::info(found).from);
+  settings.told.push_back(settings::lost(found) ? from + ": FAULT is held. " + words(info(Reason::kConfig)) : from);
+}
+
 // The newest model that is good; whatever is wrong with the others, or with all of them, the device starts.
 void read_models(Settings& settings) {
   if (settings.models_path.empty()) return;
@@ -112,6 +128,28 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
   return status;
 }
 
+KeptFile::KeptFile(const std::filesystem::path& path)
+    : path_(path.string()),
+      file_(path.empty() ? nullptr : std::make_unique<drivers::FileKeep>(path, keepsake::kBytes)) {}
+
+hal::Keep& KeptFile::keep() {
+  if (file_) return *file_;
+  return none_;
+}
+
+void KeptFile::tell() {
+  if (!file_ || file_->error() == told_) return;
+  told_ = file_->error();
+  std::array<char, 600> line{};
+  const char* const format =
+      told_ == 0 ? "holdfastd: %s: the rest position and the grip are kept again\n"
+                 : "holdfastd: %s: %s: the rest position and the grip are not kept; the next process learns the gel "
+                   "anew. Likely cause: the file system is full, or the folder is not there or not this user's. Next: "
+                   "free some space there (df shows it), or give --keep another path\n";
+  (void)std::snprintf(line.data(), line.size(), format, path_.c_str(), std::strerror(told_));
+  (void)(::write(STDERR_FILENO, line.data(), std::strlen(line.data())) >= 0);
+}
+
 void add_settings(CLI::App& cli, Settings& settings) {
   cli.add_option_function<std::vector<std::string>>(
          "--set",
@@ -133,8 +171,7 @@ void add_settings(CLI::App& cli, Settings& settings) {
                  "take only what is signed with the other half of this key (holdfast settings keygen), and nothing "
                  "when it cannot be read; without this option the device is in development mode");
   cli.add_flag("--development", settings.development, "development mode: take unsigned settings and models, too");
-  cli.add_option("--notes", settings.notes_path,
-                 "the folder where the board leaves what the console tells of release and updates");
+  cli.add_option("--notes", settings.notes_path, "the folder from which the console reports release and updates");
 }
 
 std::string read_settings(Settings& settings) {
@@ -150,7 +187,7 @@ std::string read_settings(Settings& settings) {
     settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes);
     add_trouble(settings, *settings.store);
     const Shelf shelf(sealed::Kind::kSettings, settings::good, settings.store.get(), settings.owner.get());
-    (void)settings::read(shelf.payload(), settings.params);
+    tell_of_settings(settings, shelf, settings::take(shelf, settings.params));
   }
   read_models(settings);
   if (!settings.notes_path.empty()) settings.notes = std::make_unique<drivers::FolderNotes>(settings.notes_path);

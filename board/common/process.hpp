@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "app/params.hpp"
+#include "drivers/common/file_keep.hpp"
 #include "drivers/common/file_store.hpp"
 #include "drivers/common/folder_notes.hpp"
 #include "hal/serial.hpp"
@@ -28,6 +29,21 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
 // Says a line on standard error: the board's log.
 void say(const std::string& line);
 
+// What is kept for the next process, and whether: into the log, each time that this changes. No heap after it was made.
+class KeptFile {
+ public:
+  // Empty path: nothing is kept, and nothing said.
+  explicit KeptFile(const std::filesystem::path& path);
+  [[nodiscard]] hal::Keep& keep();
+  void tell();
+
+ private:
+  std::string path_;
+  std::unique_ptr<drivers::FileKeep> file_;
+  hal::NoKeep none_;
+  int told_ = 0;
+};
+
 // The parameters of a process: those that are stored, and over them those of the command line. And what decides slip.
 struct Settings {
   std::filesystem::path path;       // --settings; empty: nothing is stored
@@ -45,7 +61,7 @@ struct Settings {
   std::unique_ptr<drivers::FileStore> models;  // as `store`
   bool model_loaded = false;
   model::Tree loaded_model;       // when it is
-  std::vector<std::string> told;  // what the log is to say of the models, a line each
+  std::vector<std::string> told;  // what the log is to say of both, a line each
   [[nodiscard]] const model::Tree* model() const { return model_loaded ? &loaded_model : nullptr; }
 
   std::filesystem::path notes_path;             // --notes; empty: nobody leaves any

@@ -11,31 +11,37 @@ source toolchain/say.sh
 source board/image/tree.sh
 # shellcheck source=board/image/card.sh
 source board/image/card.sh
+# shellcheck source=toolchain/locked.sh
+source toolchain/locked.sh
 PATH=$PATH:/usr/sbin:/sbin  # depmod, modprobe, mke2fs, mkfs.vfat, sfdisk, veritysetup
 umask 022
 
 usage() {
   cat <<'USAGE'
 usage: board/image/build.sh virt|rpi4 [--install DIR]... [--keyring FILE] [--login TTY] [--release FILE]
-                            [--rt] [--flat] [--out DIR]
+                            [--rt] [--newer] [--flat] [--out DIR]
 What build/rpi4 has of the board is installed; build the preset rpi4 first.
   --install DIR   a tree that is laid over the root: DIR/usr/bin/..., DIR/etc/holdfast/...; its units with an [Install]
                   section are enabled. May be given again; later ones win.
-  --keyring FILE  the owner's certificate (board/image/keys.sh makes one): updates that it signed are taken, and no others.
+  --keyring FILE  the owner's keyring (board/image/keys.sh makes one): updates are taken that a signer of its authority has
+                  signed whom it has not revoked, and no others.
                   Without it the card takes no updates.
   --login TTY     a root login without password on this terminal; nobody can log in otherwise. Not for a board in use.
   --release FILE  instead of board/image/release: version, release, floor
+  --newer         for tests: packages that are here, or that the archive has today, instead of those that
+                  board/image/packages.lock pins by version and SHA-256; each other one is named. Without it a package that
+                  cannot be had as locked ends the build
   --rt            Debian's kernel with PREEMPT_RT instead of the stock one
   --flat          for tests: instead of the card only what an emulator starts without a boot loader: vmlinuz, initrd.gz, root.ext4
   --out DIR       where all goes; build/image/BOARD unless given
   --help          this
 Leaves holdfast-BOARD.img with .sha256, .packages (a list) and .spdx.json (the same as SBOM), and slot/ for board/image/bundle.sh.
 Needs what toolchain/packages.sh lists under `system`; network the first time; root, or user namespaces with uidmap.
-Example: board/image/build.sh rpi4 --keyring keys/owner.cert.pem
+Example: board/image/build.sh rpi4 --keyring keys/keyring.pem
 USAGE
 }
 
-installs=() login='' out='' board='' keyring='' flat=0 kernel=build/image/kernel release_file=board/image/release rt=()
+installs=() login='' out='' board='' keyring='' flat=0 kernel=build/image/kernel release_file=board/image/release rt=() newer=()
 given=("$@")
 while (($# > 0)); do
   case $1 in
@@ -55,6 +61,7 @@ while (($# > 0)); do
       shift
       ;;
     --flat) flat=1 ;;
+    --newer) newer=(--newer) ;;
     --rt) kernel=build/image/kernel-rt rt=(--rt) ;;
     --help | -h) usage && exit 0 ;;
     *)
@@ -75,7 +82,12 @@ for dir in "${installs[@]}"; do
   exit 1
 done
 if [[ -n $keyring ]] && ! openssl x509 -in "$keyring" -noout 2>/dev/null; then
-  complain "$keyring is no certificate" "not made yet, or the key was given" "board/image/keys.sh makes one: DIR/owner.cert.pem"
+  complain "$keyring is no certificate" "not made yet, or the key was given" "board/image/keys.sh makes one: DIR/keyring.pem"
+  exit 1
+fi
+if [[ -n $keyring && $(grep -c 'BEGIN CERTIFICATE' "$keyring") != $(grep -c 'BEGIN X509 CRL' "$keyring") ]]; then
+  complain "$keyring has not a list of revoked signers for each authority" "a certificate alone was given" \
+    "give DIR/keyring.pem of board/image/keys.sh; of two authorities, both files one after the other"
   exit 1
 fi
 if [[ -n $keyring ]] && grep -q 'PRIVATE KEY' "$keyring"; then
@@ -101,9 +113,16 @@ if [[ ! $release =~ ^[0-9]+$ || ! $floor =~ ^[0-9]+$ || -z $release_version ]]; 
 fi
 
 # Before the namespace: mmdebstrap makes its own. Inside it they find everything there.
-board/image/kernel.sh "${rt[@]}"
-board/image/base.sh
-((flat)) || board/image/firmware.sh "$board"
+board/image/kernel.sh "${rt[@]}" "${newer[@]}"
+board/image/base.sh "${newer[@]}"
+((flat)) || board/image/firmware.sh "$board" "${newer[@]}"
+note_differences sysroot build/sysroot-aarch64/inputs
+if ((${#newer[@]} == 0)) && ! is_locked sysroot build/sysroot-aarch64/inputs; then
+  complain "holdfastd was built with other libraries than the lock's" "toolchain/sysroot.sh --newer, or a lock that is younger" \
+    "toolchain/sysroot.sh && cmake --build --preset rpi4 --clean-first"
+  exit 1
+fi
+while read -r line; do note "tool: $line"; done < <(host_differences)
 # Files of the root belong to several users, which only root can make; root of a namespace will do.
 if ((EUID != 0)); then
   exec unshare --user --map-root-user --map-auto -- "$0" "${given[@]}"
@@ -152,7 +171,7 @@ install_card() {
   install -m 644 "$release_file" "$work/root/usr/lib/holdfast/release"
 }
 list_packages() {
-  cat build/image/base.versions "$firmware/versions" "$kernel/package" | LC_ALL=C sort -u >"$work/packages"
+  cat build/image/base.inputs "$firmware/inputs" "$kernel/inputs" | LC_ALL=C sort -u >"$work/packages"
 }
 
 timed "what the board has" stage_board
@@ -175,7 +194,7 @@ timed "first stages" make_firmware_image
 timed "data" make_data_image
 timed "card" make_card
 list_packages
-write_sbom >"$work/card.spdx.json"
+write_sbom "$(sha256sum "$work/card.img" | cut -d ' ' -f 1)" >"$work/card.spdx.json"
 name=$out/holdfast-$board
 rm -rf "$out/slot"
 mkdir "$out/slot"

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Makes an update from what board/image/build.sh left: one signed file for RAUC, with root, kernel and release.
 #   board/image/bundle.sh virt|rpi4 --keys DIR [--slot DIR] [--out FILE]
-# --keys DIR: of board/image/keys.sh. --slot: build/image/BOARD/slot unless given. --out: beside it, with board and version.
+# --keys DIR: of board/image/keys.sh; signer.key.pem, signer.cert.pem and keyring.pem are enough. The key's passphrase is
+# asked for at the terminal, or HOLDFAST_SIGNER_PASS says where it is, as openssl-passphrase-options(1).
+# --slot: build/image/BOARD/slot unless given. --out: beside it, with board and version.
 # How it gets onto a board: on a USB stick, see board/README.md.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -18,7 +20,7 @@ while (($# > 0)); do
     --out) out=${2:-} && shift ;;
     *)
       [[ $1 == --help || $1 == -h ]] || complain "unknown word '$1'" "a typing error" "see below"
-      sed -n '3,7s/^# //p' board/image/bundle.sh
+      sed -n '3,8s/^# //p' board/image/bundle.sh
       [[ $1 == --help || $1 == -h ]] && exit 0
       exit 2
       ;;
@@ -30,7 +32,7 @@ if [[ -z $board || -z $keys ]]; then
   complain "no board, or no keys" "it was forgotten" "board/image/bundle.sh rpi4 --keys keys"
   exit 2
 fi
-for file in "$slot/root.img" "$slot/kernel.img" "$slot/release" "$keys/owner.key.pem" "$keys/owner.cert.pem"; do
+for file in "$slot/root.img" "$slot/kernel.img" "$slot/release" "$keys"/{signer.key.pem,signer.cert.pem,keyring.pem}; do
   [[ -f $file ]] && continue
   complain "there is no $file" "not built, or no key made" "board/image/build.sh $board, and board/image/keys.sh $keys"
   exit 1
@@ -39,6 +41,25 @@ command -v rauc >/dev/null || {
   complain "cannot make a bundle" "rauc is not here" "apt-get install rauc squashfs-tools"
   exit 1
 }
+if ! why=$(openssl verify -crl_check -CAfile "$keys/keyring.pem" "$keys/signer.cert.pem" 2>&1); then
+  complain "boards would not take what $keys/signer.cert.pem signs: $(grep -m 1 '^error' <<<"$why")" "it was revoked, has expired, or is of another authority" \
+    "board/image/keys.sh $keys --new-signer"
+  exit 1
+fi
+pass=${HOLDFAST_SIGNER_PASS:-env:HOLDFAST_ASKED}
+if [[ -z ${HOLDFAST_SIGNER_PASS:-} ]]; then
+  if ! (: </dev/tty) 2>/dev/null; then
+    complain "no passphrase of $keys/signer.key.pem" "no terminal to ask at" "set HOLDFAST_SIGNER_PASS, see the head of board/image/bundle.sh"
+    exit 1
+  fi
+  read -rsp "passphrase of $keys/signer.key.pem: " HOLDFAST_ASKED </dev/tty && echo
+fi
+# plain_key: through a pipe to whoever reads it, never on a disk.
+plain_key() { HOLDFAST_ASKED=${HOLDFAST_ASKED:-} openssl pkey -in "$keys/signer.key.pem" -passin "$pass" 2>/dev/null; }
+if ! plain_key >/dev/null; then
+  complain "$keys/signer.key.pem does not open" "another passphrase" "try again"
+  exit 1
+fi
 version=$(sed -n 's/^version=//p' "$slot/release")
 release=$(sed -n 's/^release=//p' "$slot/release")
 : "${out:=build/image/$board/holdfast-$board-$version.raucb}"
@@ -63,7 +84,7 @@ filename=root.img
 [image.kernel]
 filename=kernel.img
 MANIFEST
-if ! quietly "$work/log" rauc bundle --cert="$keys/owner.cert.pem" --key="$keys/owner.key.pem" "$work/content" "$work/new.raucb"; then
+if ! quietly "$work/log" rauc bundle --keyring="$keys/keyring.pem" --cert="$keys/signer.cert.pem" --key=<(plain_key) "$work/content" "$work/new.raucb"; then
   complain "rauc made no bundle" "see the lines above" "look at the keys in $keys"
   exit 1
 fi

@@ -157,22 +157,24 @@ make_card() {
   done <"$work/places"
 }
 
-# What is on the card, as SPDX 2.3.
+# write_sbom SHA256: what is on the card, as SPDX 2.3, and the hash of each package and of the card itself.
 write_sbom() {
-  jq -Rn --arg board "$board" --arg version "$release_version" --arg kernel "$version" \
+  jq -Rn --arg board "$board" --arg card "$1" --arg version "$release_version" --arg kernel "$version" \
     --arg created "$(date -u -d "@$SOURCE_DATE_EPOCH" +%Y-%m-%dT%H:%M:%SZ)" '
     def id: "SPDXRef-" + gsub("[^A-Za-z0-9.-]"; "-");
-    def package($name; $version; $from):
+    def hash: [{algorithm: "SHA256", checksumValue: .}];
+    def package($name; $version; $arch; $from; $sha256):
       {SPDXID: ($name | id), name: $name, versionInfo: $version, downloadLocation: "NOASSERTION", filesAnalyzed: false,
-       supplier: "Organization: Debian", sourceInfo: $from,
+       supplier: "Organization: Debian", sourceInfo: $from, checksums: ($sha256 | hash),
        externalRefs: [{referenceCategory: "PACKAGE-MANAGER", referenceType: "purl",
-         referenceLocator: ("pkg:deb/debian/" + $name + "@" + ($version | @uri) + "?arch=arm64&distro=bookworm")}]};
-    [inputs | split("\t") | package(.[0]; .[1]; "built from " + .[3])] as $packages |
+         referenceLocator: ("pkg:deb/debian/" + $name + "@" + ($version | @uri) + "?arch=" + $arch + "&distro=bookworm")}]};
+    [inputs | split("\t") | package(.[0]; .[1]; .[2]; "built from " + .[3]; .[5])] as $packages |
     {spdxVersion: "SPDX-2.3", dataLicense: "CC0-1.0", SPDXID: "SPDXRef-DOCUMENT", name: ("holdfast-" + $board + "-" + $version),
      documentNamespace: ("https://spdx.org/spdxdocs/holdfast-" + $board + "-" + $version),
      creationInfo: {created: $created, creators: ["Tool: board/image/build.sh"]},
      packages: ([{SPDXID: "SPDXRef-holdfast", name: "holdfast", versionInfo: $version, downloadLocation: "NOASSERTION",
-       filesAnalyzed: false, licenseDeclared: "Apache-2.0", supplier: "NOASSERTION"}] + $packages),
+       filesAnalyzed: false, licenseDeclared: "Apache-2.0", supplier: "NOASSERTION",
+       packageFileName: ("holdfast-" + $board + ".img"), checksums: ($card | hash)}] + $packages),
      relationships: ([{spdxElementId: "SPDXRef-DOCUMENT", relationshipType: "DESCRIBES", relatedSpdxElement: "SPDXRef-holdfast"}]
        + [$packages[] | {spdxElementId: "SPDXRef-holdfast", relationshipType: "CONTAINS", relatedSpdxElement: .SPDXID}])}' \
     <"$work/packages"

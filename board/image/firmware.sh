@@ -1,25 +1,35 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Fetches what starts a board before Linux into build/image/firmware-BOARD:
-#   board/image/firmware.sh virt|rpi4 [--force]
+#   board/image/firmware.sh virt|rpi4 [--newer | --lock] [--force]
 # virt: Debian's U-Boot for QEMU. rpi4: Debian's U-Boot for the Raspberry Pi, and Raspberry Pi's own first stages, which
-# are in Debian's component non-free-firmware: free to hand on, without source. `versions` says which they are.
-# Does nothing when they are there. Needs apt, network, no root.
+# are in Debian's component non-free-firmware: free to hand on, without source. `inputs` says which they are.
+# As locked unless --newer (toolchain/locked.sh). Does nothing when they are there. Needs apt, network, no root.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
 # shellcheck source=toolchain/apt_arm64.sh
 source toolchain/apt_arm64.sh
+# shellcheck source=toolchain/locked.sh
+source toolchain/locked.sh
 
 board=${1:-}
 [[ $board == virt || $board == rpi4 ]] || {
   complain "'$board' is no board" "a typing error" "board/image/firmware.sh virt, or rpi4"
   exit 2
 }
-to=build/image/firmware-$board
-[[ ${2:-} != --force ]] || rm -rf "$to"
-if [[ -f $to/versions ]]; then
+to=build/image/firmware-$board group=firmware-$board mode=locked
+shift
+for word in "$@"; do
+  case $word in
+    --force) rm -rf "$to" ;;
+    --newer | --lock) mode=${word#--} ;;
+    *) say "usage: board/image/firmware.sh virt|rpi4 [--newer | --lock] [--force]" && exit 2 ;;
+  esac
+done
+if [[ -f $to/inputs && $mode != lock ]] && { [[ $mode == newer ]] || is_locked "$group" "$to/inputs"; }; then
+  note_differences "$group" "$to/inputs"
   say "firmware: $to is complete"
   exit 0
 fi
@@ -28,54 +38,41 @@ work=$(mktemp -d build/image/firmware.XXXXXX)
 trap 'rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
 apt_arm64_in "$work"
-mkdir "$work/debs" "$work/all" "$work/new"
+mkdir "$work/all" "$work/new"
 
-# fetch PACKAGE [APT-OPTION...]: downloads it and unpacks it.
-fetch() {
-  local package=$1
-  shift
-  quietly "$work/update.log" "${apt_arm64[@]}" "$@" update &&
-    quietly "$work/download.log" env -C "$work/debs" "${apt_arm64[@]}" "$@" download "$package" &&
-    dpkg-deb -x "$work/debs/$package"_*.deb "$work/all"
-}
-# Where this machine gets Debian from, with the one component that it need not have switched on. Its folder of further
-# sources is left out, so that nothing is told twice.
-non_free_firmware() {
-  # shellcheck disable=SC2016  # apt's own fields
-  apt-get indextargets --format '$(REPO_URI) $(CODENAME)' 'Created-By: Packages' 2>/dev/null | awk '$2 == "bookworm" { print $1 }' |
-    sort -u | sed 's,^\(.*\)$,deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] \1 bookworm non-free-firmware,' \
-    >"$work/sources.list"
-  [[ -s $work/sources.list ]]
+# Where this machine gets Debian from, and the one component that it need not have switched on.
+with_non_free_firmware() {
+  {
+    # shellcheck disable=SC2016  # apt's own fields
+    apt-get indextargets --format '$(REPO_URI) $(CODENAME) $(COMPONENT)' 'Created-By: Packages' 2>/dev/null |
+      awk '/ bookworm/ && !seen[$0]++ { print; if ($2 == "bookworm") print $1, $2, "non-free-firmware" }' | sort -u |
+      sed 's,^,deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] ,'
+  } >"$work/sources.list"
+  apt_arm64+=(-o "Dir::Etc::SourceList=$PWD/$work/sources.list" -o Dir::Etc::SourceParts=/dev/null)
+  apt_cache_arm64+=(-o "Dir::Etc::SourceList=$PWD/$work/sources.list" -o Dir::Etc::SourceParts=/dev/null)
 }
 
-say "firmware: fetching what starts the board $board"
+[[ $mode == lock ]] || say "firmware: fetching what starts the board $board"
+packages=(u-boot-qemu)
+if [[ $board == rpi4 ]]; then
+  packages=(u-boot-rpi raspi-firmware)
+  [[ -n ${HOLDFAST_APT_SOURCES:-} ]] || with_non_free_firmware
+fi
+if ! quietly "$work/update.log" "${apt_arm64[@]}" update; then
+  complain "cannot fetch ${packages[*]}" "no network, or the package source has no arm64 or no component non-free-firmware" \
+    "see the lines above; a Pi does not start without its first stages: use a Debian mirror that carries non-free-firmware"
+  exit 1
+fi
+fetch "$group" "$work/debs" "$mode" "${packages[@]}"
+[[ $mode != lock ]] || exit 0
+for deb in "$work"/debs/*.deb; do dpkg-deb -x "$deb" "$work/all"; done
 case $board in
-  virt)
-    fetch u-boot-qemu || {
-      complain "cannot fetch u-boot-qemu" "no network" "see the lines above, then run board/image/firmware.sh $board again"
-      exit 1
-    }
-    cp "$work/all/usr/lib/u-boot/qemu_arm64/u-boot.bin" "$work/new/"
-    ;;
-  rpi4)
-    fetch u-boot-rpi || {
-      complain "cannot fetch u-boot-rpi" "no network, or the package source has no arm64" \
-        "see the lines above, then run board/image/firmware.sh $board again"
-      exit 1
-    }
-    if ! non_free_firmware || ! fetch raspi-firmware -o "Dir::Etc::SourceList=$PWD/$work/sources.list" -o Dir::Etc::SourceParts=/dev/null; then
-      complain "cannot fetch raspi-firmware" "the package source has no component non-free-firmware, or there is no network" \
-        "use a Debian mirror that carries non-free-firmware: a Pi does not start without its first stages"
-      exit 1
-    fi
-    # One U-Boot for the Pi 3 and 4: what the emulated Pi 3 starts is what a Pi 4 starts.
-    cp "$work/all/usr/lib/u-boot/rpi_arm64/u-boot.bin" "$work/all/usr/lib/raspi-firmware/"{start4.elf,fixup4.dat} "$work/new/"
-    ;;
+  virt) cp "$work/all/usr/lib/u-boot/qemu_arm64/u-boot.bin" "$work/new/" ;;
+  # One U-Boot for the Pi 3 and 4: what the emulated Pi 3 starts is what a Pi 4 starts.
+  rpi4) cp "$work/all/usr/lib/u-boot/rpi_arm64/u-boot.bin" "$work/all/usr/lib/raspi-firmware/"{start4.elf,fixup4.dat} "$work/new/" ;;
 esac
-for deb in "$work"/debs/*.deb; do
-  # shellcheck disable=SC2016  # dpkg-deb's own fields
-  dpkg-deb -W --showformat='${Package}\t${Version}\t${Architecture}\t${source:Package} ${source:Version}\t${Installed-Size}\n' "$deb"
-done >"$work/new/versions"
+inputs "$work"/debs/*.deb >"$work/new/inputs"
 rm -rf "$to"
 mv "$work/new" "$to"
-say "firmware: $to is ready ($(cut -f 1,2 "$to/versions" | tr '\t\n' '  '))"
+note_differences "$group" "$to/inputs"
+say "firmware: $to is ready ($(cut -f 1,2 "$to/inputs" | tr '\t\n' '  '))"

@@ -66,7 +66,7 @@ done
 
 # ---- The image: its size and its sum, unpacked.
 
-[[ -f $image ]] || refuse "there is no image $image" "a typing error, or it is not built yet" "see board/README.md, From an image"
+[[ -f $image ]] || refuse "there is no image $image" "a typing error, or it is not built yet" "see board/README.md, A card"
 [[ -r $image ]] || refuse "$image cannot be read" "it is somebody else's" "chmod, or copy it"
 case $image in
   *.img) unpack=(cat) ;;

@@ -20,7 +20,6 @@
 #include "board/board.hpp"
 #include "board/common/process.hpp"
 #include "drivers/common/crew.hpp"
-#include "drivers/common/file_keep.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/watchdog_thread.hpp"
@@ -42,8 +41,9 @@ struct Options {
   std::string backend = "v4l2";
   std::string gpio = "header";
   std::string host, link, gripper;
-  std::filesystem::path keep, code_file, accepted_file;
-  std::uint64_t accepted_frames = 250;  // 10 s at 25 fps
+  bool host_commands = false;
+  std::filesystem::path keep, code_file, ok_file;
+  std::uint64_t ok_frames = 250;  // 10 s at 25 fps
   std::string code;
   std::int32_t time_scale = hardware().time_scale;
   Settings settings;
@@ -65,14 +65,13 @@ class Appliance {
       problem = usb_.open(drivers::kMcp2221Vendor, drivers::kMcp2221Product, {});
       if (problem.empty()) problem = bridge_.open({.wiring = drivers::kMcp2221Desk});
     }
-    if (problem.empty() && keep_ && !keep_->error().empty()) problem = "cannot use " + keep_->error();
   }
 
   [[nodiscard]] bool watch(OutputWatchdog& watchdog) {
     watchdog_ = std::make_unique<drivers::WatchdogThread>(watchdog, gpio_, clock_);
-    notify_.ready();
     return watchdog_->running();
   }
+  void started() { notify_.ready(); }
   [[nodiscard]] bool over() {
     notify_.alive(clock_.now());
     tell_of_camera();
@@ -81,13 +80,15 @@ class Appliance {
   void tell(const App& app) {
     prove(app);
     tell_of_first_frame(app);
+    kept_.tell();
   }
   // Whoever has to know that this release works on this board - an update is kept by it - looks for the file.
   void prove(const App& app) {
-    if (proved_ || options.accepted_file.empty() || app.accepted() < options.accepted_frames) return;
-    proved_ = true;
-    const int fd = ::open(options.accepted_file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
-    if (fd >= 0) ::close(fd);
+    if (proved_ || options.ok_file.empty() || app.ok_frames() - tried_at_ < options.ok_frames) return;
+    tried_at_ = app.ok_frames();  // a file system that is full may have room after as many more
+    const int fd = ::open(options.ok_file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
+    proved_ = fd >= 0;
+    if (proved_) ::close(fd);
   }
   // Into the log, once, without memory: the kernel's clock begins with it, and one of the firmware's seconds is
   // `time_scale` of its.
@@ -127,16 +128,12 @@ class Appliance {
   }
   // Into the log, once each, without memory. (A camera that is missing is looked for again several times a second.)
   void tell_of_camera() {
-    const std::string_view now = camera_->problem();
+    const std::string_view now = camera_->problem().empty() ? camera_->unset() : camera_->problem();
     if (now == told_.view()) return;
     told_ = now;
     drivers::FixedText<600> line;
     line << "holdfastd: " << (now.empty() ? "the camera is there" : now) << "\n";
     (void)(::write(STDERR_FILENO, line.c_str(), line.view().size()) >= 0);
-  }
-  [[nodiscard]] hal::Keep& keep() {
-    if (keep_) return *keep_;
-    return no_keep_;
   }
 
   drivers::Notify notify_;
@@ -144,6 +141,7 @@ class Appliance {
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
   bool told_first_ = false, proved_ = false;
+  std::uint64_t tried_at_ = 0;  // OK frames, when it was to be proved last
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};
@@ -153,9 +151,7 @@ class Appliance {
   static constexpr std::chrono::microseconds kFresh{100'000}, kWhenever{0};
   Port host_ = port_of(options.host, kWhenever);
   Port link_ = port_of(options.link, kFresh), gripper_ = port_of(options.gripper, kFresh);
-  std::unique_ptr<drivers::FileKeep> keep_ =
-      options.keep.empty() ? nullptr : std::make_unique<drivers::FileKeep>(options.keep, keepsake::kBytes);
-  hal::NoKeep no_keep_;
+  KeptFile kept_{options.keep};
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
   drivers::Threads crew_{{.workers = static_cast<std::size_t>(options.settings.params.jpeg_threads)}};
@@ -164,7 +160,7 @@ class Appliance {
 
  public:
   Devices devices{*camera_, gpio_, port_or_none(link_), clock_, jpeg_};
-  Periphery periphery{port_or_none(gripper_), keep()};
+  Periphery periphery{port_or_none(gripper_), kept_.keep()};
 };
 
 std::unique_ptr<Appliance> appliance;
@@ -210,6 +206,10 @@ std::optional<int> make(int argc, char** argv) {
       ->check(CLI::IsMember({"header", "mcp2221"}))
       ->capture_default_str();
   cli.add_option("--host", options.host, "serial port of the diagnostics text; without it standard output");
+  cli.add_flag(
+      "--host-commands", options.host_commands,
+      "obey command frames (TARE, OPENING, RELEASE, ARM, GRIP) on the port of --host without its unlock: for a "
+      "robot that is wired to it");
   cli.add_option("--link", options.link, "serial port of status and command frames");
   cli.add_option("--gripper", options.gripper, "serial port of a Robotiq Hand-E, as /dev/serial/by-id/...");
   cli.add_option("--keep", options.keep, "keep the reference in this file, and go on with what it holds");
@@ -220,8 +220,8 @@ std::optional<int> make(int argc, char** argv) {
   }
   cli.add_option("--code-file", options.code_file,
                  "the code that unlocks the console, one line; without it the console changes nothing");
-  cli.add_option("--accepted-file", options.accepted_file, "make this file once so many frames were accepted:");
-  cli.add_option("--accepted-frames", options.accepted_frames)->check(CLI::PositiveNumber)->capture_default_str();
+  cli.add_option("--ok-file", options.ok_file, "make this file once so many frames were OK, without a FAULT between:");
+  cli.add_option("--ok-frames", options.ok_frames)->check(CLI::PositiveNumber)->capture_default_str();
   add_settings(cli, options.settings);
   cli.add_flag("--lower", asked_to_lower,
                "drive the outputs of a holdfastd that is gone LOW, and end; of the other options --gpio counts");
@@ -274,7 +274,8 @@ console::Place place() {
           .owner = appliance->options.settings.owner.get(),
           .notes = appliance->options.settings.notes.get(),
           .faults = nullptr,
-          .prompts = !appliance->options.host.empty()};
+          .prompts = !appliance->options.host.empty(),
+          .host_commands = appliance->options.host_commands};
 }
 Params params() {
   return appliance->options.settings.params;
@@ -284,6 +285,9 @@ const model::Tree* model() {
 }
 bool watch(OutputWatchdog& watchdog) {
   return appliance->watch(watchdog);
+}
+void started() {
+  appliance->started();
 }
 void tell(const App& app) {
   appliance->tell(app);

@@ -23,7 +23,6 @@
 
 #include "board/common/process.hpp"
 #include "drivers/common/crew.hpp"
-#include "drivers/common/file_keep.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/watchdog_thread.hpp"
@@ -53,6 +52,7 @@ struct Options {
   double fps = 25.0;
   double seconds = 0.0;  // 0: until asked to end
   std::filesystem::path tape, keep, link, gripper, host, code_file;
+  bool host_commands = false;
   std::string code;
   Settings settings;
 };
@@ -211,7 +211,6 @@ class Desk {
  public:
   explicit Desk(Options&& given) : options(std::move(given)) {
     hand_.put_object({.width_mm = 20.0});
-    if (keep_ && !keep_->error().empty()) note("cannot use " + keep_->error());
     if (tape_) lines_.record(*tape_);
     for (const NamedPty* const port : {link_.get(), gripper_.get(), host_.get()}) {
       if (port != nullptr) note(port->problem());
@@ -231,6 +230,7 @@ class Desk {
 
   const Options options;
   std::string problem;  // the first of those that it was made with
+  KeptFile kept{options.keep};
 
  private:
   void note(const std::string& what) {
@@ -243,18 +243,11 @@ class Desk {
     note(error);
     return tape;
   }
-  [[nodiscard]] static std::unique_ptr<drivers::FileKeep> keep_of(const std::filesystem::path& path) {
-    return path.empty() ? nullptr : std::make_unique<drivers::FileKeep>(path, keepsake::kBytes);
-  }
   [[nodiscard]] static std::unique_ptr<NamedPty> pty_of(const std::filesystem::path& path) {
     return path.empty() ? nullptr : std::make_unique<NamedPty>(path);
   }
   [[nodiscard]] static hal::Serial& port_or(const std::unique_ptr<NamedPty>& port, hal::Serial& other) {
     return port ? port->port() : other;
-  }
-  [[nodiscard]] hal::Keep& keep() {
-    if (keep_) return *keep_;
-    return no_keep_;
   }
 
   std::unique_ptr<World> world_ = world_of(options);
@@ -267,8 +260,6 @@ class Desk {
   sim::HandE hand_{world_->clock()};
   std::unique_ptr<NamedPty> link_ = pty_of(options.link);
   std::unique_ptr<NamedPty> gripper_ = pty_of(options.gripper);
-  std::unique_ptr<drivers::FileKeep> keep_ = keep_of(options.keep);
-  hal::NoKeep no_keep_;
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
   drivers::Threads crew_{threads(options.settings.params)};
@@ -283,7 +274,7 @@ class Desk {
  public:
   hal::Serial& host = port_or(host_, standard_output_);
   Devices devices{camera_, gpio_, port_or(link_, recorded_), world_->clock(), jpeg_};
-  Periphery periphery{port_or(gripper_, hand_), keep()};
+  Periphery periphery{port_or(gripper_, hand_), kept.keep()};
   console::Place place{.board = "sim",
                        .code = options.code,
                        .settings = options.settings.store.get(),
@@ -291,7 +282,8 @@ class Desk {
                        .owner = options.settings.owner.get(),
                        .notes = options.settings.notes.get(),
                        .faults = &faults_,
-                       .prompts = host_ != nullptr};
+                       .prompts = host_ != nullptr,
+                       .host_commands = options.host_commands};
 };
 
 std::unique_ptr<Desk> desk;
@@ -321,6 +313,8 @@ std::optional<int> make(int argc, char** argv) {
                  "make this path the gripper's serial port; without it a simulated Hand-E answers");
   cli.add_option("--host", options.host,
                  "make this path the console's serial port; without it text on standard output");
+  cli.add_flag("--host-commands", options.host_commands,
+               "obey command frames (TARE, OPENING, RELEASE, ARM, GRIP) on the console's port without its unlock");
   cli.add_option("--code-file", options.code_file, "the code that unlocks the console; without it `desk`");
   add_settings(cli, options.settings);
   cli.footer(
@@ -372,7 +366,10 @@ const model::Tree* model() {
 bool watch(OutputWatchdog& watchdog) {
   return desk->watch(watchdog);
 }
-void tell(const App&) {}  // virtual time begins with the program
+void started() {}
+void tell(const App&) {  // nothing of the first frame: virtual time begins with the program
+  desk->kept.tell();
+}
 bool over() {
   return desk->over();
 }

@@ -37,6 +37,11 @@ class SystemCalls final : public FileCalls {
   [[nodiscard]] std::int64_t pwrite(int fd, std::span<const std::uint8_t> bytes, std::int64_t at) override {
     return told([&] { return ::pwrite(fd, bytes.data(), bytes.size(), at); });
   }
+  [[nodiscard]] int allocate(int fd, std::int64_t size) override {
+    int result = ::posix_fallocate(fd, 0, size);  // tells its errno by itself
+    while (result == EINTR) result = ::posix_fallocate(fd, 0, size);
+    return -result;
+  }
   [[nodiscard]] int fsync(int fd) override {
     return told([&] { return ::fsync(fd); });
   }

@@ -19,6 +19,8 @@ class FileCalls {
   [[nodiscard]] virtual std::int64_t size(int fd) = 0;
   [[nodiscard]] virtual std::int64_t pread(int fd, std::span<std::uint8_t> bytes, std::int64_t at) = 0;
   [[nodiscard]] virtual std::int64_t pwrite(int fd, std::span<const std::uint8_t> bytes, std::int64_t at) = 0;
+  // posix_fallocate: the file has `size` bytes at least, and a place for each.
+  [[nodiscard]] virtual int allocate(int fd, std::int64_t size) = 0;
   [[nodiscard]] virtual int fsync(int fd) = 0;
   [[nodiscard]] virtual int fdatasync(int fd) = 0;
 };

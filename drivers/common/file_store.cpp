@@ -24,10 +24,11 @@ FileStore::~FileStore() {
   thread_.join();
 }
 
-void FileStore::do_begin(std::size_t slot, std::span<const std::uint8_t> bytes) {
+void FileStore::do_begin(std::size_t slot, std::span<const std::uint8_t> bytes, bool both) {
   std::copy(bytes.begin(), bytes.end(), bytes_.begin());
   size_ = bytes.size();
   slot_ = slot;
+  both_ = both;
   turn_.store(static_cast<std::uint32_t>(State::kBusy), std::memory_order_release);
   turn_.notify_one();
 }
@@ -42,6 +43,7 @@ void FileStore::work() {
     const std::uint32_t turn = turn_.load(std::memory_order_acquire);
     if (static_cast<State>(turn & ~kEnd) == State::kBusy) {
       error_ = file_.write(slot_, std::span(bytes_).first(size_));
+      if (error_ == 0 && both_) error_ = file_.write(1 - slot_, std::span(bytes_).first(size_));
       const State now = error_ == 0 ? State::kDone : State::kFailed;
       // kEnd stays, should it have come meanwhile.
       turn_.fetch_xor(static_cast<std::uint32_t>(State::kBusy) ^ static_cast<std::uint32_t>(now),

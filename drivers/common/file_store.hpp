@@ -31,7 +31,8 @@ class FileStore final : public hal::Store {
  private:
   [[nodiscard]] std::size_t do_slot_bytes() const override { return trouble_.empty() ? file_.slot_bytes() : 0; }
   [[nodiscard]] std::span<const std::uint8_t> do_found(std::size_t slot) const override { return file_.found(slot); }
-  void do_begin(std::size_t slot, std::span<const std::uint8_t> bytes) override;
+  [[nodiscard]] bool do_readable(std::size_t slot) const override { return file_.readable(slot); }
+  void do_begin(std::size_t slot, std::span<const std::uint8_t> bytes, bool both) override;
   [[nodiscard]] State do_state() const override;
   [[nodiscard]] int do_error() const override { return error_; }
   void work();
@@ -44,6 +45,7 @@ class FileStore final : public hal::Store {
   std::string trouble_;
   std::vector<std::uint8_t> bytes_;
   std::size_t size_ = 0, slot_ = 0;
+  bool both_ = false;
   int error_ = 0;
   std::thread thread_;
 };

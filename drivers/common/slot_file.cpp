@@ -14,7 +14,9 @@ SlotFile::SlotFile(const std::filesystem::path& path, std::size_t slot_bytes, Fi
   int wrong = fd_ < 0 ? -fd_ : make_durable(path);
   // A card that can only be read any more still says what was stored.
   if (fd_ < 0) fd_ = calls_.open(path.c_str(), FileCalls::How::kRead);
-  if (fd_ >= 0) read();
+  // Of a slot that cannot be read nobody knows whether it is in force: the next write could go over it.
+  const int unread = fd_ >= 0 ? read() : 0;
+  if (wrong == 0) wrong = unread;
   if (wrong == 0) return;
   error_ = path.string() + ": " + std::strerror(wrong) + "; nothing can be stored there; look at its folder";
 }
@@ -41,17 +43,22 @@ int SlotFile::make_durable(const std::filesystem::path& path) {
   return -wrong;
 }
 
-void SlotFile::read() {
+int SlotFile::read() {
+  int wrong = 0;
   for (std::size_t slot = 0; slot < found_.size(); ++slot) {
     std::span<std::uint8_t> rest = found_[slot];
     std::size_t at = slot * apart_;
+    readable_[slot] = true;
     while (!rest.empty()) {
       const std::int64_t count = calls_.pread(fd_, rest, static_cast<std::int64_t>(at));
+      readable_[slot] = count >= 0;
+      if (count < 0) wrong = static_cast<int>(-count);
       if (count <= 0) break;
       rest = rest.subspan(static_cast<std::size_t>(count));
       at += static_cast<std::size_t>(count);
     }
   }
+  return wrong;
 }
 
 int SlotFile::write_at(std::size_t at, std::span<const std::uint8_t> bytes) {

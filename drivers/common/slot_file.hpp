@@ -39,19 +39,22 @@ class SlotFile {
   [[nodiscard]] std::size_t slot_bytes() const { return slot_bytes_; }
   // As it was at the start; zeros where the file was shorter.
   [[nodiscard]] std::span<const std::uint8_t> found(std::size_t slot) const { return found_[slot]; }
+  // False: the file cannot be opened, or its medium did not give the slot's bytes.
+  [[nodiscard]] bool readable(std::size_t slot) const { return readable_[slot]; }
   // Over the beginning of a slot. 0: the bytes are durable; otherwise errno. Range: slot 0 or 1, up to slot_bytes().
   [[nodiscard]] int write(std::size_t slot, std::span<const std::uint8_t> bytes);
 
  private:
   [[nodiscard]] int make_durable(const std::filesystem::path& path);
   [[nodiscard]] int write_at(std::size_t at, std::span<const std::uint8_t> bytes);
-  void read();
+  [[nodiscard]] int read();
 
   FileCalls& calls_;
   std::size_t slot_bytes_;
   std::size_t apart_;
   int fd_ = -1;
   std::array<std::vector<std::uint8_t>, 2> found_;
+  std::array<bool, 2> readable_{};
   std::string error_;
 };
 

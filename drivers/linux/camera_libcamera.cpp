@@ -76,6 +76,7 @@ struct LibcameraCamera::State {
   V4l2Camera::Config config;
   V4l2Camera::Counts counts;
   FixedText<511> problem;
+  FixedText<511> unset;
   UsbCensus census;
   SensorSearch sensor;
   libcamera::CameraManager manager;
@@ -104,6 +105,12 @@ LibcameraCamera::~LibcameraCamera() {
 
 std::string_view LibcameraCamera::do_problem() const {
   return state_->problem.view();
+}
+std::string_view LibcameraCamera::do_unset() const {
+  return state_->unset.view();
+}
+bool LibcameraCamera::do_steady() const {
+  return are_steady(state_->counts.controls_off);
 }
 const V4l2Camera::Counts& LibcameraCamera::counts() const {
   return state_->counts;
@@ -174,12 +181,12 @@ bool LibcameraCamera::do_start() {
       return s.fail("a buffer is refused", "it was unplugged meanwhile", "plug the sensor in again");
     }
   }
-  // The stream's own file is libcamera's: controls take another one.
+  // The stream's own file is libcamera's: controls take another one. Without it every control is refused.
   Kernel& kernel = Kernel::real();
-  if (const int fd = kernel.open(s.sensor.node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC); fd >= 0) {
-    s.counts.controls_off = set_camera_controls(kernel, fd);
-    (void)kernel.close(fd);
-  }
+  const int fd = kernel.open(s.sensor.node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+  s.counts.controls_off = set_camera_controls(kernel, fd);
+  s.unset = words_of(s.counts.controls_off);
+  if (fd >= 0) (void)kernel.close(fd);
   ++s.counts.starts;
   return true;
 }
@@ -225,6 +232,8 @@ hal::Capture LibcameraCamera::do_next(hal::Frame& frame, std::chrono::microsecon
   frame.timestamp =
       std::chrono::microseconds{static_cast<std::int64_t>(metadata.timestamp / 1000)} / s.config.time_scale;
   frame.sequence = metadata.sequence;
+  frame.stamped = metadata.timestamp != 0;
+  if (!frame.stamped) ++s.counts.unstamped;
   ++s.counts.frames;
   return Capture::kFrame;
 }

@@ -37,6 +37,8 @@ class LibcameraCamera final : public hal::Camera {
   void do_stop() override;
   [[nodiscard]] std::string_view do_identity() const override;
   [[nodiscard]] std::string_view do_problem() const override;
+  [[nodiscard]] std::string_view do_unset() const override;
+  [[nodiscard]] bool do_steady() const override;
 
   std::unique_ptr<State> state_;
 };

@@ -39,6 +39,7 @@ bool V4l2Camera::do_start() {
   }
   if (!open_node() || !set_format()) return false;
   counts_.controls_off = set_camera_controls(kernel_, fd_);
+  unset_ = words_of(counts_.controls_off);
   if (!map_buffers()) return false;
   for (std::size_t i = 0; i < buffer_count_; ++i) {
     if (!queue(static_cast<std::uint32_t>(i))) {
@@ -186,6 +187,7 @@ hal::Capture V4l2Camera::do_next(hal::Frame& frame, std::chrono::microseconds ti
   frame.height = config_.height;
   frame.timestamp = taken / config_.time_scale;
   frame.sequence = buffer.sequence;
+  frame.stamped = stamped;
   lent_ = buffer.index;
   ++counts_.frames;
   return Capture::kFrame;

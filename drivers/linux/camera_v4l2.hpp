@@ -49,9 +49,9 @@ class V4l2Camera final : public hal::Camera {
     std::uint64_t frames = 0;
     std::uint64_t damaged = 0;  // flagged by the kernel
     std::uint64_t empty = 0;
-    std::uint64_t unstamped = 0;     // not by the monotonic clock: stamped when they were taken
-    std::uint64_t starts = 0;        // that worked
-    std::uint32_t controls_off = 0;  // bit k: control k of camera_controls() is not what it was set to, or not offered
+    std::uint64_t unstamped = 0;  // not by the monotonic clock: hal::Frame::stamped is false
+    std::uint64_t starts = 0;     // that worked
+    ControlsOff controls_off;     // since the last start
   };
 
   explicit V4l2Camera(const Config& config, Kernel& kernel = Kernel::real()) : config_(config), kernel_(kernel) {}
@@ -73,6 +73,8 @@ class V4l2Camera final : public hal::Camera {
   void do_stop() override { close(); }
   [[nodiscard]] std::string_view do_identity() const override { return sensor_.serial.view(); }
   [[nodiscard]] std::string_view do_problem() const override { return problem_.view(); }
+  [[nodiscard]] std::string_view do_unset() const override { return unset_.view(); }
+  [[nodiscard]] bool do_steady() const override { return are_steady(counts_.controls_off); }
 
   [[nodiscard]] bool open_node();
   [[nodiscard]] bool set_format();
@@ -84,6 +86,7 @@ class V4l2Camera final : public hal::Camera {
   Config config_;
   Kernel& kernel_;
   FixedText<511> problem_;
+  FixedText<511> unset_;
   UsbCensus census_;
   SensorSearch sensor_;
   int fd_ = -1;

@@ -8,14 +8,13 @@
 //
 // What becomes of an output when the process ends, however it ends (the kernel closes the descriptor):
 //   Raspberry Pi OS    the pin stays an output at its last level: pinctrl-bcm2835's persist_gpio_outputs is on there,
-//   off
-//                      with `dtparam=strict_gpiod` in config.txt (Raspberry Pi documentation, "GPIO and the 40-pin
-//                      header"; raspberrypi/linux pull request 6117)
+//                      and off with `dtparam=strict_gpiod` in config.txt (Raspberry Pi documentation, "GPIO and the
+//                      40-pin header"; raspberrypi/linux pull request 6117)
 //   mainline, Debian   the pin becomes an input and the wire goes where a resistor takes it: bcm2835_pmx_free() sets
 //                      GPIO_IN; since 6.10 the parameter exists there too, and is off (Wahren's patch of May 2024)
 //   PL061 (qemu virt)  the level stays: its free() is gpiochip_generic_free(), which does nothing without a pin
-//   controller others             nothing is promised: "reverts to default when the last process [...] exits"
-//   (gpioset's help)
+//                      controller
+//   others             nothing is promised: "reverts to default when the last process [...] exits" (gpioset's help)
 // So neither a killed process nor its end lowers GRIP_OK by itself; the receiver's rule (GRIP_OK counts while ALIVE
 // toggles) and a pull-down at the wire do. An orderly close() drives every output LOW first. After any other end
 // somebody has to call lower(): the unit does (holdfastd --lower).

@@ -84,6 +84,7 @@ class SerialTty final : public hal::Serial {
 
   [[nodiscard]] bool do_write(std::span<const std::uint8_t> bytes) override;
   [[nodiscard]] std::size_t do_read(std::span<std::uint8_t> bytes) override;
+  [[nodiscard]] std::uint32_t do_hang_ups() const override { return counters_.hang_ups; }
 
   [[nodiscard]] bool try_open();
   [[nodiscard]] bool open_or_retry();

@@ -8,6 +8,7 @@ namespace holdfast::sim {
 void Serial::hang_up() {
   hung_up_ = true;
   waiting_ = 0;
+  ++hang_ups_;
 }
 
 bool Serial::feed(std::span<const std::uint8_t> bytes) {

@@ -25,6 +25,8 @@ class Serial final : public hal::Serial {
   void set_full(bool full) { full_ = full; }
   // The cable is out: writes are refused, nothing can be read, and what waited is lost.
   void hang_up();
+  // Another program has the other end now, without a moment between the two.
+  void change_hands() { ++hang_ups_; }
   void reconnect() { hung_up_ = false; }
 
   // Input for the firmware. False when the cable is out or the bytes do not fit: then none are taken.
@@ -42,6 +44,7 @@ class Serial final : public hal::Serial {
  private:
   [[nodiscard]] bool do_write(std::span<const std::uint8_t> bytes) override;
   [[nodiscard]] std::size_t do_read(std::span<std::uint8_t> bytes) override;
+  [[nodiscard]] std::uint32_t do_hang_ups() const override { return hang_ups_; }
 
   Ring<std::uint8_t> output_;
   std::vector<std::uint8_t> input_;
@@ -49,6 +52,7 @@ class Serial final : public hal::Serial {
   std::size_t waiting_ = 0;
   std::uint64_t taken_ = 0;
   std::uint64_t refused_ = 0;
+  std::uint32_t hang_ups_ = 0;
   bool full_ = false;
   bool hung_up_ = false;
 };

@@ -3,10 +3,12 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/inotify.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdlib>
 
 namespace holdfast::sim {
@@ -36,16 +38,23 @@ SerialPty::SerialPty() : master_(posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O
   std::array<char, 128> path{};
   const bool ok = master_ >= 0 && grantpt(master_) == 0 && unlockpt(master_) == 0 &&
                   ptsname_r(master_, path.data(), path.size()) == 0 && make_raw(path.data());
-  if (ok) {
+  closings_ = ok ? inotify_init1(IN_NONBLOCK | IN_CLOEXEC) : -1;
+  if (closings_ >= 0 && inotify_add_watch(closings_, path.data(), IN_CLOSE) >= 0) {
     path_ = path.data();
-  } else if (master_ >= 0) {
-    close(master_);
-    master_ = -1;
+    return;
   }
+  shut();
 }
 
 SerialPty::~SerialPty() {
-  if (master_ >= 0) close(master_);
+  shut();
+}
+
+void SerialPty::shut() {
+  for (int* const fd : {&master_, &closings_}) {
+    if (*fd >= 0) close(*fd);
+    *fd = -1;
+  }
 }
 
 bool SerialPty::connected() const {
@@ -84,6 +93,9 @@ std::size_t SerialPty::do_read(std::span<std::uint8_t> bytes) {
   if (!opened()) return 0;
   if (rest_begin_ != rest_end_) (void)flush();
   const ssize_t count = ::read(master_, bytes.data(), bytes.size());
+  const bool out = count < 0 && errno == EIO;
+  std::array<char, 512> events;  // behind the read, so that nothing of who came after a closing comes before it is told
+  if (::read(closings_, events.data(), events.size()) > 0 || out) ++hang_ups_;
   return count > 0 ? static_cast<std::size_t>(count) : 0;  // EAGAIN and EIO: there is nothing
 }
 

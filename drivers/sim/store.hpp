@@ -31,6 +31,8 @@ class Store final : public hal::Store {
     failure_ = error;
     most_ = bytes;
   }
+  // The medium does not say what lies in its slots.
+  void set_unreadable(bool unreadable) { unreadable_ = unreadable; }
   [[nodiscard]] int writes() const { return writes_; }
 
  private:
@@ -38,10 +40,12 @@ class Store final : public hal::Store {
 
   [[nodiscard]] std::size_t do_slot_bytes() const override { return slot_bytes_; }
   [[nodiscard]] std::span<const std::uint8_t> do_found(std::size_t k) const override { return slots_[k]; }
-  void do_begin(std::size_t k, std::span<const std::uint8_t> bytes) override {
+  [[nodiscard]] bool do_readable(std::size_t /*k*/) const override { return !unreadable_; }
+  void do_begin(std::size_t k, std::span<const std::uint8_t> bytes, bool both) override {
     ++writes_;
     asked_.assign(bytes.begin(), bytes.end());
     into_ = k;
+    both_ = both;
     state_ = State::kBusy;
     if (!slow_) end();
   }
@@ -51,6 +55,7 @@ class Store final : public hal::Store {
   void end() {
     const std::size_t count = failure_ != 0 ? std::min(most_, asked_.size()) : asked_.size();
     std::copy_n(asked_.begin(), count, slots_[into_].begin());
+    if (both_ && failure_ == 0) std::copy(asked_.begin(), asked_.end(), slots_[1 - into_].begin());
     error_ = failure_;
     state_ = failure_ != 0 ? State::kFailed : State::kDone;
   }
@@ -60,7 +65,7 @@ class Store final : public hal::Store {
   Slot asked_;
   std::size_t into_ = 0;
   State state_ = State::kIdle;
-  bool slow_ = false;
+  bool slow_ = false, both_ = false, unreadable_ = false;
   int failure_ = 0, error_ = 0, writes_ = 0;
   std::size_t most_ = 0;
 };

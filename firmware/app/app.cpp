@@ -59,7 +59,7 @@ Status App::start(const Params& params, bool auto_size) {
   alive_high_ = false;
   distrusted_ = 0;
   first_accepted_.reset();
-  accepted_ = 0;
+  ok_frames_ = 0;
   last_rejection_ = Reason::kNone;
   supervisor_ = {};  // what held before the restart vouches for nothing now
   outputs_ = {};
@@ -67,7 +67,7 @@ Status App::start(const Params& params, bool auto_size) {
   freshness::restart(state_.freshness);
   state_.any_frame = false;  // another stream may count its time from another start
   health_ = {};
-  strain_ = beside_ = strain_beside_ = Reason::kNone;
+  strain_ = held_ = beside_ = strain_beside_ = Reason::kNone;
   force_limit_ = false;
   waiting_since_ = devices_.clock.now();
   if (!devices_.camera.start()) return {Reason::kCameraGone};
@@ -193,6 +193,13 @@ void App::beside(Reason fault, Reason strain, bool force_limit) {
   signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
 }
 
+void App::hold(Reason fault) {
+  held_ = fault;
+  if (fault == Reason::kNone) return;
+  supervisor::fail(supervisor_, fault);
+  signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
+}
+
 bool App::resume(const keepsake::Contents& contents) {
   if (contents.sensor != sensor_ || sensor_ == keepsake::Identity{}) return false;
   if (contents.pitch_um != config_.displacement.pitch_um) return false;
@@ -208,8 +215,12 @@ void App::remember(keepsake::Contents& contents) const {
 }
 
 supervisor::Health App::health_now() const {
-  return {.fault = beside_,
-          .strain = strain_ != Reason::kNone ? strain_ : strain_beside_,
+  const Reason strain = strain_ != Reason::kNone          ? strain_
+                        : strain_beside_ != Reason::kNone ? strain_beside_
+                        : devices_.camera.steady()        ? Reason::kNone
+                                                          : Reason::kCameraControls;
+  return {.fault = held_ != Reason::kNone ? held_ : beside_,
+          .strain = strain,
           .opening = state_.opening,
           .force_limit = force_limit_};
 }
@@ -218,15 +229,16 @@ bool App::is_stale() const {
   return devices_.clock.now() - result_.timestamp > kOldestFrame;
 }
 
-// A frame that tells of long ago vouches for nothing; one from the future would lock out all that follow it. Range: any
-// stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
+// A frame that tells of long ago vouches for nothing, nor does one that may; one from the future would lock out all
+// that follow it. Range: any stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
 void App::take(const hal::Frame& frame) {
   constexpr Micros kFarthest{std::int64_t{1} << 62};
   const Micros timestamp = std::clamp(frame.timestamp, -kFarthest, kFarthest);
   const Micros age = devices_.clock.now() - timestamp;
-  const Status news = age > kOldestFrame   ? Status{Reason::kFrameStale}
-                      : age < -kClockSlack ? Status{Reason::kTimeNotForward}
-                                           : kOkStatus;
+  const Status news = devices_.camera.live() && !frame.stamped ? Status{Reason::kFrameUnstamped}
+                      : age > kOldestFrame                     ? Status{Reason::kFrameStale}
+                      : age < -kClockSlack                     ? Status{Reason::kTimeNotForward}
+                                                               : kOkStatus;
   if (news.ok()) {
     result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
     if (result_.quality.ok() && is_stale()) result_.quality = {Reason::kFrameStale};  // decided too late
@@ -303,7 +315,6 @@ void App::vouch() {
   const Micros now = devices_.clock.now();
   watchdog_.vouch(now);
   if (!first_accepted_) first_accepted_ = now;
-  ++accepted_;
 }
 
 bool App::give_up(const supervisor::Outputs& outputs, Reason why) {
@@ -341,6 +352,11 @@ void App::report() {
     frame.entropy_rate_nat_s_q8 = result_.features.entropy_rate.raw();
   }
   told_ = frame;
+  if (frame.state == DeviceState::kFault) {
+    ok_frames_ = 0;
+  } else if (frame.state == DeviceState::kOk && outputs_.accepted) {
+    ++ok_frames_;
+  }
   std::array<std::uint8_t, status_frame::kWireBytes> wire{};
   const std::size_t size = status_frame::encode(frame, wire);
   if (!devices_.link.write(std::span(wire).first(size))) count_up(link_refused_);

@@ -76,6 +76,8 @@ class App {
   void opening(bool is_opening);
   // What the devices beside the camera say; counts from the next frame on, a fault at once.
   void beside(Reason fault, Reason strain, bool force_limit);
+  // FAULT for this reason, at once and whatever the frames say, until kNone is given. After start().
+  void hold(Reason fault);
   // Goes on with an earlier process's rest position, when this sensor is that one, and what this model reads of the
   // empty gel was learned then. After start().
   [[nodiscard]] bool resume(const keepsake::Contents& contents);
@@ -95,8 +97,8 @@ class App {
   [[nodiscard]] const model::Tree* tree() const { return tree_; }
   // When ALIVE vouched for a frame first since start(). The clock of a board with real devices begins with its kernel.
   [[nodiscard]] std::optional<Micros> first_accepted() const { return first_accepted_; }
-  // Frames that ALIVE vouched for since start().
-  [[nodiscard]] std::uint64_t accepted() const { return accepted_; }
+  // Accepted frames that the status frame called OK since start(), or since the last FAULT.
+  [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor() const { return supervisor_; }
   [[nodiscard]] const health::State& health() const { return health_; }
@@ -144,10 +146,11 @@ class App {
   keepsake::Identity sensor_{};  // that this run began with
   Micros waiting_since_{};
   std::optional<Micros> first_accepted_;
-  std::uint64_t accepted_ = 0;
+  std::uint64_t ok_frames_ = 0;
   Micros arrived_{};                       // the frame that is worked on
   Reason last_rejection_ = Reason::kNone;  // of the frame seen last
   Reason strain_ = Reason::kNone;
+  Reason held_ = Reason::kNone;
   Reason beside_ = Reason::kNone;
   Reason strain_beside_ = Reason::kNone;
   bool force_limit_ = false;

@@ -31,7 +31,8 @@ struct CommandInfo {
 inline constexpr std::array<CommandInfo, 5> kCommands{{
     {Command::kTare, "TARE", "forget the rest position of the markers and learn it anew",
      "0: only while nothing touches the gel; 1: even then", 1},
-    {Command::kOpening, "OPENING", "the gripper opens: loss of contact is no slip", "1: begins; 0: has ended", 1},
+    {Command::kOpening, "OPENING", "the gripper opens: loss of contact is no slip, for `opening_max_ms` at most",
+     "1: begins; 0: has ended", 1},
     {Command::kRelease, "RELEASE", "lower the grip force step by step, to let the object go", "0", 0},
     {Command::kArm, "ARM", "leave a latched fault; activates the gripper anew", "0", 0},
     {Command::kGrip, "GRIP", "move the gripper", "1: close and hold with the starting force; 0: open", 1},
@@ -46,7 +47,15 @@ inline constexpr std::array<CommandInfo, 5> kCommands{{
 }
 
 // Numbers are sent on the wire and never re-used.
-enum class Result : std::uint8_t { kDone = 0, kTouching = 1, kState = 2, kUnknown = 3, kArgument = 4 };
+enum class Result : std::uint8_t {
+  kDone = 0,
+  kTouching = 1,
+  kState = 2,
+  kUnknown = 3,
+  kArgument = 4,
+  kLocked = 5,
+  kOverdue = 6
+};
 
 struct ResultInfo {
   Result result;
@@ -56,7 +65,7 @@ struct ResultInfo {
   std::string_view next;
 };
 
-inline constexpr std::array<ResultInfo, 5> kResults{{
+inline constexpr std::array<ResultInfo, 7> kResults{{
     {Result::kDone, "done", "taken; what comes of it is in the status frames", "-", "-"},
     {Result::kTouching, "touching", "refused: something touches the gel", "the object is still between the fingers",
      "open the gripper, or send TARE with argument 1"},
@@ -66,6 +75,11 @@ inline constexpr std::array<ResultInfo, 5> kResults{{
      "update the firmware"},
     {Result::kArgument, "argument", "refused: the argument is out of the command's range", "a mistake of the sender's",
      "look at the table of commands"},
+    {Result::kLocked, "locked", "refused: this is the console's port, and it is locked",
+     "nobody unlocked the console, or its cable was out since",
+     "send it on the port `link`, unlock the console, or start holdfastd with --host-commands"},
+    {Result::kOverdue, "overdue", "refused: OPENING lasted for `opening_max_ms` and was not ended",
+     "OPENING is sent again and again", "send OPENING 0 when the gripper has opened, and OPENING 1 the next time"},
 }};
 
 struct CommandFrame {

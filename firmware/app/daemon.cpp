@@ -129,7 +129,9 @@ void Daemon::watch_camera() {
     case App::Polled::kSignalled:
       record();
       regulate();
-      if (app_.outputs().accepted) keep_reference();
+      if (!app_.outputs().accepted) break;
+      if (app_.result().contact.event == contact::Event::kTouched) may_open_ = true;
+      keep_reference();
       break;
     case App::Polled::kWaiting:
       break;
@@ -159,7 +161,7 @@ void Daemon::camera_started() {
   stalled_since_ = devices_.clock.now();
   if (looked_for_kept_) return;
   looked_for_kept_ = true;
-  if (keepsake::load(keepsake_, periphery_.keep.memory())) resumed_ = app_.resume(keepsake_.slot.contents);
+  if (keepsake::load(keepsake_, periphery_.keep)) resumed_ = app_.resume(keepsake_.slot.contents);
 }
 
 void Daemon::lose_camera(Micros retry_after) {
@@ -202,12 +204,12 @@ void Daemon::keep_reference() {
   app_.remember(keepsake_.slot.contents);
   kept_ = true;
   kept_at_ = now;
-  (void)keepsake::save(keepsake_, periphery_.keep.memory());  // a board without keeps nothing
+  (void)keepsake::save(keepsake_, periphery_.keep);  // a board without keeps nothing
 }
 
 // The gripper holds on while no process runs; the next one goes on tightening from where this one was.
 void Daemon::resume_grip() {
-  if (!keepsake::load(kept_grip_, periphery_.keep.memory()) || kept_grip_.slot.contents.gripping == 0) return;
+  if (!keepsake::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.gripping == 0) return;
   if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
   const keepsake::Grip& kept = kept_grip_.slot.contents;
   regulator_ = {};
@@ -222,7 +224,7 @@ void Daemon::keep_grip() {
   const keepsake::Grip grip{static_cast<std::uint8_t>(grip_.go ? 1 : 0), grip_.force, grip_.position};
   if (kept_grip_.slot.contents == grip) return;
   kept_grip_.slot.contents = grip;
-  (void)keepsake::save(kept_grip_, periphery_.keep.memory());
+  (void)keepsake::save(kept_grip_, periphery_.keep);
 }
 
 void Daemon::serve_link() {
@@ -253,11 +255,8 @@ Result Daemon::execute(const CommandFrame& frame) {
     case Command::kTare:
       return tare(frame.argument == 1);
     case Command::kOpening:
-      if (frame.argument == 1) {
-        begin_opening();
-      } else {
-        opening_ = false;
-      }
+      if (frame.argument == 1) return begin_opening() ? Result::kDone : Result::kOverdue;
+      end_opening();
       return Result::kDone;
     case Command::kRelease:
       return release();
@@ -268,7 +267,8 @@ Result Daemon::execute(const CommandFrame& frame) {
       if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Result::kState;
       if (frame.argument == 0) return release();
       grip_asked_ = true;
-      release_asked_ = opening_ = false;
+      release_asked_ = false;
+      end_opening();
       return Result::kDone;
   }
   return Result::kUnknown;
@@ -281,7 +281,7 @@ Result Daemon::tare(bool even_if_touched) {
   }
   app_.tare();
   kept_ = false;
-  keepsake::forget(keepsake_, periphery_.keep.memory());
+  keepsake::forget(keepsake_, periphery_.keep);
   return Result::kDone;
 }
 
@@ -297,13 +297,24 @@ Result Daemon::release() {
   if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Result::kState;
   release_asked_ = true;
   grip_asked_ = false;
-  begin_opening();
+  (void)begin_opening();  // the fingers open all the same; what slips then is told
   return Result::kDone;
 }
 
-void Daemon::begin_opening() {
+// Said again it is the same one, and its time runs on. When that is over, another one begins only after this one was
+// ended, or after a contact was made: a sender that never stops saying it would mask slip for good. Whether it is in
+// force.
+bool Daemon::begin_opening() {
+  if (!may_open_) return opening_;
+  may_open_ = false;
   opening_ = true;
   opening_until_ = devices_.clock.now() + Micros{std::int64_t{params_.opening_max_ms} * 1000};
+  return true;
+}
+
+void Daemon::end_opening() {
+  opening_ = false;
+  may_open_ = true;
 }
 
 // Levels that have lasted for kDebounce. TARE, RELEASE and ARM act on the rise, OPENING as long as it is HIGH.
@@ -323,14 +334,14 @@ void Daemon::read_inputs() {
     if (now - wire.since < kDebounce) continue;
     wire.high = high;
     wire.other = false;
-    if (input == hal::Input::kOpening && !high) opening_ = false;
+    if (input == hal::Input::kOpening && !high) end_opening();
     if (!high) continue;
     switch (input) {
       case hal::Input::kTare:
         (void)tare(false);
         break;
       case hal::Input::kOpening:
-        begin_opening();
+        (void)obey({.command = Command::kOpening, .argument = 1});  // a refusal is in the log
         break;
       case hal::Input::kRelease:
         (void)release();

@@ -3,7 +3,8 @@
 // and remembers the grasp for the process after this one.
 //
 //   camera   started again when it is gone or no frame was accepted for long, with back-off; the same sensor only
-//   commands TARE, OPENING, RELEASE, ARM and GRIP as frames on the link, the first four also by wire, where wired
+//   commands TARE, OPENING, RELEASE, ARM and GRIP as frames on the link, the first four also by wire, where wired;
+//            OPENING and RELEASE mask slip for opening_max_ms from the first one on, however often they are said
 //   gripper  the regulator's force, by Modbus RTU or as pulses on two lines; its faults are FAULTs
 //   keep     rest position and empty gel, written when learned and every few seconds on an empty gel
 //
@@ -45,7 +46,7 @@ class Daemon {
 
   // As App::start(), but a camera that is not there yet is waited for: kConfig, kGpioFailed.
   [[nodiscard]] Status start(const Params& params, bool auto_size = false);
-  // Other parameters while it runs; those that are made with the board (applies_at_restart()) stay as they are.
+  // Other parameters while it runs; those that are made with the board (Applies::kAtRestart) stay as they are.
   // Range: validate(params) is ok.
   void reconfigure(const Params& params);
   // A command that came some other way than on the link.
@@ -88,7 +89,8 @@ class Daemon {
   [[nodiscard]] command_frame::Result tare(bool even_if_touched);
   void arm();
   [[nodiscard]] command_frame::Result release();
-  void begin_opening();
+  [[nodiscard]] bool begin_opening();
+  void end_opening();
 
   Devices devices_;
   Periphery periphery_;
@@ -108,6 +110,7 @@ class Daemon {
   link::Receiver receiver_;
   command_frame::Once once_;
   bool opening_ = false;
+  bool may_open_ = true;  // the last OPENING was ended, or something was touched since it began
   Micros opening_until_{};
   struct Wire {
     bool high = false;   // as obeyed

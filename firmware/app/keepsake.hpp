@@ -4,8 +4,9 @@
 // something presses on.
 //
 // Two slots in memory that outlives the process (hal/keep.hpp), written in turn, so that a process killed while it
-// writes leaves the older one whole. A slot is believed only with its magic, its size, its version (of this very
-// layout: another build learns anew) and its CRC, and then its figures are checked against their ranges.
+// writes, or a file system that is full, leaves the older one whole. A slot is believed only with its magic, its size,
+// its version (of this very layout: another build learns anew) and its CRC, and then its figures are checked against
+// their ranges.
 #pragma once
 
 #include <algorithm>
@@ -20,6 +21,7 @@
 #include "base/crc32.hpp"
 #include "base/math.hpp"
 #include "base/units.hpp"
+#include "hal/keep.hpp"
 #include "tactile/imprint.hpp"
 #include "vision/markers.hpp"
 
@@ -108,6 +110,11 @@ template <typename Kept>
   return grip.gripping <= 1;
 }
 
+template <typename Kept>
+[[nodiscard]] std::span<std::uint8_t> bytes_of(SlotOf<Kept>& slot) {
+  return {reinterpret_cast<std::uint8_t*>(&slot), sizeof slot};
+}
+
 [[nodiscard]] inline std::size_t place_of(const State& /*reference*/) {
   return 0;
 }
@@ -119,15 +126,15 @@ template <typename Kept>
 
 // Looks at both slots and leaves the newer sound one in state.slot. False: there is none. Range: any bytes.
 template <typename Kept>
-[[nodiscard]] bool load(StateOf<Kept>& state, std::span<const std::uint8_t> memory) {
+[[nodiscard]] bool load(StateOf<Kept>& state, hal::Keep& keep) {
   constexpr std::size_t kSlot = sizeof(SlotOf<Kept>);
   state.sequence = 0;
   state.next = 0;
-  if (memory.size() < kBytes) return false;
-  const std::uint8_t* const from = memory.data() + detail::place_of(state);
+  if (keep.size() < kBytes) return false;
+  const std::size_t from = detail::place_of(state);
   std::size_t best = 2;
   for (const std::size_t k : {std::size_t{0}, std::size_t{1}}) {
-    std::memcpy(&state.slot, from + k * kSlot, kSlot);
+    if (!keep.read(from + k * kSlot, detail::bytes_of(state.slot))) continue;
     const bool blank = state.slot.magic == 0;
     const bool sound = state.slot.magic == kMagic && state.slot.version == kVersion && state.slot.bytes == kSlot &&
                        state.slot.crc == detail::crc_of(state.slot) && detail::is_sane(state.slot.contents);
@@ -138,30 +145,33 @@ template <typename Kept>
   }
   if (best == 2) return false;
   state.next = 1 - best;
-  std::memcpy(&state.slot, from + best * kSlot, kSlot);
-  return state.slot.crc == detail::crc_of(state.slot);
+  return keep.read(from + best * kSlot, detail::bytes_of(state.slot)) && state.slot.crc == detail::crc_of(state.slot);
 }
 
-// Writes state.slot.contents over the older slot. False: there is no memory.
+// Writes state.slot.contents over the older slot. False: there is no memory, or it did not take all of it; then the
+// next one goes over this slot again, and the other stays.
 // Cost: a CRC over the slot, 19 kB for a reference: 0.6 M instructions. Once per rest position, and every few seconds
 // on an empty gel.
 template <typename Kept>
-[[nodiscard]] bool save(StateOf<Kept>& state, std::span<std::uint8_t> memory) {
+[[nodiscard]] bool save(StateOf<Kept>& state, hal::Keep& keep) {
   constexpr std::size_t kSlot = sizeof(SlotOf<Kept>);
-  if (memory.size() < kBytes) return false;
+  if (keep.size() < kBytes) return false;
   state.slot.magic = kMagic;
   state.slot.version = kVersion;
   state.slot.bytes = kSlot;
   state.slot.sequence = ++state.sequence;
   state.slot.crc = detail::crc_of(state.slot);
-  std::memcpy(memory.data() + detail::place_of(state) + state.next * kSlot, &state.slot, kSlot);
+  if (!keep.write(detail::place_of(state) + state.next * kSlot, detail::bytes_of(state.slot))) return false;
   state.next = 1 - state.next;
   return true;
 }
 
 // The rest position that is kept is no longer true: another process must not go on with it.
-inline void forget(State& state, std::span<std::uint8_t> memory) {
-  if (memory.size() >= kBytes) std::fill_n(memory.begin(), kReferenceBytes, std::uint8_t{0});
+// Range: of each slot so much is wiped that it is not believed. What takes no byte (full) holds none either.
+inline void forget(State& state, hal::Keep& keep) {
+  constexpr std::array<std::uint8_t, offsetof(Slot, contents)> kBlank{};
+  if (keep.size() < kBytes) return;
+  for (const std::size_t at : {std::size_t{0}, sizeof(Slot)}) (void)keep.write(at, kBlank);
   state.next = 0;
 }
 

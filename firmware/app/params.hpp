@@ -60,12 +60,22 @@ enum class Applies : std::uint8_t {
 };
 inline constexpr std::array<std::string_view, 3> kAppliesNames{"at once", "relearned", "at restart"};
 
+// What a wrong value can do, and so who may change it where the device has an owner (sealed.hpp).
+enum class ParamClass : std::uint8_t {
+  kSafety,   // GRIP_OK is HIGH though it should not be, or what is held is harmed: only what the owner signed
+  kTuning,   // speed, or the way to a grip: whoever unlocks the console
+  kDisplay,  // what is shown and recorded: likewise
+};
+inline constexpr std::array<std::string_view, 3> kParamClassNames{"safety", "tuning", "display"};
+
 struct ParamInfo {
   std::int32_t Params::*member;
   std::string_view name;
   std::string_view unit;
   std::int32_t min;
   std::int32_t max;
+  ParamClass kind;
+  std::string_view why;  // it is of that class
   std::string_view help;
   std::string_view price;  // what a larger or smaller value costs
   Applies applies = Applies::kAtOnce;
@@ -73,64 +83,77 @@ struct ParamInfo {
 };
 
 inline constexpr std::array<ParamInfo, 25> kParams{{
-    {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000,
+    {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000, ParamClass::kSafety,
+     "larger: a slip stays in one bin, and its entropy shows nothing",
      "displacement at which the last of the 15 histogram bins begins to overflow",
      "larger: small slips share one bin; smaller: strong grips saturate the last bin. Belongs to the model"},
-    {&Params::pitch_um, "pitch_um", "um", 1000, 5000, "distance of neighbouring markers on the gel",
+    {&Params::pitch_um, "pitch_um", "um", 1000, 5000, ParamClass::kSafety,
+     "smaller: all speeds are too small for the model to see a slip", "distance of neighbouring markers on the gel",
      "all lengths and speeds scale with it; give the printed pitch", Applies::kRelearned},
-    {&Params::raise_frames, "raise_frames", "frames", 1, 10, "slips in a row until the request is raised",
+    {&Params::raise_frames, "raise_frames", "frames", 1, 10, ParamClass::kSafety,
+     "more: GRIP_OK stays HIGH for that many frames of a slip", "slips in a row until the request is raised",
      "one frame of delay each (40 ms at 25 fps); 1 passes every flicker on"},
-    {&Params::hold_ms, "hold_ms", "ms", 0, 5000, "how long the request stays raised after the last slip",
+    {&Params::hold_ms, "hold_ms", "ms", 0, 5000, ParamClass::kSafety,
+     "0: GRIP_OK is HIGH again between two frames of a slide", "how long the request stays raised after the last slip",
      "longer: a false alarm keeps GRIP_OK low longer; shorter: the request flickers during a slide"},
-    {&Params::max_gap_ms, "max_gap_ms", "ms", 200, 2000, "time between frames above which rates start again",
+    {&Params::max_gap_ms, "max_gap_ms", "ms", 200, 2000, ParamClass::kSafety,
+     "longer: a slip within a gap is averaged away", "time between frames above which rates start again",
      "longer: a slip within the gap is averaged away; shorter: dropped frames at 15 fps blind one frame"},
-    {&Params::degraded_markers_pct, "degraded_markers_pct", "%", 1, 100,
-     "below this share of tracked markers the state is DEGRADED",
+    {&Params::degraded_markers_pct, "degraded_markers_pct", "%", 1, 100, ParamClass::kSafety,
+     "lower: GRIP_OK is HIGH on a few markers", "below this share of tracked markers the state is DEGRADED",
      "higher: a little dirt lowers GRIP_OK; lower: features stand on fewer markers"},
-    {&Params::fault_markers_pct, "fault_markers_pct", "%", 1, 100,
-     "below this share of tracked markers the state is FAULT",
+    {&Params::fault_markers_pct, "fault_markers_pct", "%", 1, 100, ParamClass::kSafety,
+     "lower: a lost or covered gel goes on being judged", "below this share of tracked markers the state is FAULT",
      "higher: strong shear at the edge stops the grasp; lower: features stand on fewer markers"},
-    {&Params::reference_frames, "reference_frames", "frames", 1, 100,
+    {&Params::reference_frames, "reference_frames", "frames", 1, 100, ParamClass::kSafety,
+     "1: the noise of one frame becomes the rest position of all that follow",
      "frames of the empty gel that are averaged to the rest position",
      "one frame of start-up each; noise of the rest position falls with the root"},
-    {&Params::grid_rows, "grid_rows", "", 3, 16, "rows of the printed grid", "none: give the printed number",
-     Applies::kRelearned},
-    {&Params::grid_cols, "grid_cols", "", 3, 16, "columns of the printed grid", "none: give the printed number",
-     Applies::kRelearned},
-    {&Params::mode, "mode", "", 0, static_cast<std::int32_t>(kModes.size()) - 1,
-     "speed setting: 0 fast, 1 balanced, 2 precise", "see the modes table", Applies::kRelearned},
-    {&Params::jpeg_threads, "jpeg_threads", "", 1, static_cast<std::int32_t>(hal::kMaxWorkers),
-     "cores that decode one picture together (mode fast)", "half a megabyte each, and a core taken from USB and others",
-     Applies::kAtRestart},
-    {&Params::jpeg_lanes, "jpeg_lanes", "", 0, static_cast<std::int32_t>(jpeg_fast::kMaxLanes),
+    {&Params::grid_rows, "grid_rows", "", 3, 16, ParamClass::kSafety, "fewer: whole rows may be lost without a word",
+     "rows of the printed grid", "none: give the printed number", Applies::kRelearned},
+    {&Params::grid_cols, "grid_cols", "", 3, 16, ParamClass::kSafety, "as grid_rows", "columns of the printed grid",
+     "none: give the printed number", Applies::kRelearned},
+    {&Params::mode, "mode", "", 0, static_cast<std::int32_t>(kModes.size()) - 1, ParamClass::kSafety,
+     "each detects another share of slips, after another delay", "speed setting: 0 fast, 1 balanced, 2 precise",
+     "see the modes table", Applies::kRelearned},
+    {&Params::jpeg_threads, "jpeg_threads", "", 1, static_cast<std::int32_t>(hal::kMaxWorkers), ParamClass::kTuning,
+     "the same bytes; what comes late is rejected", "cores that decode one picture together (mode fast)",
+     "half a megabyte each, and a core taken from USB and others", Applies::kAtRestart},
+    {&Params::jpeg_lanes, "jpeg_lanes", "", 0, static_cast<std::int32_t>(jpeg_fast::kMaxLanes), ParamClass::kTuning,
+     "the same bytes; what comes late is rejected",
      "places of the picture that a core decodes by turns (mode fast); 0: the plain walk",
      "3 suits x86-64, 2 Cortex-A72; 0 takes about twice as long and no memory of its own", Applies::kAtRestart},
-    {&Params::jpeg_rows_pct, "jpeg_rows_pct", "%", 50, 100,
-     "rows of the picture that are decoded, from the top (mode fast)",
+    {&Params::jpeg_rows_pct, "jpeg_rows_pct", "%", 50, 100, ParamClass::kSafety,
+     "less: damaged pictures are no longer refused", "rows of the picture that are decoded, from the top (mode fast)",
      "below 100: saves its share of the time, and two in three pictures that lost data above are no longer refused",
      Applies::kAtRestart},
-    {&Params::all_features, "all_features", "", 0, 1,
+    {&Params::all_features, "all_features", "", 0, 1, ParamClass::kDisplay, "the model decides by the same features",
      "1: compute every feature, also those that the model does not read", "instructions only; for recording data"},
-    {&Params::latch, "latch", "", 0, 1, "1: after a FAULT wait for the command ARM",
+    {&Params::latch, "latch", "", 0, 1, ParamClass::kSafety,
+     "0: GRIP_OK is HIGH again after a FAULT that nobody looked at", "1: after a FAULT wait for the command ARM",
      "1: a cable that was loose for a moment stops the robot until somebody has looked"},
-    {&Params::opening_max_ms, "opening_max_ms", "ms", 100, 60'000, "OPENING and RELEASE mask slip for so long at most",
+    {&Params::opening_max_ms, "opening_max_ms", "ms", 100, 60'000, ParamClass::kSafety,
+     "longer: a forgotten OPENING hides the loss of the object", "OPENING and RELEASE mask slip for so long at most",
      "longer: a forgotten OPENING hides slip for longer; shorter: a slow release ends in a false slip"},
-    {&Params::gripper, "gripper", "", 0, 2, "what holds: 0 the robot itself, 1 Robotiq Hand-E, 2 a pair of step lines",
+    {&Params::gripper, "gripper", "", 0, 2, ParamClass::kSafety, "0: a gripper's faults are no longer seen",
+     "what holds: 0 the robot itself, 1 Robotiq Hand-E, 2 a pair of step lines",
      "1 and 2: a gripper that does not answer is a FAULT", Applies::kAtRestart},
-    {&Params::start_force, "start_force", "counts", 0, 255, "force of GRIP before anything slips",
+    {&Params::start_force, "start_force", "counts", 0, 255, ParamClass::kTuning,
+     "up to max_force; a slip is reported whatever the force", "force of GRIP before anything slips",
      "higher: fewer slips, and soft objects suffer; lower: more is left to the regulator"},
-    {&Params::force_step, "force_step", "counts", 1, 64, "force added per step while the object slips",
-     "larger: stops a slip sooner and overshoots further"},
-    {&Params::grow_pct, "grow_pct", "%", 0, 50, "and this share of the present force",
-     "larger: heavy objects are held sooner and squeezed harder"},
-    {&Params::max_force, "max_force", "counts", 0, 255, "force that is never exceeded",
-     "higher: heavier objects are held, weaker ones crushed"},
-    {&Params::position_step, "position_step", "counts", 0, 16, "fingers close by this with every step of force",
+    {&Params::force_step, "force_step", "counts", 1, 64, ParamClass::kTuning, "as start_force",
+     "force added per step while the object slips", "larger: stops a slip sooner and overshoots further"},
+    {&Params::grow_pct, "grow_pct", "%", 0, 50, ParamClass::kTuning, "as start_force",
+     "and this share of the present force", "larger: heavy objects are held sooner and squeezed harder"},
+    {&Params::max_force, "max_force", "counts", 0, 255, ParamClass::kSafety, "the one limit that keeps an object whole",
+     "force that is never exceeded", "higher: heavier objects are held, weaker ones crushed"},
+    {&Params::position_step, "position_step", "counts", 0, 16, ParamClass::kTuning, "as start_force",
+     "fingers close by this with every step of force",
      "0 suits grippers that hold by force; more squeezes soft objects flat"},
-    {&Params::release_step, "release_step", "counts", 1, 64, "force taken off per 40 ms by RELEASE",
-     "larger: lets go sooner, and less gently"},
-    {&Params::grip_speed, "grip_speed", "counts", 0, 255, "speed of the fingers (Hand-E's rSP)",
-     "higher: hits the object harder"},
+    {&Params::release_step, "release_step", "counts", 1, 64, ParamClass::kTuning, "acts on RELEASE alone",
+     "force taken off per 40 ms by RELEASE", "larger: lets go sooner, and less gently"},
+    {&Params::grip_speed, "grip_speed", "counts", 0, 255, ParamClass::kTuning, "as start_force",
+     "speed of the fingers (Hand-E's rSP)", "higher: hits the object harder"},
 }};
 
 static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");

@@ -42,7 +42,8 @@ enum class EventKind : std::uint8_t {
   kSetting,
   kUnlocked,
   kWrongCode,
-  kFault
+  kFault,
+  kSettings
 };
 
 struct EventInfo {
@@ -51,7 +52,7 @@ struct EventInfo {
   std::string_view a, b;  // what its two numbers are; empty: nothing
 };
 
-inline constexpr std::array<EventInfo, 8> kEvents{{
+inline constexpr std::array<EventInfo, 9> kEvents{{
     {EventKind::kState, "state", "state", "reason"},
     {EventKind::kCameraStarted, "camera_started", "starts", ""},
     {EventKind::kCameraGone, "camera_gone", "reason", ""},
@@ -60,6 +61,7 @@ inline constexpr std::array<EventInfo, 8> kEvents{{
     {EventKind::kUnlocked, "unlocked", "", ""},
     {EventKind::kWrongCode, "wrong_code", "tries", ""},
     {EventKind::kFault, "fault_injected", "fault", ""},
+    {EventKind::kSettings, "settings", "found", "accepted"},  // settings::Found; 1: gone on with
 }};
 
 struct FlightEvent {

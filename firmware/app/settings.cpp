@@ -50,6 +50,17 @@ bool fits(std::span<const std::uint8_t> payload) {
   return read(payload, params) == Loaded::kAll;
 }
 
+Found take(const Shelf& shelf, Params& params) {
+  if (!shelf.has_place()) return Found::kNoPlace;
+  if (shelf.slot(0).damaged() || shelf.slot(1).damaged()) {
+    if (shelf.sequence() == 0 || !shelf.development()) return Found::kLost;
+    (void)read(shelf.payload(), params);
+    return Found::kEither;
+  }
+  if (shelf.sequence() == 0) return Found::kFirst;
+  return read(shelf.payload(), params) == Loaded::kSome ? Found::kPartly : Found::kWhole;
+}
+
 std::size_t write(const Params& params, std::span<std::uint8_t> out) {
   std::size_t size = 0;
   for (const ParamInfo& row : kParams) {

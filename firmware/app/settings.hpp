@@ -13,9 +13,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 #include "app/params.hpp"
 #include "app/sealed.hpp"
+#include "app/shelf.hpp"
 
 namespace holdfast::settings {
 
@@ -39,5 +41,37 @@ Loaded read(std::span<const std::uint8_t> payload, Params& params);
 [[nodiscard]] bool fits(std::span<const std::uint8_t> payload);
 // What differs from the defaults: a later firmware may have better ones. Its size. Range: `out` of kMostPayload.
 [[nodiscard]] std::size_t write(const Params& params, std::span<std::uint8_t> out);
+
+// What a start found of the settings that it is to go by.
+enum class Found : std::uint8_t { kNoPlace, kFirst, kWhole, kPartly, kEither, kLost };
+
+struct FoundInfo {
+  Found found;
+  std::string_view name;  // in the log
+  std::string_view from;  // where the values come from, for people
+};
+
+inline constexpr std::array<FoundInfo, 6> kFound{{
+    {Found::kNoPlace, "no_place", "defaults: there is no place to store any"},
+    {Found::kFirst, "first_start", "defaults: none were ever stored"},
+    {Found::kWhole, "whole", "what was stored"},
+    {Found::kPartly, "partly", "what was stored, without values that this firmware does not know"},
+    {Found::kEither, "one_of_two", "one of two records: the other, maybe the newer one, is damaged"},
+    {Found::kLost, "lost", "defaults: what was stored is lost or damaged"},
+}};
+
+[[nodiscard]] constexpr const FoundInfo& info(Found found) {
+  return kFound[static_cast<std::size_t>(found)];
+}
+
+// Values that somebody stored do not count now: the device may not say that all is fine (App::hold) until somebody who
+// may change them has said what counts.
+[[nodiscard]] constexpr bool lost(Found found) {
+  return found == Found::kPartly || found == Found::kEither || found == Found::kLost;
+}
+
+// For a start: what is stored, over `params`. With a damaged slot nobody knows whether the other one is the newest:
+// development mode goes on with it; a device with an owner, whom an older record would roll back, takes neither.
+Found take(const Shelf& shelf, Params& params);
 
 }  // namespace holdfast::settings

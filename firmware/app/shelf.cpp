@@ -1,20 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "app/shelf.hpp"
 
+#include <algorithm>
 #include <limits>
 
 namespace holdfast {
+namespace {
+
+constexpr std::uint32_t kLast = std::numeric_limits<std::uint32_t>::max();
+
+}  // namespace
 
 Shelf::Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifier* owner)
     : kind_(kind), store_(store), owner_(owner) {
-  for (std::size_t slot = 0; store_ != nullptr && slot < hal::Store::kSlots; ++slot) {
-    sealed::Record record;
-    if (sealed::read(store_->found(slot), kind_, owner_, record) != sealed::Refusal::kNone) continue;
-    if (record.sequence <= sequence_ || !good(record.payload)) continue;
-    payload_ = record.payload;
-    sequence_ = record.sequence;
-    other_ = 1 - slot;
+  if (store_ == nullptr) return;
+  for (std::size_t k = 0; k < slots_.size(); ++k) {
+    std::span<const std::uint8_t> payload;
+    slots_[k] = look_at(k, good, payload);
+    if (slots_[k].state != State::kOlder || !follows(slots_[k].sequence, sequence_)) continue;
+    payload_ = payload;
+    sequence_ = slots_[k].sequence;
+    other_ = 1 - k;
   }
+  if (sequence_ != 0) slots_[1 - other_].state = State::kNewest;
+  if (slots_[0].state == State::kEmpty && slots_[1].state != State::kEmpty) slots_[0].state = State::kErased;
+}
+
+Shelf::Slot Shelf::look_at(std::size_t slot, Good good, std::span<const std::uint8_t>& payload) const {
+  if (!store_->readable(slot)) return {.state = State::kUnknown};
+  const std::span<const std::uint8_t> bytes = store_->found(slot);
+  if (std::ranges::all_of(bytes, [](std::uint8_t byte) { return byte == 0; })) return {};
+  sealed::Record record;
+  const sealed::Refusal refusal = sealed::read(bytes, kind_, owner_, record);
+  if (refusal != sealed::Refusal::kNone) return {.state = State::kRefused, .refusal = refusal};
+  payload = record.payload;
+  return {.state = good(payload) ? State::kOlder : State::kNotGood, .sequence = record.sequence};
+}
+
+bool Shelf::follows(std::uint32_t next, std::uint32_t now) const {
+  if (development() && now == kLast) return next == 1;
+  if (development() && next == kLast && now == 1) return false;
+  return next > now;
 }
 
 Shelf::Put Shelf::put(std::span<const std::uint8_t> record, Good good) {
@@ -25,17 +51,18 @@ Shelf::Put Shelf::put(std::span<const std::uint8_t> record, Good good) {
   refusal_ = sealed::read(record, kind_, owner_, read);
   if (refusal_ == sealed::Refusal::kNone && read.bytes != record.size()) refusal_ = sealed::Refusal::kNoRecord;
   if (refusal_ != sealed::Refusal::kNone) return Put::kRefused;
-  if (read.sequence <= sequence_) return Put::kOld;
+  if (!follows(read.sequence, sequence_)) return Put::kOld;
   if (!good(read.payload)) return Put::kNotGood;
-  if (!store_->begin(other_, record)) return Put::kNoPlace;
+  writing_both_ = slots_[1 - other_].damaged();
+  if (!store_->begin(other_, record, writing_both_)) return Put::kNoPlace;
   writing_ = true;
   writing_sequence_ = read.sequence;
   return Put::kBegun;
 }
 
 std::uint32_t Shelf::next_sequence() const {
-  if (!development() || sequence_ == std::numeric_limits<std::uint32_t>::max()) return 0;
-  return sequence_ + 1;
+  if (!development()) return 0;
+  return sequence_ == kLast ? 1 : sequence_ + 1;
 }
 
 hal::Store::State Shelf::settle() {
@@ -43,11 +70,29 @@ hal::Store::State Shelf::settle() {
   const hal::Store::State state = store_->state();
   if (state == hal::Store::State::kBusy || !writing_) return state;
   writing_ = false;
-  if (state == hal::Store::State::kDone) {
-    sequence_ = writing_sequence_;
-    other_ = 1 - other_;
+  if (state != hal::Store::State::kDone) {
+    slots_[other_] = {.state = State::kUnknown};
+    return state;
   }
+  sequence_ = writing_sequence_;
+  slots_[other_] = {.state = State::kNewest, .sequence = sequence_};
+  other_ = 1 - other_;
+  if (writing_both_) slots_[other_].sequence = sequence_;
+  if (slots_[other_].sequence != 0) slots_[other_].state = State::kOlder;
   return state;
+}
+
+std::string_view words(const Shelf::Slot& slot) {
+  constexpr std::array<std::string_view, 7> kWords{
+      "empty: never written to",
+      "whole, the newest",
+      "whole, and older",
+      "unknown: reading or writing it failed",
+      "erased: the second slot is never written before this one",
+      "",
+      "whole, but this firmware cannot use it: its values contradict each other, or are of another version"};
+  if (slot.state == Shelf::State::kRefused) return sealed::info(slot.refusal).what;
+  return kWords[static_cast<std::size_t>(slot.state)];
 }
 
 }  // namespace holdfast

@@ -1,12 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// The two slots of a store, and which of them is in force: that with the larger sequence of those that are whole, the
+// The two slots of a store, and which of them is in force: that with the newer sequence of those that are whole, the
 // owner's, and good. A new record goes into the other one, so that until it is durable, and whenever its writing ends
 // half way, the one in force is what the next start finds.
+//
+// The larger sequence is the newer. Behind 2^32 - 1 a device in development mode goes on with 1, and then 1 is the
+// newer one of these two (and 2^32 - 1 is refused behind 1). A device with an owner never takes a smaller number for a
+// newer one: whoever signed 2^32 - 1 has signed the last record, which is why `holdfast` does not give that number.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 #include "app/sealed.hpp"
 #include "hal/store.hpp"
@@ -23,6 +29,22 @@ class Shelf {
     kOld,        // its sequence is not above that of the record in force
     kNotGood,    // its payload is not
   };
+  // What lies in a slot. From kUnknown on: something that is not to be used was, or may have been, stored there.
+  enum class State : std::uint8_t {
+    kEmpty,    // never written to
+    kNewest,   // in force
+    kOlder,    // whole, the owner's and good
+    kUnknown,  // it could not be read, or writing it failed
+    kErased,   // zeros in the first slot beside something in the second one, which is never written before the first
+    kRefused,  // `refusal` says why
+    kNotGood,  // whole and the owner's, and nothing that this firmware can use
+  };
+  struct Slot {
+    State state = State::kEmpty;
+    sealed::Refusal refusal = sealed::Refusal::kNone;
+    std::uint32_t sequence = 0;  // 0: no record
+    [[nodiscard]] bool damaged() const { return state >= State::kUnknown; }
+  };
   // Whether a payload can be used. Range: any bytes.
   using Good = bool (*)(std::span<const std::uint8_t> payload);
 
@@ -35,14 +57,16 @@ class Shelf {
   [[nodiscard]] std::span<const std::uint8_t> payload() const { return payload_; }
   // Of the record in force now; 0: there is none.
   [[nodiscard]] std::uint32_t sequence() const { return sequence_; }
+  // As the start found it, or as it was written since. Range: below hal::Store::kSlots.
+  [[nodiscard]] const Slot& slot(std::size_t k) const { return slots_[k]; }
   // No signature is looked at, and the device may store by itself.
   [[nodiscard]] bool development() const { return owner_ == nullptr; }
 
-  // A record of exactly these bytes. `good`: stricter than what a start looks at, where one has to be found. Range: any
-  // bytes.
+  // A record of exactly these bytes. `good`: stricter than what a start looks at, where one has to be found. Where no
+  // slot holds anything that can be used and one is damaged, both are written. Range: any bytes.
   [[nodiscard]] Put put(std::span<const std::uint8_t> record, Good good);
   [[nodiscard]] sealed::Refusal refusal() const { return refusal_; }
-  // The next number for a record of the device's own; 0: there is none left, or this device takes signed ones only.
+  // The next number for a record of the device's own; 0: this device takes signed ones only.
   [[nodiscard]] std::uint32_t next_sequence() const;
 
   // How what was put fares; a record that is durable comes into force by this call. To be called again while kBusy.
@@ -50,15 +74,23 @@ class Shelf {
   [[nodiscard]] int error() const { return store_ == nullptr ? 0 : store_->error(); }
 
  private:
+  [[nodiscard]] Slot look_at(std::size_t slot, Good good, std::span<const std::uint8_t>& payload) const;
+  [[nodiscard]] bool follows(std::uint32_t next, std::uint32_t now) const;
+
   sealed::Kind kind_;
   hal::Store* store_;
   const hal::Verifier* owner_;
   std::span<const std::uint8_t> payload_;
+  std::array<Slot, hal::Store::kSlots> slots_{};
   std::uint32_t sequence_ = 0;
   std::size_t other_ = 0;  // the slot that is not in force
   sealed::Refusal refusal_ = sealed::Refusal::kNone;
   bool writing_ = false;
+  bool writing_both_ = false;
   std::uint32_t writing_sequence_ = 0;
 };
+
+// What lies in a slot, for people.
+[[nodiscard]] std::string_view words(const Shelf::Slot& slot);
 
 }  // namespace holdfast

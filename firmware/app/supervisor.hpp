@@ -42,8 +42,8 @@ inline constexpr int kHistory = 10;
 
 // What is known beside the frame. kNone: all is well.
 struct Health {
-  Reason fault = Reason::kNone;   // gripper, line or camera: nothing may be vouched for
-  Reason strain = Reason::kNone;  // frame rate, deadlines: measuring, but not well
+  Reason fault = Reason::kNone;   // settings, gripper, line or camera: nothing may be vouched for
+  Reason strain = Reason::kNone;  // frame rate, deadlines, camera's settings: measuring, but not well
   bool opening = false;           // OPENING is in force
   bool force_limit = false;       // the regulator may not grip harder
 };
@@ -106,7 +106,7 @@ struct Rule {
 
 // clang-format off
 inline constexpr std::array<Rule, 17> kRules{{
-    {"the gripper, an output line or the sensor's identity is at fault",
+    {"the stored settings, the gripper, an output line or the sensor's identity is at fault",
      &Seen::fault, false, false, DeviceState::kFault, Why::kHealthFault, Reason::kNone},
     {"no frame was accepted for 150 ms or ever, or the camera is gone",
      &Seen::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
@@ -128,7 +128,7 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Seen::slip, false, false, DeviceState::kSlip, Why::kRow, Reason::kSlipDetected},
     {"the contact was lost in the last 200 ms, without OPENING",
      &Seen::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
-    {"frame rate or deadlines are not kept",
+    {"frame rate, deadlines or the camera's settings are not kept",
      &Seen::strained, false, false, DeviceState::kDegraded, Why::kHealthStrain, Reason::kNone},
     {"more than 3 of the last 10 frames were rejected",
      &Seen::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},

@@ -72,6 +72,8 @@ Answer help_one(Console& console, std::string_view name) {
     page.text("help", row->help);
     page.text("price", row->price);
     page.text("applies", kAppliesNames[static_cast<std::size_t>(row->applies)]);
+    page.text("class", kParamClassNames[static_cast<std::size_t>(row->kind)]);
+    page.text("why", row->why);
     page.close();
     return kDone;
   }
@@ -159,6 +161,7 @@ Answer version(Console& console, const Words& words, std::int32_t step) {
   page.integer("model_crc32", model.text_crc32);
   page.text("model_from", model.from);
   sequence(page, "model_sequence", console.model_sequence());
+  page.text("settings_from", settings::info(console.found()).from);
   page.text("takes", console.settings().development() ? "anything: development mode" : "what its owner signed");
   sequence(page, "settings_sequence", console.settings().sequence());
   page.close();
@@ -352,7 +355,8 @@ constexpr std::array<DeviceRow, 5> kDevices{{
        page.cell("this port");
        page.cell(console.out().lost() == 0 ? "yes" : "no");
        Text<100> more;
-       more << console.frames_lost() << " frames and " << console.out().lost() << " texts were not taken in time";
+       more << console.frames_lost() << " frames and " << console.out().lost() << " texts not taken in time, "
+            << console.refused() << " commands refused";
        page.cell(more.view());
      }},
 }};
@@ -398,17 +402,19 @@ Answer modes(Console& console, const Words& words, std::int32_t step) {
 
 // ---- Settings
 
-constexpr std::array<Column, 7> kParamColumns{
-    {{"name", 24}, {"value", 8}, {"unit", 8}, {"min", 7}, {"max", 8}, {"default", 9}, {"applies", 0}}};
-constexpr std::array<Column, 9> kParamJsonColumns{{{"name", 0},
-                                                   {"value", 0},
-                                                   {"unit", 0},
-                                                   {"min", 0},
-                                                   {"max", 0},
-                                                   {"default", 0},
-                                                   {"applies", 0},
-                                                   {"help", 0},
-                                                   {"price", 0}}};
+constexpr std::array<Column, 8> kParamColumns{
+    {{"name", 22}, {"value", 7}, {"unit", 8}, {"min", 6}, {"max", 7}, {"default", 9}, {"class", 9}, {"applies", 0}}};
+constexpr std::array<Column, 11> kParamJsonColumns{{{"name", 0},
+                                                    {"value", 0},
+                                                    {"unit", 0},
+                                                    {"min", 0},
+                                                    {"max", 0},
+                                                    {"default", 0},
+                                                    {"applies", 0},
+                                                    {"help", 0},
+                                                    {"price", 0},
+                                                    {"class", 0},
+                                                    {"why", 0}}};
 
 const ParamInfo* nth_match(std::string_view part, std::int32_t n) {
   for (const ParamInfo& row : kParams) {
@@ -440,10 +446,14 @@ Answer get(Console& console, const Words& words, std::int32_t step) {
     page.cell(row.min);
     page.cell(row.max);
     page.cell(row.default_value);
+    const std::string_view kind = kParamClassNames[static_cast<std::size_t>(row.kind)];
+    if (!words.json) page.cell(kind);
     page.cell(kAppliesNames[static_cast<std::size_t>(row.applies)]);
     if (!words.json) return;
     page.cell(row.help);
     page.cell(row.price);
+    page.cell(kind);
+    page.cell(row.why);
   });
 }
 
@@ -486,6 +496,33 @@ Answer begun_or_stored(Console& console, std::int32_t step, What what) {
 Answer save(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
   return begun_or_stored(console, step, What::kParameters);
+}
+
+constexpr std::array<Column, 4> kSlotColumns{{{"record", 10}, {"slot", 6}, {"number", 12}, {"is", 0}}};
+
+// What lies in the slots of both places; and the word by which the device goes on with what is left of its settings.
+Answer stored(Console& console, const Words& words, std::int32_t step) {
+  if (words.count == 2 && words[1] == "accept" && !words.json) {
+    if (!console.unlocked()) return error(Error::kLocked);
+    const Error result = console.accept();
+    return result == Error::kNone ? kDone : error(result);
+  }
+  if (words.count != 1) return error(Error::kArguments);
+  Page& page = console.page();
+  if (step == 0) page.open(words.json);
+  constexpr auto kSlots = static_cast<std::int32_t>(hal::Store::kSlots);
+  return list_step(page, "slots", kSlotColumns, step, 2 * kSlots, [&](std::int32_t k) {
+    const Shelf& shelf = k < kSlots ? console.settings() : console.models();
+    const Shelf::Slot& slot = shelf.slot(idx(k % kSlots));
+    page.cell(k < kSlots ? "settings" : "model");
+    page.cell(k % kSlots + 1);
+    if (slot.sequence != 0) {
+      page.cell(slot.sequence);
+    } else {
+      page.no_cell();
+    }
+    page.cell(shelf.has_place() ? holdfast::words(slot) : "no place to store any");
+  });
 }
 
 // The same for what does not count yet; whoever stored it is told.
@@ -711,6 +748,10 @@ void event_cells(Page& page, const FlightEvent& event) {
       what = kParams[idx(event.a)].name;
       value << event.b;
       break;
+    case EventKind::kSettings:
+      what = settings::kFound[idx(event.a)].name;
+      if (event.b != 0) value << "accepted";
+      break;
     case EventKind::kUnlocked:
       break;
   }
@@ -835,7 +876,7 @@ Answer fault(Console& console, const Words& words, std::int32_t step) {
   return error(Error::kArguments);
 }
 
-constexpr std::array<CommandInfo, 25> kCommands{{
+constexpr std::array<CommandInfo, 26> kCommands{{
     {"help", "[COMMAND|PARAMETER] [json]", "what can be said, or one thing in detail", false, help},
     {"version", "[json]", "firmware, release, last update, board, model", false, version},
     {"status", "[json]", "state, reason, age, rate, markers, last slip", false, status},
@@ -846,6 +887,7 @@ constexpr std::array<CommandInfo, 25> kCommands{{
     {"diff", "[json]", "what differs from the defaults, as lines to paste back", false, diff},
     {"dump", "[json]", "all parameters, as lines to paste back", false, dump},
     {"save", "", "store the parameters for the next start", true, save},
+    {"stored", "[accept] [json]", "each stored record; accept: go on without what is lost", false, stored},
     {"load", "settings|model|end|off|AT [HEX|CRC32]", "store a signed record for the next start (console --load)", true,
      load},
     {"defaults", "[PARAMETER]", "back to the default, all or one", true, defaults},

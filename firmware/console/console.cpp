@@ -11,11 +11,12 @@ namespace {
 
 constexpr std::string_view kLockedPrompt = "holdfast> ";
 constexpr std::string_view kUnlockedPrompt = "holdfast# ";
-constexpr Micros kScreenEvery{200'000};    // 5 Hz: as fast as figures can be read
-constexpr std::size_t kMostWaiting = 128;  // what a fast typist, or a robot's frames, may have under way
-constexpr std::uint8_t kLost = 0x1A;       // no key of text: the line that it stands in is damaged
-constexpr int kMarkersEvery = 5;           // pictures
-constexpr int kRestEvery = 125;            // pictures: who begins to listen later learns it within 5 s
+constexpr std::string_view kUnlock = "unlock";  // the command
+constexpr Micros kScreenEvery{200'000};         // 5 Hz: as fast as figures can be read
+constexpr std::size_t kMostWaiting = 128;       // what a fast typist, or a robot's frames, may have under way
+constexpr std::uint8_t kLost = 0x1A;            // no key of text: the line that it stands in is damaged
+constexpr int kMarkersEvery = 5;                // pictures
+constexpr int kRestEvery = 125;                 // pictures: who begins to listen later learns it within 5 s
 
 // Equal time whatever they hold: how long a wrong code takes tells nothing about the right one. Range: codes up to 64.
 bool equal_codes(std::string_view a, std::string_view b) {
@@ -102,10 +103,16 @@ void candidates(std::size_t index, std::string_view first, Take take) {
 
 void Console::start(const Params& params) {
   params_ = params;
-  started_ = last_line_ = clock_.now();
+  started_ = last_command_ = clock_.now();
+  hang_ups_ = port_.hang_ups();
   editor_.set_echo(place_.prompts);
   // Whoever types here begins in the middle of text: the first key is not held back as what may begin a frame.
   for (int k = 0; k < 2; ++k) (void)frames_.push('\n');
+  Params ignored;  // the board has taken them
+  found_ = settings::take(settings_, ignored);
+  held_ = settings::lost(found_);
+  if (settings_.has_place()) daemon_.recorder().note(EventKind::kSettings, started_, static_cast<std::int32_t>(found_));
+  if (held_) daemon_.app().hold(Reason::kConfig);
   say_state();
 }
 
@@ -124,7 +131,7 @@ void Console::end() {
 
 void Console::poll() {
   const Micros begun = clock_.now();
-  if (unlocked_ && begun - last_line_ > kStaysUnlocked) lock();
+  if (unlocked_ && begun - last_command_ > kStaysUnlocked) lock();
   read();
   run();
   say_state();
@@ -138,12 +145,14 @@ void Console::poll() {
 void Console::read() {
   std::array<std::uint8_t, kMostIn> bytes;
   const std::size_t count = port_.read(bytes);
+  if (port_.hang_ups() != hang_ups_) hang_up();
   if (count > 0) heard_at_ = clock_.now();
   for (const std::uint8_t byte : std::span(bytes).first(count)) {
     if (byte == 0x03 && (!idle() || in_size_ > kMostWaiting)) {
       in_begin_ = 0;
       in_size_ = 0;
       overrun_ = false;
+      if (stale_ > 0) end_of_stale();
       if (!idle()) {
         finish({Answer::Kind::kError, Error::kInterrupted});
       } else {
@@ -158,6 +167,32 @@ void Console::read() {
   }
 }
 
+// The authority went with whoever had it. What he left in the queue is answered - programs end with `echo on` - but
+// does not open the lock, and no frame of it is obeyed.
+void Console::hang_up() {
+  hang_ups_ = port_.hang_ups();
+  lock();
+  refusals_noted_ = 0;
+  stale_ = in_size_;
+  if (stale_ == 0) end_of_stale();
+}
+
+// Half a line, or half a frame, is completed by nobody else.
+void Console::end_of_stale() {
+  stale_ = 0;
+  if (!editor_.line().empty()) at_prompt_ = false;
+  editor_.forget_line();
+  (void)frames_.give_up();
+}
+
+void Console::lock() {
+  unlocked_ = false;
+  loading_.end();
+  // Read, and not begun: an output that nobody takes may hold it up for hours.
+  const bool acts = running_ != nullptr && (running_->changes || words_[0] == kUnlock);
+  if (acts && step_ == 0) finish({Answer::Kind::kError, Error::kInterrupted});
+}
+
 void Console::run() {
   for (int step = 0; step < kMostSteps && !idle() && out_.room() >= kStepBytes; ++step) {
     const Answer answer = running_->run(*this, words_, step_++);
@@ -168,6 +203,7 @@ void Console::run() {
     in_begin_ = (in_begin_ + 1) % in_.size();
     --in_size_;
     take(byte);
+    if (stale_ > 0 && --stale_ == 0) end_of_stale();
     if (in_size_ > 0 || !overrun_) continue;
     overrun_ = false;
     take(kLost);
@@ -186,13 +222,27 @@ void Console::take(std::uint8_t byte) {
     const auto frame = command_frame::read_command(frames_.payload());
     if (!frame) return;
     const command_frame::AnswerFrame answer =
-        once_.answer(*frame, clock_.now(), [this](const command_frame::CommandFrame& f) { return daemon_.obey(f); });
+        once_.answer(*frame, clock_.now(), [this](const command_frame::CommandFrame& f) { return obey(f); });
     std::array<std::uint8_t, command_frame::kAnswerBytes> wire;
     (void)command_frame::encode(answer, wire);
     send_frame(wire);
     return;
   }
   if (event == link::Event::kText) take_text();
+}
+
+// A refusal is counted each time and noted once for each command, until the lock or whoever is there changes: a sender
+// without authority must not push out of the log what happened before.
+command_frame::Result Console::obey(const command_frame::CommandFrame& frame) {
+  if (stale_ == 0 && (unlocked_ || place_.host_commands)) return daemon_.obey(frame);
+  count_up(refused_);
+  const std::uint32_t bit = std::uint32_t{1} << static_cast<unsigned>(frame.command);
+  if ((refusals_noted_ & bit) == 0) {
+    daemon_.recorder().note(EventKind::kCommand, clock_.now(), static_cast<std::int32_t>(frame.command),
+                            static_cast<std::int32_t>(command_frame::Result::kLocked));
+  }
+  refusals_noted_ |= bit;
+  return command_frame::Result::kLocked;
 }
 
 void Console::take_text() {
@@ -220,7 +270,6 @@ void Console::take_text() {
 
 void Console::end_line(LineEditor::Event event) {
   at_prompt_ = false;
-  last_line_ = clock_.now();
   detail_.clear();
   why_ = nullptr;
   if (event == LineEditor::Event::kTooLong) return fail(Error::kTooLong);
@@ -244,8 +293,9 @@ void Console::begin(std::string_view line) {
     line.remove_prefix(size);
   }
   if (words_.count == 0 || words_[0].front() == '#') return;  // a comment of a pasted file
-  if (words_[0] != "unlock" && words_[0] != "load") editor_.remember_line();
   const CommandInfo* const command = find(words_[0]);
+  // Not a code, nor what may be one behind a mistyped word.
+  if (command != nullptr && words_[0] != kUnlock && words_[0] != "load") editor_.remember_line();
   if (command == nullptr) {
     detail_ << words_[0].substr(0, kLongest);
     if (const std::string_view near = nearest(words_[0]); !near.empty()) detail_ << " (" << near << "?)";
@@ -257,6 +307,8 @@ void Console::begin(std::string_view line) {
     --words_.count;
   }
   if (command->changes && !unlocked_) return fail(Error::kLocked);
+  if (words_[0] == kUnlock && stale_ > 0) return fail(Error::kInterrupted);
+  last_command_ = clock_.now();
   running_ = command;
   step_ = 0;
 }
@@ -440,6 +492,13 @@ Error Console::change(const Params& params) {
     detail_ << problem.row->name << " is " << problem.rule;
     return Error::kContradiction;
   }
+  const auto owners = std::ranges::find_if(kParams, [&](const ParamInfo& row) {
+    return row.kind == ParamClass::kSafety && params.*row.member != params_.*row.member;
+  });
+  if (owners != kParams.end() && !settings_.development()) {
+    detail_ << owners->name;
+    return Error::kOwnersAlone;
+  }
   for (const ParamInfo& row : kParams) {
     if (params.*row.member == params_.*row.member) continue;
     daemon_.recorder().note(EventKind::kSetting, clock_.now(), static_cast<std::int32_t>(&row - kParams.data()),
@@ -460,9 +519,26 @@ Error Console::store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size
   return begun(shelf, shelf.put(record.first(bytes), [](auto) { return true; }));
 }
 
+void Console::go_on() {
+  if (!held_) return;
+  held_ = false;
+  daemon_.recorder().note(EventKind::kSettings, clock_.now(), static_cast<std::int32_t>(found_), 1);
+  daemon_.app().hold(Reason::kNone);
+}
+
+// Without what its owner signed such a device goes by values that nobody signed.
+Error Console::accept() {
+  if (held_ && !settings_.development()) return Error::kOwnersAlone;
+  go_on();
+  return Error::kNone;
+}
+
 Error Console::save() {
   std::array<std::uint8_t, settings::kMostBytes> record;
-  return store_own(settings_, record, settings::write(params_, std::span(record).subspan(sealed::kPayloadAt)));
+  const Error result =
+      store_own(settings_, record, settings::write(params_, std::span(record).subspan(sealed::kPayloadAt)));
+  saving_ = result == Error::kNone;
+  return result;
 }
 
 Error Console::store_default_model() {
@@ -489,6 +565,7 @@ Error Console::begun(Shelf& shelf, Shelf::Put put) {
   switch (put) {
     case Shelf::Put::kBegun:
       storing_ = &shelf;
+      saving_ = false;
       return Error::kNone;
     case Shelf::Put::kNoPlace:
       return Error::kNotStored;
@@ -522,6 +599,10 @@ std::optional<Error> Console::stored() {
       detail_ << "error " << storing_->error() << " of the system";
       return Error::kWriteFailed;
     default:
+      if (saving_) {
+        go_on();
+        found_ = settings::Found::kWhole;
+      }
       return Error::kNone;
   }
 }
@@ -538,10 +619,12 @@ Error Console::unlock(std::string_view code) {
     wrong_codes_ = std::min(wrong_codes_ + 1, 7);
     try_at_ = now + Micros{std::min(std::int64_t{1} << (wrong_codes_ - 1), std::int64_t{60}) * 1'000'000};
     daemon_.recorder().note(EventKind::kWrongCode, now, wrong_codes_);
+    lock();  // somebody is there who does not have it
     return Error::kWrongCode;
   }
   wrong_codes_ = 0;
   unlocked_ = true;
+  refusals_noted_ = 0;
   daemon_.recorder().note(EventKind::kUnlocked, now);
   return Error::kNone;
 }

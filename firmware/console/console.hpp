@@ -6,6 +6,10 @@
 // the device's code first. Lines that begin with `*` are the device's own and may stand between answers. `watch on`
 // puts status and marker frames (LINK.md) between the lines, and prompts no more.
 //
+// Authority: a command frame needs the unlock, too, unless Place::host_commands says otherwise. The lock closes by
+// `lock`, ten minutes after the last command, with a wrong code, and when whoever was at the other end has gone; what
+// he left on the way opens nothing.
+//
 // Beside the pipeline and below it: each poll() reads and writes a bounded number of bytes, makes a bounded number of
 // lines, and waits for nobody. A reader that is slow slows its own answers down; one that has gone costs nothing.
 #pragma once
@@ -47,6 +51,7 @@ struct Place {
   hal::Notes* notes = nullptr;           // null: nobody leaves any
   hal::Faults* faults = nullptr;         // simulated boards only
   bool prompts = true;                   // somebody can type here
+  bool host_commands = false;            // command frames are obeyed while it is locked
 };
 
 class Console;
@@ -103,7 +108,7 @@ class Console {
   static constexpr int kMostSteps = 4;
   static constexpr std::size_t kStepBytes = 1280;
   static constexpr Micros kFrameGap{200'000};                     // a frame takes 3 ms at 115200 baud
-  static constexpr Micros kStaysUnlocked{10 * 60 * 1'000'000LL};  // after the last line
+  static constexpr Micros kStaysUnlocked{10 * 60 * 1'000'000LL};  // after the last command; noise is none
 
   // ---- For the commands
   [[nodiscard]] Daemon& daemon() { return daemon_; }
@@ -122,27 +127,33 @@ class Console {
   [[nodiscard]] Error store_loaded();
   [[nodiscard]] Error store_default_model();
   [[nodiscard]] std::optional<Error> stored();
+  // Goes on with the settings in force though others were stored: until the next start, or what is saved.
+  [[nodiscard]] Error accept();
+  // What this start found of its settings, or has saved since.
+  [[nodiscard]] settings::Found found() const { return found_; }
   [[nodiscard]] Loading& loading() { return loading_; }
   [[nodiscard]] const Shelf& settings() const { return settings_; }
   [[nodiscard]] const Shelf& models() const { return models_; }
   // Of the record by which the model that decides was chosen; 0: none was.
   [[nodiscard]] std::uint32_t model_sequence() const { return model_sequence_; }
   [[nodiscard]] Error unlock(std::string_view code);
-  void lock() {
-    unlocked_ = false;
-    loading_.end();
-  }
+  void lock();
   [[nodiscard]] bool unlocked() const { return unlocked_; }
   void set_echo(bool echo) { editor_.set_echo(echo); }
   enum class Stream : std::uint8_t { kNone, kFrames, kScreen, kTrace };
   void stream(Stream stream);
   void ask_to_restart() { restart_ = true; }
   [[nodiscard]] std::uint32_t frames_lost() const { return frames_lost_; }
+  // Command frames, for want of authority.
+  [[nodiscard]] std::uint32_t refused() const { return refused_; }
 
  private:
   void read();
+  void hang_up();
+  void end_of_stale();
   void run();
   void take(std::uint8_t byte);
+  [[nodiscard]] command_frame::Result obey(const command_frame::CommandFrame& frame);
   void take_text();
   void end_line(LineEditor::Event event);
   void begin(std::string_view line);
@@ -155,6 +166,7 @@ class Console {
   void send_frame(std::span<const std::uint8_t> wire);
   void send_markers();
   void trace_line();
+  void go_on();
   [[nodiscard]] Error store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size_t payload);
   [[nodiscard]] Error begun(Shelf& shelf, Shelf::Put put);
   [[nodiscard]] Error explain(const model_file::RefusalInfo& why);
@@ -173,7 +185,9 @@ class Console {
   command_frame::Once once_;
   std::array<std::uint8_t, 4096> in_{};  // read and not yet looked at: a pasted `dump` four times over
   std::size_t in_begin_ = 0, in_size_ = 0;
-  bool overrun_ = false;  // what came behind it is lost, so the line that it cut is none
+  bool overrun_ = false;   // what came behind it is lost, so the line that it cut is none
+  std::size_t stale_ = 0;  // of in_size_: from before the last hang-up
+  std::uint32_t hang_ups_ = 0;
 
   const CommandInfo* running_ = nullptr;
   Words words_;
@@ -186,11 +200,14 @@ class Console {
   Shelf models_;
   std::uint32_t model_sequence_;
   Shelf* storing_ = &settings_;  // which of them is asked for stored()
+  bool saving_ = false;          // what is stored there are the parameters in force
+  settings::Found found_ = settings::Found::kNoPlace;
+  bool held_ = false;  // in FAULT for that
   Loading loading_;
   bool unlocked_ = false;
   int wrong_codes_ = 0;
   Micros try_at_{};
-  Micros last_line_{};
+  Micros last_command_{};
   Micros started_{};
   bool restart_ = false;
   bool at_prompt_ = false;
@@ -201,6 +218,8 @@ class Console {
   bool rest_known_ = false;
   Micros screen_at_{};
   std::uint32_t frames_lost_ = 0;
+  std::uint32_t refused_ = 0;
+  std::uint32_t refusals_noted_ = 0;  // bit: command
   DeviceState shown_ = DeviceState::kBoot;
   bool state_shown_ = false;
 };

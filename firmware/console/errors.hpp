@@ -37,6 +37,7 @@ enum class Error : std::uint8_t {
   kWrongRecord = 35,
   kNotUsable = 36,
   kNotThisModel = 37,
+  kOwnersAlone = 38,
 };
 
 struct ErrorInfo {
@@ -47,7 +48,7 @@ struct ErrorInfo {
   std::string_view next;
 };
 
-inline constexpr std::array<ErrorInfo, 26> kErrors{{
+inline constexpr std::array<ErrorInfo, 27> kErrors{{
     {Error::kUnknownCommand, "unknown_command", "there is no such command", "a typing error", "help lists them"},
     {Error::kTooLong, "line_too_long", "the line has more than 255 characters", "two lines run together, or noise",
      "send it again, shorter"},
@@ -89,7 +90,8 @@ inline constexpr std::array<ErrorInfo, 26> kErrors{{
      "wait for it; status says what the device is doing"},
     {Error::kRefused, "refused", "the device refuses this in its present state",
      "something touches the gel, or no gripper is set up", "status says the state; take the object away"},
-    {Error::kInterrupted, "interrupted", "the command was ended by Ctrl-C", "somebody pressed it", "give it again"},
+    {Error::kInterrupted, "interrupted", "the command was ended before it was done",
+     "Ctrl-C, or the cable was pulled out behind it", "give it again"},
     {Error::kBroken, "broken", "what was loaded is not whole",
      "a line was lost or damaged on the way, or load was not begun",
      "begin again with load settings or load model; holdfast console --load sends all of it"},
@@ -100,6 +102,10 @@ inline constexpr std::array<ErrorInfo, 26> kErrors{{
      "made for another firmware", "make it again with the holdfast of this firmware"},
     {Error::kNotThisModel, "not_this_model", "this firmware cannot decide by the model; in place of this it says why",
      "made for another firmware", "compile and seal it again with the holdfast of this firmware"},
+    {Error::kOwnersAlone, "owners_alone",
+     "this decides when GRIP_OK may be HIGH, and only the device's owner may say it",
+     "the device was given its owner's key",
+     "write it into a TOML file, holdfast settings compile --sign, holdfast console --load, and reboot"},
 }};
 
 // Range: any but kNone.

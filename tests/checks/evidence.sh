@@ -1,11 +1,15 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# What the project promises, and what stands behind it: writes tests/EVIDENCE.md from claims.txt and evidence.csv.
+# What the project promises, and what stands behind it: writes tests/EVIDENCE.md from claims.txt and evidence.csv, and
+# the figures in all other documents.
 #   evidence.sh [--measure [ID...]] [--check] [--list]
-#     (nothing)   writes EVIDENCE.md
+#     (nothing)   writes EVIDENCE.md and the figures in the documents
 #     --measure   first runs the commands of all claims, or of those named, and puts figure and date into evidence.csv
-#     --check     fails when EVIDENCE.md is not what would be written, when a claim has no figure or a figure no claim
+#     --check     fails when a document is not what would be written, when a claim has no figure or a figure no claim,
+#                 and when a claim that reads a committed file (its command is `awk ...`) would read another figure now
 #     --list      the claims' names and commands
+# In a document <!--ID-->FIGURE<!--/-->, on one line, takes the figure of claim ID, <!--ID.2--> its second part (parts are
+# separated by "; "), <!--ID.2-4--> a range of parts.
 # claims.txt: one block a claim, of lines "key text":
 #   [ID]      name of the claim
 #   claim     what is promised
@@ -19,6 +23,15 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
 claims=tests/checks/claims.txt figures=tests/checks/evidence.csv page=${EVIDENCE_PAGE:-tests/EVIDENCE.md}
+
+# Documents that may take figures, one a line.
+documents() {
+  if [[ -n ${EVIDENCE_DOCUMENT:-} ]]; then
+    printf '%s\n' "$EVIDENCE_DOCUMENT"
+  else
+    find . \( -name build -o -name node_modules -o -name .git \) -prune -o -name '*.md' -print | sort
+  fi
+}
 
 # "ID<tab>claim<tab>goal<tab>run<tab>find<tab>short", one a line. An empty cell is "-", because read skips empty ones.
 table() {
@@ -112,22 +125,82 @@ END
   }
 }
 
+# fill FILE: the document with its figures put in.
+fill() {
+  awk -v file="$1" '
+    FNR == NR { id = $0; sub(/,.*/, "", id); sub(/^[^,]*,[^,]*,/, ""); figure[id] = $0; next }
+    {
+      rest = $0
+      out = ""
+      while (match(rest, /<!--[a-z][a-z0-9_]*(\.[0-9]+(-[0-9]+)?)?-->/)) {
+        name = substr(rest, RSTART + 4, RLENGTH - 7)
+        out = out substr(rest, 1, RSTART + RLENGTH - 1)
+        rest = substr(rest, RSTART + RLENGTH)
+        end = index(rest, "<!--/-->")
+        split(name, word, ".")
+        count = word[1] in figure ? split(figure[word[1]], part, "; ") : 0
+        last = split(word[2], range, "-")
+        from = last == 0 ? 1 : range[1]
+        to = last == 0 ? count : range[last]
+        if (count == 0 || from < 1 || to > count || end == 0) {
+          print "error: " file ": " name ": " (end == 0 ? "no <!--/--> behind it on its line" : "no such figure") \
+            ". Likely cause: a typing error, or the claim says something else now. Next: compare with tests/checks/evidence.csv" > "/dev/stderr"
+          exit 1
+        }
+        for (k = from; k <= to; ++k) out = out (k == from ? "" : "; ") part[k]
+        rest = substr(rest, end)
+      }
+      print out rest
+    }' "$figures" "$1"
+}
+
+# Every document with figures, and EVIDENCE.md, rewritten.
+write() {
+  local rendered document
+  rendered=$(render) && printf '%s\n' "$rendered" >"$page" || return 1
+  while read -r document; do
+    rendered=$(fill "$document") || return 1
+    cmp -s - "$document" <<<"$rendered" || printf '%s\n' "$rendered" >"$document"
+  done < <(documents)
+}
+
+check() {
+  local status=0 document id claim goal run find short figure committed
+  diff <(render) "$page" || {
+    complain "$page is not what claims and figures say (lines above)" "one of the three was changed alone" \
+      "tests/checks/evidence.sh"
+    status=1
+  }
+  while read -r document; do
+    diff <(fill "$document") "$document" || {
+      complain "$document has other figures than the evidence (lines above)" "one of the two was changed alone" \
+        "tests/checks/evidence.sh"
+      status=1
+    }
+  done < <(documents)
+  while IFS=$'\t' read -r id claim goal run find short; do
+    [[ $run == "awk "* ]] || continue
+    figure=$(bash -c "$run" </dev/null | sed -n "$find" | tail -n 1)
+    committed=$(awk -F, -v id="$id" '$1 == id { sub(/^[^,]*,[^,]*,/, ""); print }' "$figures")
+    [[ ${figure//,/;} == "$committed" ]] || {
+      complain "[$id] is '$committed' in $figures and '$figure' in the file that it reads" "the file was written anew" \
+        "tests/checks/evidence.sh --measure $id"
+      status=1
+    }
+  done < <(table)
+  return "$status"
+}
+
 case ${1:-} in
   --measure)
     shift
     status=0
     measure "$@" || status=1
-    rendered=$(render) && printf '%s\n' "$rendered" >"$page" || status=1
+    write || status=1
     exit "$status"
     ;;
-  --check)
-    diff <(render) "$page" || {
-      complain "$page is not what claims and figures say (lines above)" "one of the three was changed alone" \
-        "tests/checks/evidence.sh"
-      exit 1
-    }
-    ;;
+  --check) check ;;
   --list) table | awk -F '\t' '{ print $1 ": " $4 }' ;;
-  "") rendered=$(render) && printf '%s\n' "$rendered" >"$page" ;;
+  "") write ;;
   *) complain "unknown argument '$1'" "a typing error" "see the head of ${BASH_SOURCE[0]}" && exit 2 ;;
 esac

@@ -47,6 +47,7 @@ class SlowCalls final : public drivers::FileCalls {
   [[nodiscard]] std::int64_t pwrite(int fd, std::span<const std::uint8_t> bytes, std::int64_t at) override {
     return system_.pwrite(fd, bytes, at);
   }
+  [[nodiscard]] int allocate(int fd, std::int64_t size) override { return system_.allocate(fd, size); }
   [[nodiscard]] int fsync(int fd) override { return system_.fsync(fd); }
   [[nodiscard]] int fdatasync(int fd) override {
     held.wait(true);
@@ -134,6 +135,25 @@ TEST(FileStore, DoesNotHoldUpItsCaller) {
   CHECK(begins_with(next.found(1), two));
 }
 
+// Where neither slot holds anything: one after the other, and it is over when both are durable.
+TEST(FileStore, WritesBothSlots) {
+  SlowCalls calls;
+  const Bytes one(600, 11);
+  {
+    FileStore store(path, 5000, calls);
+    CHECK(store.begin(1, one, true));
+    CHECK(end_of(store) == State::kDone);
+    calls.error = EIO;
+    CHECK(store.begin(0, Bytes(600, 22), true));
+    CHECK(end_of(store) == State::kFailed);
+  }
+  const FileStore next(path, 5000);
+  CHECK(next.readable(0) && next.readable(1));
+  CHECK_FALSE(next.readable(2));
+  CHECK(begins_with(next.found(0), Bytes(600, 22)));  // and the other one was left alone
+  CHECK(begins_with(next.found(1), one));
+}
+
 TEST(FileStore, SaysWhyItCannotStore) {
   FileStore folder(dir.path(), 200);
   STRCMP_CONTAINS("; nothing can be stored there", folder.trouble().c_str());
@@ -142,4 +162,5 @@ TEST(FileStore, SaysWhyItCannotStore) {
   const FileStore nowhere(dir.path() / "none" / "store", 200);
   STRCMP_CONTAINS("No such file or directory", nowhere.trouble().c_str());
   LONGS_EQUAL(200, nowhere.found(0).size());
+  CHECK_FALSE(nowhere.readable(0));
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The MCP2221A as GPIO lines, on a model of the chip: what a voltmeter at its pins would show.
+#include <algorithm>
 #include <atomic>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -32,6 +34,26 @@ std::vector<Wiring> table(bool active_low = false) {
           {.role = Line::kAlive, .line = {}, .chip = "mcp2221_gpio", .offset = 1, .active_low = active_low},
           {.role = Input::kTare, .line = "GP3", .chip = {}, .active_low = active_low}};
 }
+
+// The report with this number (from 1), out or in, fails as the system lets it: not sent, none came, or the device is
+// gone.
+class Failing final : public drivers::HidPort {
+ public:
+  enum class How { kNotSent, kNothing, kGone };
+  explicit Failing(drivers::HidPort& inside) : inside_(inside) {}
+  int asked = 0, fails_at = 0;
+  How how = How::kNotSent;
+
+ private:
+  [[nodiscard]] bool do_send(const Report& report) override {
+    return (++asked != fails_at || how == How::kNothing) && inside_.send(report);
+  }
+  [[nodiscard]] Got do_receive(Report& report, std::chrono::milliseconds at_most) override {
+    if (++asked != fails_at || how == How::kNotSent) return inside_.receive(report, at_most);
+    return how == How::kGone ? Got::kGone : Got::kNothing;
+  }
+  drivers::HidPort& inside_;
+};
 
 }  // namespace
 
@@ -241,4 +263,39 @@ TEST(LinuxBridge, AfterTheStartTheDriverTakesNoHeap) {
   CHECK_TRUE(asked <= alone + 2);
   CHECK_TRUE(told <= 2 * alone + 20);  // two reports, and the model's list of levels
   CHECK_TRUE(alone < 1000);            // so one allocation a call would show
+}
+
+// Each report fails once: what a pin does not do is told, and it goes on - or, with a device that is gone, takes
+// nothing more until it is opened again.
+TEST(LinuxBridge, WhicheverReportFailsNothingIsTakenForDone) {
+  Failing port(chip);
+  Mcp2221Gpio through(port);
+  const std::vector<Wiring> wiring = table();
+  int most = 0;
+  for (const Failing::How how : {Failing::How::kNotSent, Failing::How::kNothing, Failing::How::kGone}) {
+    bool all = false;
+    for (int at = 1; !all; ++at) {
+      port.asked = 0, port.fails_at = at, port.how = how;
+      chip.pins[kTare].outside = true;
+      if (const std::string said = through.open({.wiring = wiring, .patience = 20ms}); !said.empty()) {
+        check_says(said, {"MCP2221A: "});
+        CHECK_FALSE(through.set(Line::kGripOk, Level::kLow));
+        STRCMP_EQUAL("", through.open({.wiring = wiring, .patience = 20ms}).c_str());
+      }
+      int refused = 0;
+      for (const Level level : {Level::kHigh, Level::kLow, Level::kHigh}) {
+        const bool taken = through.set(Line::kGripOk, level);
+        if (taken) CHECK_EQUAL(level == Level::kHigh, chip.wire(kGrip));
+        const std::optional<Level> asked = through.read(Input::kTare);
+        if (asked) CHECK_TRUE(*asked == Level::kHigh);
+        refused += (taken ? 0 : 1) + (asked ? 0 : 1);
+      }
+      CHECK_TRUE(how == Failing::How::kNothing ? refused <= 1 : refused <= 6);
+      all = port.asked < at;
+      most = std::max(most, port.asked);
+      if (how != Failing::How::kNothing) STRCMP_EQUAL("", through.open({.wiring = wiring, .patience = 20ms}).c_str());
+      CHECK_TRUE(through.set(Line::kGripOk, Level::kHigh));
+    }
+  }
+  CHECK_TRUE(most > 30);
 }

@@ -14,10 +14,12 @@
 #include <deque>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "tests/support/sysfs_tree.hpp"
+#include "tests/support/video_model.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
 
@@ -29,162 +31,14 @@ using hal::Capture;
 using std::chrono::microseconds;
 using namespace std::chrono_literals;
 
-struct Device {
-  std::uint32_t caps = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
-  std::uint32_t width = 3280, height = 2464;
-  std::uint32_t most_buffers = 32;
-  std::map<std::uint32_t, std::int32_t> controls;  // those that it has
-  std::size_t length = 4096;
-  // What was filled, in order: what VIDIOC_DQBUF will answer.
-  struct Filled {
-    std::uint32_t bytes = 0, flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC, sequence = 0;
-    microseconds stamp{};
-  };
-  std::deque<Filled> filled;
-  std::vector<bool> queued;
-  bool streaming = false;
-  bool gone = false;
-  int opens = 0, maps = 0;
-};
-
-class ModelKernel final : public drivers::Kernel {
- public:
-  std::map<std::string, Device> devices;
-  std::map<std::string, int> refusals;   // of open: errno
-  std::map<unsigned long, int> refused;  // of ioctl: errno
-  int polled_ms = -1;
-
-  Device& add_camera(const std::string& path) {
-    Device& device = devices[path];
-    for (const drivers::CameraControl& control : drivers::camera_controls()) device.controls[control.id] = -77;
-    return device;
-  }
-  [[nodiscard]] int open_files() const { return open_; }
-
-  int open(const char* path, int) override {
-    errno = ENOENT;
-    if (const auto refusal = refusals.find(path); refusal != refusals.end()) {
-      errno = refusal->second;
-      return -1;
-    }
-    if (!devices.contains(path)) return -1;
-    ++open_;
-    names_.emplace_back(path);
-    ++devices[path].opens;
-    return static_cast<int>(names_.size()) + 99;
-  }
-  int close(int fd) override {
-    --open_;
-    device(fd).streaming = false;
-    return 0;
-  }
-  int poll(pollfd* one, int timeout_ms) override {
-    polled_ms = timeout_ms;
-    Device& d = device(one->fd);
-    one->revents = 0;
-    if (d.gone) one->revents = POLLERR | POLLHUP;
-    if (!d.filled.empty()) one->revents = static_cast<short>(one->revents | POLLIN);
-    return one->revents != 0 ? 1 : 0;
-  }
-  void* map(int fd, std::size_t, off_t offset) override {
-    Device& d = device(fd);
-    ++d.maps;
-    return offset == 7 ? MAP_FAILED : reinterpret_cast<void*>(static_cast<std::uintptr_t>(0x10000 + offset));
-  }
-  void unmap(void*, std::size_t) override { --devices.begin()->second.maps; }
-  int ioctl(int fd, unsigned long request, void* argument) override {
-    Device& d = device(fd);
-    if (d.gone) return error(ENODEV);
-    if (const auto refusal = refused.find(request); refusal != refused.end()) return error(refusal->second);
-    switch (request) {
-      case VIDIOC_QUERYCAP:
-        static_cast<v4l2_capability*>(argument)->device_caps = d.caps;
-        return 0;
-      case VIDIOC_S_FMT: {  // the nearest that it has
-        auto& pix = static_cast<v4l2_format*>(argument)->fmt.pix;
-        pix.width = d.width, pix.height = d.height, pix.pixelformat = V4L2_PIX_FMT_MJPEG;
-        return 0;
-      }
-      case VIDIOC_S_PARM:
-        return 0;
-      case VIDIOC_S_CTRL: {
-        const auto* control = static_cast<v4l2_control*>(argument);
-        if (!d.controls.contains(control->id)) return error(EINVAL);
-        // Kept by what is automatic.
-        if (control->id == V4L2_CID_EXPOSURE_ABSOLUTE && d.controls[V4L2_CID_EXPOSURE_AUTO] != V4L2_EXPOSURE_MANUAL) {
-          return error(EACCES);
-        }
-        d.controls[control->id] = control->value;
-        return 0;
-      }
-      case VIDIOC_G_CTRL: {
-        auto* control = static_cast<v4l2_control*>(argument);
-        if (!d.controls.contains(control->id)) return error(EINVAL);
-        control->value = d.controls[control->id];
-        return 0;
-      }
-      case VIDIOC_REQBUFS: {
-        auto* buffers = static_cast<v4l2_requestbuffers*>(argument);
-        buffers->count = std::min(buffers->count, d.most_buffers);
-        d.queued.assign(buffers->count, false);
-        return 0;
-      }
-      case VIDIOC_QUERYBUF: {
-        auto* buffer = static_cast<v4l2_buffer*>(argument);
-        buffer->length = static_cast<std::uint32_t>(d.length);
-        buffer->m.offset = buffer->index * 0x1000;
-        return 0;
-      }
-      case VIDIOC_QBUF: {
-        const auto* buffer = static_cast<v4l2_buffer*>(argument);
-        if (buffer->index >= d.queued.size() || d.queued[buffer->index]) return error(EINVAL);
-        d.queued[buffer->index] = true;
-        return 0;
-      }
-      case VIDIOC_STREAMON:
-        d.streaming = true;
-        return 0;
-      case VIDIOC_STREAMOFF:
-        d.streaming = false;
-        return 0;
-      case VIDIOC_DQBUF: {
-        auto* buffer = static_cast<v4l2_buffer*>(argument);
-        const auto free = std::find(d.queued.begin(), d.queued.end(), true);
-        if (!d.streaming) return error(EINVAL);
-        if (d.filled.empty() || free == d.queued.end()) return error(EAGAIN);
-        *free = false;
-        buffer->index = static_cast<std::uint32_t>(free - d.queued.begin());
-        const Device::Filled& next = d.filled.front();
-        buffer->bytesused = next.bytes, buffer->flags = next.flags, buffer->sequence = next.sequence;
-        buffer->timestamp = {next.stamp.count() / 1'000'000, next.stamp.count() % 1'000'000};
-        d.filled.pop_front();
-        return 0;
-      }
-      default:
-        return error(ENOTTY);
-    }
-  }
-
- private:
-  static int error(int number) {
-    errno = number;
-    return -1;
-  }
-  [[nodiscard]] const std::string& name(int fd) const { return names_.at(static_cast<std::size_t>(fd) - 100); }
-  [[nodiscard]] Device& device(int fd) { return devices.at(name(fd)); }
-
-  std::vector<std::string> names_;
-  int open_ = 0;
-};
-
 }  // namespace
 
 TEST_GROUP(LinuxCamera) {
   test::SysfsTree sys;
   std::string sysfs = sys.root();
-  ModelKernel kernel;
+  test::VideoModel kernel;
   std::unique_ptr<V4l2Camera> camera;
-  Device* device = nullptr;
+  test::VideoDevice* device = nullptr;
   hal::Frame frame;
 
   void setup() override {
@@ -303,11 +157,47 @@ TEST(LinuxCamera, SetsTheVendorsControlsAndReadsThemBack) {
   }
   LONGS_EQUAL(V4L2_EXPOSURE_MANUAL, device->controls[V4L2_CID_EXPOSURE_AUTO]);
   LONGS_EQUAL(180, device->controls[V4L2_CID_EXPOSURE_ABSOLUTE]);
-  LONGS_EQUAL(0, camera->counts().controls_off);
-  camera->stop();
-  device->controls.erase(V4L2_CID_GAMMA);  // the seventh
+  CHECK_TRUE(camera->unset().empty() && camera->steady());
+}
+
+// What the camera does not have it cannot refuse: the picture is as this sensor makes it. It is said all the same.
+TEST(LinuxCamera, NamesTheControlsThatTheCameraDoesNotHave) {
+  device->controls.erase(V4L2_CID_GAMMA);
+  device->controls.erase(V4L2_CID_HUE);
   CHECK_TRUE(camera->start());
-  LONGS_EQUAL(1 << 6, camera->counts().controls_off);
+  CHECK_TRUE(camera->steady());
+  const std::string said(camera->unset());
+  STRCMP_CONTAINS("the camera does not have hue=0 gamma=140. Likely cause: ", said.c_str());
+  STRCMP_CONTAINS("Next: ", said.c_str());
+  LONGS_EQUAL(1 << 3 | 1 << 6, camera->counts().controls_off.missing);
+  LONGS_EQUAL(0, camera->counts().controls_off.refused);
+}
+
+// Refused, or taken and not kept: brightness or rate are not what the firmware was measured with.
+TEST(LinuxCamera, TellsWhatTheCameraDoesNotTake) {
+  device->stubborn = {V4L2_CID_EXPOSURE_ABSOLUTE, V4L2_CID_SHARPNESS};
+  CHECK_TRUE(camera->start());
+  CHECK_FALSE(camera->steady());
+  STRCMP_CONTAINS("the camera does not take sharpness=3 exposure_time_absolute=180. Likely cause: ",
+                  std::string(camera->unset()).c_str());
+  camera->stop();
+  for (auto& [id, value] : device->controls) value = -77;
+  device->stubborn = {V4L2_CID_SHARPNESS, V4L2_CID_HUE, V4L2_CID_SATURATION, V4L2_CID_WHITE_BALANCE_TEMPERATURE,
+                      V4L2_CID_POWER_LINE_FREQUENCY};
+  CHECK_TRUE(camera->start());
+  CHECK_TRUE(camera->steady());  // said, and no reason to stop
+  STRCMP_CONTAINS("does not take saturation=64 hue=0", std::string(camera->unset()).c_str());
+  for (const drivers::CameraControl& control : drivers::camera_controls()) {
+    camera->stop();
+    device->stubborn = {control.id};
+    device->controls[control.id] = -77;
+    CHECK_TRUE(camera->start());
+    CHECK_EQUAL(control.steadies, !camera->steady());
+  }
+  camera->stop();
+  device->stubborn.clear();
+  CHECK_TRUE(camera->start());
+  CHECK_TRUE(camera->unset().empty() && camera->steady());
 }
 
 TEST(LinuxCamera, SaysWhyItDoesNotStart) {
@@ -374,5 +264,9 @@ TEST(LinuxCamera, OtherClocksAreNotBelieved) {
   ::clock_gettime(CLOCK_MONOTONIC, &after);
   CHECK_TRUE(frame.timestamp >= std::chrono::seconds{before.tv_sec});
   CHECK_TRUE(frame.timestamp <= std::chrono::seconds{after.tv_sec + 1});
+  CHECK_FALSE(frame.stamped);
   LONGS_EQUAL(1, camera->counts().unstamped);
+  fill(2);
+  CHECK_TRUE(camera->next(frame, 5ms) == Capture::kFrame);
+  CHECK_TRUE(frame.stamped);
 }

@@ -206,10 +206,13 @@ TEST(LinuxSerial, AfterAHangUpItComesBackUnderItsNameAndBringsNothingOld) {
   while (port.write(Bytes(SerialTty::kLongest, 'o'))) {
   }
   CHECK_TRUE(port.counters().split > 0);  // the rest of a message waits inside
+  const hal::Serial& serial = port;
+  LONGS_EQUAL(0, serial.hang_ups());
   first.reset();
   CHECK_TRUE(hung_up());
   for (int i = 0; i < 10; ++i) CHECK_FALSE(port.write(Bytes{'x'}));
   LONGS_EQUAL(1, port.counters().hang_ups);
+  LONGS_EQUAL(1, serial.hang_ups());  // once: whoever comes next is another
 
   Pty second;
   plug(second);

@@ -38,8 +38,10 @@ class Direct final : public hal::Store {
  private:
   [[nodiscard]] std::size_t do_slot_bytes() const override { return file_.error().empty() ? file_.slot_bytes() : 0; }
   [[nodiscard]] std::span<const std::uint8_t> do_found(std::size_t slot) const override { return file_.found(slot); }
-  void do_begin(std::size_t slot, std::span<const std::uint8_t> bytes) override {
+  [[nodiscard]] bool do_readable(std::size_t slot) const override { return file_.readable(slot); }
+  void do_begin(std::size_t slot, std::span<const std::uint8_t> bytes, bool both) override {
     error_ = file_.write(slot, bytes);
+    if (error_ == 0 && both) error_ = file_.write(1 - slot, bytes);
     asked_ = true;
   }
   [[nodiscard]] State do_state() const override {
@@ -63,11 +65,17 @@ constexpr What kModel{sealed::Kind::kModel, model_file::kBytes + sealed::kAround
 struct Process {
   Process(PowerDisk& disk, const What& what)
       : kind(what.kind), store(disk, what.slot_bytes), shelf(what.kind, anything, &store, nullptr) {}
+  // What a start would say of its settings.
+  [[nodiscard]] settings::Found found() const {
+    Params ignored;
+    return settings::take(shelf, ignored);
+  }
   [[nodiscard]] Bytes read() const { return {shelf.payload().begin(), shelf.payload().end()}; }
   // Whether it said that the bytes are durable.
-  bool save(const Bytes& payload) {
+  bool save(const Bytes& payload) { return save(shelf.next_sequence(), payload); }
+  bool save(std::uint32_t sequence, const Bytes& payload) {
     Bytes record(payload.size() + sealed::kAround);
-    (void)sealed::write(kind, shelf.next_sequence(), payload, record);
+    (void)sealed::write(kind, sequence, payload, record);
     return shelf.put(record, anything) == Shelf::Put::kBegun && shelf.settle() == hal::Store::State::kDone;
   }
   sealed::Kind kind;
@@ -98,11 +106,12 @@ Bytes model_with(std::uint8_t seed) {
 
 TEST_GROUP(PowerCut) {
   std::vector<Bytes> allowed;  // that a start may find; empty bytes: nothing was stored
-  long images = 0, lost = 0, mixed = 0;
+  long images = 0, lost = 0, mixed = 0, silent = 0, reported = 0;
 
   void teardown() override {
     LONGS_EQUAL(0, lost);
     LONGS_EQUAL(0, mixed);
+    LONGS_EQUAL(0, silent);
   }
 
   // Only counts: it is called from within system calls, some of them a destructor's.
@@ -113,6 +122,15 @@ TEST_GROUP(PowerCut) {
       const Process next(after, what);
       const Bytes read = next.read();
       if (std::find(allowed.begin(), allowed.end(), read) == allowed.end()) ++(read.empty() ? lost : mixed);
+      if (what.kind != sealed::Kind::kSettings) return;
+      // A slot that is not whole is reported, and what was stored once never passes for a first start.
+      const settings::Found found = next.found();
+      if (settings::lost(found)) ++reported;
+      if (found == settings::Found::kFirst && std::find(allowed.begin(), allowed.end(), Bytes{}) == allowed.end()) {
+        ++silent;
+      }
+      const bool damaged = next.shelf.slot(0).damaged() || next.shelf.slot(1).damaged();
+      if (damaged != settings::lost(found)) ++silent;
     });
   }
   void print(const char* what) {
@@ -123,6 +141,11 @@ TEST_GROUP(PowerCut) {
   void save_all(const What& what, const std::vector<Bytes>& payloads, bool restart, std::size_t most_at_once) {
     PowerDisk disk;
     allowed = {{}};
+    save_all(disk, what, payloads, restart, most_at_once);
+  }
+  // On from what is `allowed`.
+  void save_all(PowerDisk & disk, const What& what, const std::vector<Bytes>& payloads, bool restart,
+                std::size_t most_at_once) {
     disk.boundary = [&] { check(disk, what); };
     auto process = std::make_unique<Process>(disk, what);
     STRCMP_EQUAL("", process->store.file().error().c_str());
@@ -150,7 +173,55 @@ TEST(PowerCut, LeavesOldOrNewSettings) {
     save_all(kSettings, payloads, restart, 100);  // in several writes
   }
   CHECK(images >= 1000);
+  CHECK(reported >= 1000);
   print("settings");
+}
+
+// Behind the last number, which is followed by 1.
+TEST(PowerCut, LeavesOldOrNewSettingsBehindTheLastNumber) {
+  std::vector<Bytes> payloads;
+  for (int k = 1; k <= 4; ++k) payloads.push_back(settings_with(1000 + k, k % 3 == 0));
+  for (const std::uint32_t first : {0xFFFFFFFEU, 0xFFFFFFFFU}) {
+    PowerDisk disk;
+    const Bytes before = settings_with(1000, true);
+    {
+      Process process(disk, kSettings);
+      CHECK(process.save(first, before));
+    }
+    allowed = {before};
+    save_all(disk, kSettings, payloads, true, 0);
+    LONGS_EQUAL(first == 0xFFFFFFFEU ? 3 : 4, Process(disk, kSettings).shelf.sequence());
+  }
+  CHECK(images >= 1000);
+  print("settings behind the last number");
+}
+
+// Both slots damaged, as no cut leaves them: what is saved then goes into both, one after the other, so that until it
+// has said so a start says that something is wrong, and afterwards none does.
+TEST(PowerCut, FindsNothingOrTheNewSettingsBehindALoss) {
+  const Bytes saved = settings_with(1, true);
+  PowerDisk::Image image{true, Bytes(2 * SlotFile::kApart)};
+  for (const std::size_t slot : {std::size_t{0}, std::size_t{1}}) image.bytes[slot * SlotFile::kApart + 7] = 0x55;
+  PowerDisk disk(image);
+  Process process(disk, kSettings);
+  CHECK(process.found() == settings::Found::kLost);
+  allowed = {{}, saved};
+  long quiet = 0;
+  disk.boundary = [&] {
+    check(disk, kSettings);
+    disk.for_each_image([&](const PowerDisk::Image& after) {
+      PowerDisk other(after);
+      const Process next(other, kSettings);
+      if (!settings::lost(next.found()) && next.read() != saved) ++quiet;
+    });
+  };
+  CHECK(process.save(saved));
+  disk.boundary = {};
+  LONGS_EQUAL(0, quiet);
+  allowed = {saved};
+  check(disk, kSettings);
+  CHECK(Process(disk, kSettings).found() == settings::Found::kWhole);
+  CHECK(images >= 10);
 }
 
 TEST(PowerCut, LeavesOldOrNewModel) {
@@ -266,10 +337,31 @@ TEST(PowerCut, AStartThatFailsReadsWhatItCan) {
     Process process(other, kSettings);
     STRCMP_CONTAINS("folder/file: ", process.store.file().error().c_str());
     CHECK(process.read() == first);
+    CHECK(process.found() == settings::Found::kWhole);
     CHECK_FALSE(process.save(settings_with(2, false)));
+  }
+  // A slot that cannot be read may be the one in force: what was stored next, as number 1 again, would have gone over
+  // it, or been older than it at the next start.
+  for (int k = 7; k <= 8; ++k) {  // the two slots
+    PowerDisk other(disk);
+    other.fails_at = k;
+    Process process(other, kSettings);
+    STRCMP_CONTAINS("folder/file: Input/output error; nothing can be stored there",
+                    process.store.file().error().c_str());
+    CHECK_FALSE(process.save(settings_with(2, false)));
+    Process next(other, kSettings);
+    CHECK(next.read() == first);
+    CHECK(next.save(settings_with(2, false)));
   }
   PowerDisk empty;
   empty.fails_at = 1;
   const Process process(empty, kSettings);
   CHECK(process.read().empty());
+  // Nobody knows what lies there.
+  CHECK(process.found() == settings::Found::kLost);
+  for (const bool second : {false, true}) {
+    PowerDisk unread(disk);
+    unread.fails_at = second ? 8 : 7;  // a slot's bytes, behind the close of the folder
+    CHECK(Process(unread, kSettings).found() == (second ? settings::Found::kEither : settings::Found::kLost));
+  }
 }

@@ -12,10 +12,14 @@
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string>
+#include <string_view>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include "app/command_frame.hpp"
 #include "slip/tree_io.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/pty.hpp"
@@ -65,6 +69,7 @@ TEST_GROUP(ConsoleTool) {
   test::TempDir dir;
   std::unique_ptr<HostProcess> firmware;
   std::string owner_key;
+  std::vector<std::string> more;  // of holdfastd's options
 
   void setup() override {
     ::setenv("XDG_STATE_HOME", dir.path().c_str(), 1);
@@ -89,6 +94,7 @@ TEST_GROUP(ConsoleTool) {
                                    "--models",
                                    at((std::string(name) + ".model").c_str())};
     if (!owner_key.empty()) words.insert(words.end(), {"--owner-key", owner_key});
+    words.insert(words.end(), more.begin(), more.end());
     return std::make_unique<HostProcess>(words);
   }
   void start(const char* name) {
@@ -178,6 +184,75 @@ TEST(ConsoleTool, LocksAgainWhatItUnlocked) {
   STRCMP_EQUAL("", wrong.out.c_str());
 }
 
+// The next program finds it locked, however soon it comes and whatever the one before did not say.
+TEST(ConsoleTool, FindsItLockedAfterWhoeverLeft) {
+  Signals signals;
+  Port port;
+  CHECK(port.open(at("port")) == Port::Opened::kYes);
+  for (int round = 0; round < 20; ++round) {
+    Device before(port, signals, 5000ms);
+    CHECK(before.attach(5000ms));
+    CHECK(before.say("unlock desk").ok());
+    port.close();
+    CHECK(port.open(at("port")) == Port::Opened::kYes);
+    CHECK(port.write("set hold_ms 333\rtell opening 1\r"));
+    Device after(port, signals, 5000ms);
+    CHECK(after.attach(5000ms));
+    CHECK_FALSE(after.unlocked());
+    STRCMP_CONTAINS("\"value\":200,", after.say("get hold_ms json").lines.at(0).c_str());
+    CHECK(after.say("log json").lines.at(0).find("OPENING") == std::string::npos);
+  }
+}
+
+// Every command that a robot may send, sent as a frame to a console that nobody unlocked: of a device as it is started
+// by default, and of one that was told to obey.
+TEST(ConsoleTool, ObeysFramesOnlyWhenItWasToldTo) {
+  for (const bool told : {false, true}) {
+    if (told) more = {"--host-commands"};
+    start("port");
+    Signals signals;
+    Port port;
+    CHECK(port.open(at("port")) == Port::Opened::kYes);
+    Device console(port, signals, 5000ms);
+    CHECK(console.attach(5000ms));
+    CHECK(until([&] { return console.say("status json").lines.at(0).find("\"state\":\"OK\"") != std::string::npos; }));
+    std::uint16_t sequence = 0;
+    for (const auto& [command, argument] : {std::pair{command_frame::Command::kTare, std::uint8_t{1}},
+                                            {command_frame::Command::kOpening, std::uint8_t{1}},
+                                            {command_frame::Command::kRelease, std::uint8_t{0}},
+                                            {command_frame::Command::kArm, std::uint8_t{0}},
+                                            {command_frame::Command::kGrip, std::uint8_t{1}}}) {
+      std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
+      (void)command_frame::encode(command_frame::CommandFrame{++sequence, command, argument}, wire);
+      CHECK(port.write(std::string(1, '\0').append(wire.begin(), wire.end())));
+    }
+    const std::string log = console.say("log json").lines.at(0);
+    for (const char* const name : {"TARE", "OPENING", "RELEASE", "ARM", "GRIP"}) {
+      const bool without = std::string_view(name) == "RELEASE" || std::string_view(name) == "GRIP";  // a gripper
+      const std::string result = !told ? "locked" : without ? "state" : "done";
+      STRCMP_CONTAINS((R"("event":"command","what":")" + std::string(name) + R"(","value":")" + result).c_str(),
+                      log.c_str());
+    }
+    STRCMP_CONTAINS(told ? ", 0 commands refused" : ", 5 commands refused",
+                    console.say("devices json").lines.at(0).c_str());
+  }
+}
+
+// A card's console is on pins of its header: nothing that is shipped obeys whoever reaches them.
+TEST(ConsoleTool, IsNotToldToByAnythingThatIsShipped) {
+  int looked_at = 0;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(HOLDFAST_SOURCE_DIR "/board")) {
+    const std::string kind = entry.path().extension().string();
+    if (!entry.is_regular_file() || kind == ".cpp" || kind == ".md" || kind == ".svg") continue;
+    ++looked_at;
+    std::istringstream lines(read_file(entry.path().string()));
+    for (std::string line; std::getline(lines, line);) {
+      CHECK_TEXT(line.starts_with("#") || line.find("host-commands") == std::string::npos, entry.path().c_str());
+    }
+  }
+  CHECK(looked_at > 30);
+}
+
 TEST(ConsoleTool, RestoresWhatItBackedUp) {
   check_fine(unlocked({"--run", "set hold_ms 333", "--run", "set start_force 200", "--run", "set raise_frames 5"}));
   const Finished before = tool({"--run", "dump"});
@@ -243,6 +318,65 @@ TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
   const Finished refused = firmware->finish(kDeadline);
   CHECK(refused.status != 0);
   STRCMP_CONTAINS("cannot read the owner's key", refused.err.c_str());
+}
+
+// The card damages what the owner signed: the process holds FAULT, says why, and goes on only with what he signs anew.
+TEST(ConsoleTool, LosesNoSettingsInSilence) {
+  const auto damage = [&](std::streamoff at_byte) {
+    std::fstream file(dir / "port.settings", std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(at_byte);
+    file.put('\x55');
+  };
+  const auto anew = [&] {
+    firmware->send(SIGKILL);
+    std::string said = firmware->finish(kDeadline).err;
+    start("port");
+    return said;
+  };
+  // Held from the start on, or never: a busy machine may have faults of its own.
+  const auto holds = [&] {
+    const std::string status = tool({"--run", "status json"}).out;
+    CHECK(!status.empty());
+    return status.find(R"("state":"FAULT","reason":"config")") != std::string::npos;
+  };
+  const auto sign = [&](const char* name, const char* sequence) {
+    write_file(dir / "robot.toml", "max_force = 90\n");
+    check_fine(HostProcess({kTool, "settings", "compile", at("robot.toml"), "-o", at(name), "--sign",
+                            at("keys/owner.key"), "--sequence", sequence})
+                   .finish(60s));
+  };
+  check_fine(HostProcess({kTool, "settings", "keygen", at("keys")}).finish(60s));
+  sign("one", "5");
+  sign("two", "6");
+  STRCMP_CONTAINS("not in range", HostProcess({kTool, "settings", "compile", at("robot.toml"), "-o", at("last"),
+                                               "--sequence", "4294967295"})
+                                      .finish(60s)
+                                      .err.c_str());
+
+  owner_key = at("keys/owner.pub");
+  STRCMP_CONTAINS("the settings in force are defaults: none were ever stored\n", anew().c_str());
+  CHECK_FALSE(holds());
+  const Finished refused = unlocked({"--run", "set fault_markers_pct 1"});
+  LONGS_EQUAL(1, refused.status);
+  STRCMP_CONTAINS("ERR 38 owners_alone: fault_markers_pct: ", refused.err.c_str());
+  check_fine(unlocked({"--run", "set force_step 5"}));
+  check_fine(unlocked({"--load", at("one")}));
+  check_fine(unlocked({"--load", at("two")}));
+  (void)anew();
+  CHECK_FALSE(holds());
+  damage(4096 + 20);
+  (void)anew();
+  CHECK(holds());
+  STRCMP_CONTAINS("\"value\":255", tool({"--run", "get max_force json"}).out.c_str());
+  STRCMP_CONTAINS("ERR 38 owners_alone", unlocked({"--run", "stored accept"}).err.c_str());
+  check_fine(unlocked({"--load", at("two")}));
+  const std::string said = anew();
+  STRCMP_CONTAINS("slot 2 of ", said.c_str());
+  STRCMP_CONTAINS("the record's check sum is wrong\n", said.c_str());
+  STRCMP_CONTAINS("the settings in force are defaults: what was stored is lost or damaged: FAULT is held. ",
+                  said.c_str());
+  CHECK_FALSE(holds());
+  STRCMP_CONTAINS("\"value\":90", tool({"--run", "get max_force json"}).out.c_str());
 }
 
 // From a model's text to a device that decides by it, and back; and what is left when the card damages what was stored.

@@ -24,6 +24,7 @@
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/tape.hpp"
 #include "tests/support/host_process.hpp"
+#include "tests/support/skip.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/play/rig.hpp"
 // last: it redefines new
@@ -269,6 +270,49 @@ TEST(Process, AKilledProcessIsNeverFineAndTheNextOneResumes) {
   empty.print("killed, empty gel");
   check(held, wanted);
   check(empty, wanted);
+}
+
+// A keepsake that cannot be kept is a line in the log; every start died of it (SIGBUS) when the file was mapped.
+TEST(Process, AFullFileSystemKeepsNothingAndEverythingElseGoesOn) {
+  if (test::run({"unshare", "-Urm", "true"}).status != 0) {
+    return test::skip("no name spaces for a file system of its own");
+  }
+  std::filesystem::create_directory(dir / "full");
+  const test::Finished finished = test::run(
+      {"unshare", "-Urm", "sh", "-c",
+       "mount -t tmpfs -o size=4k full \"$1\" && exec \"$2\" --real-time --empty --seconds 3 --keep \"$1/keep\"", "sh",
+       (dir / "full").string(), HOLDFAST_BIN_DIR "/holdfastd"});
+  LONGS_EQUAL(0, finished.status);
+  STRCMP_CONTAINS("OK", finished.out.c_str());
+  for (const char* words :
+       {"full/keep: No space left on device", "Likely cause: the file system is full", "Next: free"}) {
+    STRCMP_CONTAINS(words, finished.err.c_str());
+  }
+  LONGS_EQUAL(1, std::ranges::count(finished.err, '\n'));
+}
+
+TEST(Process, AKeepsakeThatIsCutUnderItIsWrittenAnew) {
+  CHECK_TEXT(tape.has_value(), error.c_str());
+  Receiver receiver(*tape);
+  const auto state = std::make_unique<keepsake::State>();
+  // Whole, not as far as it has come.
+  const auto is_kept = [&] {
+    const std::string bytes = test::read_file(dir / "keep");
+    sim::Keep kept(keepsake::kBytes);
+    std::copy_n(bytes.begin(), std::min(bytes.size(), keepsake::kBytes), kept.bytes().begin());
+    return keepsake::load(*state, kept);
+  };
+  start(kept("--empty"));
+  CHECK(receiver.look_until(is_kept, now() + 60s));
+  std::filesystem::resize_file(dir / "keep", 0);
+  CHECK(receiver.look_until(is_kept, now() + 60s));  // every two seconds on an empty gel
+  process->send(SIGKILL);
+  (void)process->finish();
+  const test::Finished next = test::run(
+      {HOLDFAST_BIN_DIR "/holdfastd", "--real-time", "--held", "--seconds", "2", "--keep", (dir / "keep").string()});
+  LONGS_EQUAL(0, next.status);
+  STRCMP_CONTAINS("OK", next.out.c_str());
+  CHECK_TEXT(next.out.find("REFERENCE") == std::string::npos, next.out.c_str());
 }
 
 // What was true before SIGSTOP is not said after SIGCONT, however the process was caught.

@@ -505,7 +505,7 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
     check_line(ask(arguments), joined(arguments), named, said);
   };
   refuse({}, "no command given", "holdfast --help");
-  refuse({"frobnicate"}, "'frobnicate'", "give replay, sim, scene, ");
+  refuse({"frobnicate"}, "'frobnicate'", "give one of replay, sim, scene, ");
   refuse({"--frob"}, "'--frob'", "holdfast --help");
   refuse({"replay"}, "INPUT", "holdfast replay --help");
   refuse({"replay", ""}, "INPUT", "empty");

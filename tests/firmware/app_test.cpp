@@ -195,6 +195,29 @@ class RefusingGpio final : public hal::Gpio {
   Level last_grip_ok_told_ = Level::kLow;
 };
 
+// A sensor whose frames may come without a stamp, stamped by the driver when they came; and which may not take its
+// settings.
+class DoubtfulCamera final : public hal::Camera {
+ public:
+  DoubtfulCamera(hal::Camera& inside, const sim::Clock& clock) : inside_(inside), clock_(clock) {}
+  bool stamps = true, takes_settings = true, is_live = true;
+
+ private:
+  [[nodiscard]] bool do_start() override { return inside_.start(); }
+  [[nodiscard]] hal::Capture do_next(hal::Frame& frame, Micros timeout) override {
+    const hal::Capture capture = inside_.next(frame, timeout);
+    frame.stamped = stamps;
+    if (!stamps) frame.timestamp = clock_.now();
+    return capture;
+  }
+  void do_release(const hal::Frame& frame) override { inside_.release(frame); }
+  void do_stop() override { inside_.stop(); }
+  [[nodiscard]] bool do_steady() const override { return takes_settings; }
+  [[nodiscard]] bool do_live() const override { return is_live; }
+  hal::Camera& inside_;
+  const sim::Clock& clock_;
+};
+
 // A camera that does not open.
 class NoCamera final : public hal::Camera {
   [[nodiscard]] bool do_start() override { return false; }
@@ -697,6 +720,66 @@ TEST(App, RecoversFromOneTimestampInTheFuture) {
   CHECK_TRUE(told_fine());
 }
 
+// Stamped when it was taken, a frame looks fresh however long it lay in a buffer: nobody may be told "fine" by it.
+TEST(App, FramesOfUnknownAgeVouchForNothing) {
+  film(12);
+  build({}, 10);
+  DoubtfulCamera doubtful(*camera, clock);
+  app = std::make_unique<App>(Devices{doubtful, gpio, link, clock, jpeg});
+  start();
+  run(15);
+  CHECK_TRUE(told_fine());
+  doubtful.stamps = false;
+  const Micros last_good = last_edge;
+  for (int k = 0; k < 25; ++k) {
+    status_frame::StatusFrame told;
+    CHECK_TRUE(step(&told));
+    reason_is(Reason::kFrameUnstamped, told.reason);
+    if (clock.now() - last_good <= 150ms) continue;
+    state_is(DeviceState::kFault, told.state);
+    CHECK_FALSE(told_fine());
+  }
+  LONGS_EQUAL(last_good.count(), last_edge.count());
+  doubtful.stamps = true;
+  run(3);
+  state_is(DeviceState::kOk, app->outputs().state);
+  CHECK_TRUE(told_fine());
+
+  // From the start on: not even a rest position is learned.
+  doubtful.stamps = false;
+  start();
+  run(20);
+  state_is(DeviceState::kFault, app->outputs().state);
+  reason_is(Reason::kFrameUnstamped, app->outputs().reason);
+  CHECK_FALSE(app->first_accepted().has_value());
+
+  // A recording has no age, with stamps or without.
+  doubtful.is_live = false;
+  start();
+  run(20);
+  CHECK_TRUE(app->first_accepted().has_value());
+}
+
+// With another exposure or gain it goes on measuring, and slip is told; but nothing was measured so, and nothing is
+// vouched for.
+TEST(App, ACameraThatDoesNotTakeItsSettingsIsDegraded) {
+  film(15, 14);
+  build({}, 10);
+  DoubtfulCamera doubtful(*camera, clock);
+  app = std::make_unique<App>(Devices{doubtful, gpio, link, clock, jpeg});
+  doubtful.takes_settings = false;
+  start();
+  run(14);
+  state_is(DeviceState::kDegraded, app->outputs().state);
+  reason_is(Reason::kCameraControls, app->outputs().reason);
+  CHECK_FALSE(told_fine());
+  LONGS_EQUAL(14, gpio.edges(Line::kAlive));
+  doubtful.takes_settings = true;
+  run(1);
+  state_is(DeviceState::kOk, app->outputs().state);
+  CHECK_TRUE(told_fine());
+}
+
 TEST(App, RejectsGarbageAndDamagedTransfers) {
   film(12);
   build({{14, 2, sim::CameraFault::kGarbage, {}}, {20, 8, sim::CameraFault::kBad, {}}}, 4);
@@ -890,10 +973,32 @@ TEST(App, KnowsWhenItVouchedFirst) {
   CHECK_TRUE(edge > Micros{0} && app->first_accepted() == edge);
   run(6);
   CHECK_TRUE(app->first_accepted() == edge);
-  LONGS_EQUAL(gpio.edges(Line::kAlive), app->accepted());
   app->stop();
   CHECK_TRUE(app->start(Params{}).ok());
   CHECK_FALSE(app->first_accepted().has_value());
+}
+
+// What an update is kept by. Frames while the empty gel is learned, the first after a fault, and those over which OK is
+// held are no proof.
+TEST(App, CountsOkFramesSinceTheLastFault) {
+  film(50);
+  build({{20, 1, sim::CameraFault::kBad, {}}, {30, 8, sim::CameraFault::kBad, {}}});
+  start();
+  std::uint64_t expected = 0, before_fault = 0, not_ok = 0, held = 0;
+  for (int k = 0; k < 48; ++k) {
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    CHECK_TRUE(step());
+    const bool accepted = gpio.edges(Line::kAlive) > edges, ok = app->told().state == DeviceState::kOk;
+    if (accepted && !ok) ++not_ok;
+    if (!accepted && ok) ++held;
+    if (accepted && ok) ++expected;
+    if (app->told().state == DeviceState::kFault) before_fault = std::max(before_fault, std::exchange(expected, 0));
+    LONGS_EQUAL(expected, app->ok_frames());
+  }
+  CHECK_TRUE(before_fault > 15 && expected > 0 && not_ok > 3 && held > 0);
+  app->stop();
+  CHECK_TRUE(app->start(Params{}).ok());
+  LONGS_EQUAL(0, app->ok_frames());
 }
 
 TEST(App, FaultsWhileALineRefusesAndComesBack) {

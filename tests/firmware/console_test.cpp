@@ -73,6 +73,21 @@ Heard take_apart(const std::string& bytes) {
 const std::vector<std::uint8_t> kLoaded =
     test::model_bytes(*find_feature_set("paper"), std::span(test::kSpreadTree.nodes).first(3), "loaded_one");
 
+// As a sender begins it among text.
+std::string frame_of(std::uint16_t sequence, command_frame::Command command, std::uint8_t argument) {
+  std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
+  command_frame::encode(command_frame::CommandFrame{sequence, command, argument}, wire);
+  return std::string(1, '\0').append(wire.begin(), wire.end());
+}
+
+// Whose signatures begin with 0x5A.
+class Owner final : public hal::Verifier {
+  [[nodiscard]] bool do_holds(std::span<const std::uint8_t> /*message*/,
+                              std::span<const std::uint8_t, kSignatureBytes> signature) const override {
+    return signature[0] == 0x5A;
+  }
+};
+
 }  // namespace
 
 TEST_GROUP(Console) {
@@ -132,6 +147,37 @@ TEST_GROUP(Console) {
     std::array<char, 20> sum{};
     (void)std::snprintf(sum.data(), sum.size(), "load end %08X", crc32(bytes));
     return sum.data();
+  }
+  static std::vector<std::uint8_t> signed_record(std::uint32_t sequence, const Params& params) {
+    std::vector<std::uint8_t> out = record(sequence, params);
+    sealed::put_signature(out, std::array<std::uint8_t, sealed::kSignatureBytes>{0x5A});
+    return out;
+  }
+  // As an earlier process left it.
+  void lay(std::size_t slot, const std::vector<std::uint8_t>& bytes) {
+    std::copy(bytes.begin(), bytes.end(), desk.stored.slot(slot).begin());
+  }
+  void damage(std::size_t slot) {
+    desk.stored.slot(slot)[sealed::kPayloadAt] ^= 1;
+  }
+  void restart() {
+    desk.end();
+    start();
+  }
+  [[nodiscard]] bool grip_ok() const {
+    return desk.gpio.level(hal::Line::kGripOk) == hal::Level::kHigh;
+  }
+  void check_held() {
+    CHECK_FALSE(grip_ok());
+    const std::string status = desk.say("status json");
+    STRCMP_CONTAINS(R"("state":"FAULT","reason":"config","what":"settings are lost, damaged or out of their range")",
+                    status.c_str());
+    STRCMP_CONTAINS("say stored at the console", status.c_str());
+  }
+  void check_fine() {
+    desk.run(400ms);
+    CHECK(grip_ok());
+    check_says("status json", R"("state":"OK","reason":"none")");
   }
   // What the next start would read.
   Params stored() {
@@ -647,19 +693,13 @@ TEST(Console, DecidesByTheModelThatWasLoaded) {
 
 // With its owner's key a device stores nothing by itself, and takes nothing that is not signed.
 TEST(Console, TakesFromItsOwnerOnly) {
-  class Owner final : public hal::Verifier {
-    [[nodiscard]] bool do_holds(std::span<const std::uint8_t> /*message*/,
-                                std::span<const std::uint8_t, kSignatureBytes> signature) const override {
-      return signature[0] == 0x5A;
-    }
-  };
   const Owner owner;
   desk.place.owner = &owner;
   start();
   (void)desk.unlock();
   check_says("version json", R"("takes":"what its owner signed","settings_sequence":null})");
   check_says("status json", R"("development":false})");
-  check_ok("set hold_ms 500");  // until the next start
+  check_ok("set force_step 5");  // until the next start
   check_error("save", Error::kNotSigned);
   Params params;
   params.hold_ms = 700;
@@ -695,6 +735,232 @@ TEST(Console, TakesFromItsOwnerOnly) {
   }
 }
 
+// Settings that were stored and do not count: FAULT from the first frame on, whatever is filmed.
+TEST(Console, HoldsFaultWhenItsSettingsAreLost) {
+  Params safe;
+  safe.max_force = 60;
+  safe.latch = 1;
+  lay(0, record(6, safe));
+  lay(1, record(7, safe));
+  damage(0);
+  damage(1);
+  start();
+  STRCMP_CONTAINS("* FAULT config\r\n", desk.heard().c_str());
+  check_held();
+  check_says("version json", R"("settings_from":"defaults: what was stored is lost or damaged")");
+  check_says("log json", R"("event":"settings","what":"lost","value":"")");
+  check_says("stored json",
+             R"({"slots":[{"record":"settings","slot":1,"number":null,"is":"the record's check sum is wrong"},)"
+             R"({"record":"settings","slot":2,"number":null,"is":"the record's check sum is wrong"},)"
+             R"({"record":"model","slot":1,"number":null,"is":"empty: never written to"},)");
+  desk.run(30s);
+  check_held();
+  check_error("stored accept", Error::kLocked);
+  (void)desk.unlock();
+  check_ok("stored accept");
+  check_fine();
+  check_says("log json", R"("event":"settings","what":"lost","value":"accepted")");
+  // Until the next start; what is saved, into both slots, counts for good.
+  restart();
+  check_held();
+  (void)desk.unlock();
+  check_ok("set max_force 60");
+  check_held();
+  desk.stored.set_failure(28, 40);
+  check_error("save", Error::kWriteFailed);
+  check_held();
+  check_says("stored json", R"("slot":1,"number":null,"is":"unknown: reading or writing it failed")");
+  desk.stored.set_failure(0);
+  check_ok("save");
+  check_fine();
+  check_says("version json", R"("settings_from":"what was stored")");
+  check_says("stored json", R"({"slots":[{"record":"settings","slot":1,"number":1,"is":"whole, the newest"},)"
+                            R"({"record":"settings","slot":2,"number":1,"is":"whole, and older"},)");
+  restart();
+  check_fine();
+  LONGS_EQUAL(60, desk.console->params().max_force);
+  check_says("log json", R"("event":"settings","what":"whole","value":"")");
+}
+
+// Nor does it go back to an older record in silence: nobody knows what the damaged one said.
+TEST(Console, HoldsFaultWhenItFallsBack) {
+  Params older;
+  older.max_force = 200;
+  for (const std::size_t newer : {std::size_t{0}, std::size_t{1}}) {
+    lay(1 - newer, record(6, older));
+    lay(newer, record(7, {}));
+    damage(newer);
+    start();
+    check_held();
+    LONGS_EQUAL(200, desk.console->params().max_force);
+    check_says("version json", R"("settings_from":"one of two records: the other, maybe the newer one, is damaged")");
+    check_says("log json", R"("event":"settings","what":"one_of_two")");
+    (void)desk.unlock();
+    // Loading counts at the next start.
+    Params loaded;
+    loaded.max_force = 90;
+    check_ok(load(record(8, loaded)).c_str());
+    check_held();
+    restart();
+    check_fine();
+    LONGS_EQUAL(90, desk.console->params().max_force);
+    desk.end();
+  }
+}
+
+// A place that the medium does not read, and zeros where a record must have been, are no first start.
+TEST(Console, KnowsAFirstStartFromALoss) {
+  start();
+  check_fine();
+  check_says("version json", R"("settings_from":"defaults: none were ever stored")");
+  check_says("log json", R"("event":"settings","what":"first_start","value":"")");
+  (void)desk.unlock();
+  check_ok("stored accept");
+  check_error("stored json accept", Error::kArguments);
+  check_error("stored some", Error::kArguments);
+
+  desk.stored.set_unreadable(true);
+  restart();
+  check_held();
+  check_says("stored json", R"("slot":1,"number":null,"is":"unknown: reading or writing it failed")");
+  desk.stored.set_unreadable(false);
+
+  lay(1, record(7, {}));
+  restart();
+  check_held();
+  check_says("stored", "erased: the second slot is never written before this one");
+  std::ranges::fill(desk.stored.slot(1), std::uint8_t{0});
+
+  desk.place.settings = nullptr;
+  restart();
+  check_fine();
+  check_says("version json", R"("settings_from":"defaults: there is no place to store any")");
+  check_says("stored", "no place to store any");
+  CHECK(desk.say("log").find("settings ") == std::string::npos);
+}
+
+// A value that this firmware does not know, or does not allow, was meant all the same.
+TEST(Console, HoldsFaultWhenPartOfItsSettingsIsLost) {
+  std::vector<std::uint8_t> bytes(8 + sealed::kAround);
+  (void)sealed::write(sealed::Kind::kSettings, 7, std::vector<std::uint8_t>(8), bytes);
+  lay(0, bytes);
+  start();
+  check_held();
+  check_says("version json", R"("settings_from":"what was stored, without values that this firmware does not know")");
+  (void)desk.unlock();
+  check_ok("save");
+  check_fine();
+}
+
+// An older record is what somebody may have put back: a device with an owner goes on with none but a newer one of his.
+TEST(Console, IsNotRolledBack) {
+  const Owner owner;
+  desk.place.owner = &owner;
+  Params older;
+  older.max_force = 200;
+  lay(0, signed_record(6, older));
+  lay(1, signed_record(7, {}));
+  damage(1);
+  start();
+  check_held();
+  LONGS_EQUAL(255, desk.console->params().max_force);
+  check_says("version json", R"("settings_from":"defaults: what was stored is lost or damaged")");
+  (void)desk.unlock();
+  check_error("stored accept", Error::kOwnersAlone);
+  check_error("save", Error::kNotSigned);
+  check_error(load(signed_record(6, older)).c_str(), Error::kTooOld);
+  check_error(load(record(8, older)).c_str(), Error::kNotSigned);
+  check_held();
+  Params newer;
+  newer.max_force = 90;
+  check_ok(load(signed_record(7, newer)).c_str());
+  check_held();
+  restart();
+  check_fine();
+  LONGS_EQUAL(90, desk.console->params().max_force);
+
+  // Both lost: what is loaded then goes into both, so that the start after it is a good one.
+  damage(0);
+  damage(1);
+  restart();
+  check_held();
+  (void)desk.unlock();
+  check_error("stored accept", Error::kOwnersAlone);
+  check_ok(load(signed_record(9, newer)).c_str());
+  restart();
+  check_fine();
+  LONGS_EQUAL(90, desk.console->params().max_force);
+  // Settings of the time before it had an owner are not what the owner wants.
+  lay(1, record(8, {}));
+  restart();
+  check_held();
+  check_says("stored", "the record is not signed, and this device has an owner");
+}
+
+// A change that can make GRIP_OK HIGH where it should be LOW needs the owner's signature; the rest needs the code.
+TEST(Console, LeavesSafetyToItsOwner) {
+  const Owner owner;
+  for (const bool owned : {false, true}) {
+    desk.place.owner = owned ? &owner : nullptr;
+    start();
+    (void)desk.unlock();
+    for (const ParamInfo& row : kParams) {
+      const std::int32_t other = row.default_value == row.max ? row.max - 1 : row.default_value + 1;
+      const std::string line = "set " + std::string(row.name) + " " + std::to_string(other);
+      const bool refused = owned && row.kind == ParamClass::kSafety;
+      const std::string answer = desk.say(line);
+      STRCMP_CONTAINS_TEXT(refused ? "ERR 38 owners_alone: " : "OK\r\n", answer.c_str(), line.c_str());
+      LONGS_EQUAL_TEXT(refused ? row.default_value : other, desk.console->params().*row.member, line.c_str());
+      // Nothing is changed by saying what is so.
+      check_ok(("set " + std::string(row.name) + " " + std::to_string(desk.console->params().*row.member)).c_str());
+      check_ok(("defaults " + std::string(row.name)).c_str());
+    }
+    desk.end();
+  }
+  // Back to the defaults is a change like any other.
+  Params strict;
+  strict.latch = 1;
+  strict.force_step = 9;
+  lay(0, signed_record(7, strict));
+  start();
+  (void)desk.unlock();
+  for (const char* const line : {"set fault_markers_pct 1", "set hold_ms 0", "set opening_max_ms 60000", "set latch 0",
+                                 "defaults", "defaults latch"}) {
+    check_error(line, Error::kOwnersAlone);
+  }
+  check_says("set hold_ms 0",
+             "ERR 38 owners_alone: hold_ms: this decides when GRIP_OK may be HIGH, and only the device's owner may say "
+             "it. Likely cause: the device was given its owner's key. Next: write it into a TOML file, holdfast "
+             "settings compile --sign, holdfast console --load, and reboot\r\n");
+  check_ok("set force_step 5");
+  check_ok("defaults force_step");
+  strict.force_step = Params{}.force_step;
+  CHECK(desk.console->params() == strict);
+  CHECK(desk.daemon->params() == strict);
+  check_error("set hold_ms 5001", Error::kRange);
+  check_error("set fault_markers_pct 99", Error::kContradiction);
+}
+
+// Behind the last number the device numbers anew.
+TEST(Console, SavesBehindTheLastNumber) {
+  Params params;
+  params.hold_ms = 300;
+  lay(0, record(0xFFFFFFFF, params));
+  start();
+  (void)desk.unlock();
+  LONGS_EQUAL(300, desk.console->params().hold_ms);
+  for (int k = 1; k <= 3; ++k) {
+    check_ok(("set hold_ms " + std::to_string(300 + k)).c_str());
+    check_ok("save");
+    check_says("version json", ("\"settings_sequence\":" + std::to_string(k) + "}").c_str());
+    restart();
+    (void)desk.unlock();
+    LONGS_EQUAL(300 + k, desk.console->params().hold_ms);
+    check_fine();
+    if (k == 1) check_error(load(record(0xFFFFFFFF, params)).c_str(), Error::kTooOld);
+  }
+}
+
 // The lines of diff, pasted into another device, make it the same.
 TEST(Console, TakesItsOwnDiffBack) {
   start();
@@ -719,7 +985,14 @@ TEST(Console, TakesItsOwnDiffBack) {
 
 TEST(Console, ShowsParameters) {
   start();
-  check_says("get", "grip_speed");
+  const std::string table = desk.say("get");
+  for (const ParamInfo& row : kParams) {
+    const std::size_t at = table.find("\n" + std::string(row.name) + " ");
+    CHECK(at != std::string::npos);
+    const std::string line = table.substr(at + 1, table.find('\r', at) - at - 1);
+    CHECK_TEXT(line.size() <= 80, line.c_str());
+    STRCMP_CONTAINS(kParamClassNames[static_cast<std::size_t>(row.kind)].data(), line.c_str());
+  }
   const std::string some = desk.say("get jpeg");
   STRCMP_CONTAINS("jpeg_threads", some.c_str());
   CHECK(some.find("grip_speed") == std::string::npos);
@@ -737,6 +1010,8 @@ TEST(Console, ExplainsCommandsAndParameters) {
   }
   check_says("help set", "PARAMETER VALUE");
   check_says("help hold_ms", "how long the request stays raised");
+  check_says("help hold_ms", "class                 safety");
+  check_says("help jpeg_lanes json", R"("class":"tuning","why":"the same bytes; what comes late is rejected"})");
   check_says("help mode", "relearned");
   check_error("help nothing", Error::kArguments);
   check_says("help json", R"({"commands":[{"name":"help","arguments":)");
@@ -1092,13 +1367,12 @@ TEST(Console, TracesEveryFrameAndWatchesFiveTimesASecond) {
   check_error("trace", Error::kArguments);
 }
 
-TEST(Console, ObeysCommandFramesAmongTheText) {
+TEST(Console, ObeysCommandFramesAmongTheTextWhereThatIsAllowed) {
+  desk.place.host_commands = true;
   start();
   (void)desk.heard();
-  std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
-  command_frame::encode(command_frame::CommandFrame{77, command_frame::Command::kOpening, 1}, wire);
-  std::string bytes("sta\0", 4);
-  bytes.append(wire.begin(), wire.end());
+  std::string bytes("sta");
+  bytes += frame_of(77, command_frame::Command::kOpening, 1);
   bytes += "tus\r";
   desk.type(bytes);
   desk.run(100ms);
@@ -1115,6 +1389,221 @@ TEST(Console, ObeysCommandFramesAmongTheText) {
   desk.type(other);
   desk.run(50ms);
   check_ok("version");
+}
+
+// Every command that there is, and with every argument: what is not unlocked changes nothing, is answered and counted,
+// and the first of each kind is in the log.
+TEST(Console, ObeysNoCommandFrameWhileLocked) {
+  desk.params.gripper = static_cast<std::int32_t>(Gripper::kHandE);
+  start();
+  (void)desk.heard();
+  const MarkerField rest = desk.daemon->app().state().reference.rest;
+  std::uint16_t sequence = 0;
+  int sent = 0;
+  for (int round = 0; round < 40; ++round) {  // 128 events fit into the log
+    for (const command_frame::CommandInfo& row : command_frame::kCommands) {
+      for (std::uint8_t argument = 0; argument <= row.max_argument; ++argument, ++sent) {
+        desk.type(frame_of(++sequence, row.command, argument));
+        desk.run(10ms);
+        CHECK_FALSE(desk.daemon->is_opening());
+      }
+    }
+  }
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(sent, heard.answers.size());
+  for (const command_frame::AnswerFrame& answer : heard.answers) LONGS_EQUAL(5, static_cast<int>(answer.result));
+  CHECK(desk.daemon->app().outputs().state == DeviceState::kOk);
+  CHECK(desk.gpio.level(hal::Line::kGripOk) == hal::Level::kHigh);
+  CHECK_FALSE(desk.daemon->grip().go);
+  LONGS_EQUAL(rest.markers[31].x.raw(), desk.daemon->app().state().reference.rest.markers[31].x.raw());
+  LONGS_EQUAL(sent, desk.console->refused());
+  check_says("devices", (", " + std::to_string(sent) + " commands refused").c_str());
+  const std::string log = desk.say("log");
+  for (const char* const name : {"TARE", "OPENING", "RELEASE", "ARM", "GRIP"}) {
+    const std::size_t first = log.find(std::string("command         ") + name);
+    CHECK_TEXT(first != std::string::npos, name);
+    STRCMP_CONTAINS("locked", log.substr(first, log.find('\n', first) - first).c_str());
+    CHECK_TEXT(log.find(std::string("command         ") + name, first + 1) == std::string::npos, name);
+  }
+  STRCMP_CONTAINS("state           OK", log.c_str());  // what happened before is in it still
+}
+
+TEST(Console, ObeysCommandFramesWhileUnlocked) {
+  start();
+  (void)desk.unlock();
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  CHECK(desk.daemon->is_opening());
+  check_ok("lock");
+  desk.type(frame_of(2, command_frame::Command::kOpening, 0));
+  desk.run(50ms);
+  CHECK(desk.daemon->is_opening());
+  LONGS_EQUAL(1, desk.console->refused());
+  // The robot's own link is the robot's, locked or not.
+  const std::string end = frame_of(3, command_frame::Command::kOpening, 0);
+  CHECK(desk.link.feed({reinterpret_cast<const std::uint8_t*>(end.data()), end.size()}));
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+}
+
+// A frame that was refused is not kept: unlocking obeys what is said afterwards.
+TEST(Console, DoesNotMakeUpForWhatItRefused) {
+  start();
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  (void)desk.unlock();
+  desk.run(100ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));  // a repetition: answered as before
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  desk.type(frame_of(2, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  CHECK(desk.daemon->is_opening());
+}
+
+TEST(Console, LocksWhenTheCableIsPulled) {
+  start();
+  (void)desk.unlock();
+  desk.host.hang_up();
+  desk.run(10ms);
+  CHECK_FALSE(desk.console->unlocked());
+  desk.host.reconnect();
+  check_error("set hold_ms 300", Error::kLocked);
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  (void)desk.unlock();
+  desk.host.change_hands();  // another program, from one read to the next
+  check_error("tell opening 1", Error::kLocked);
+  CHECK_FALSE(desk.daemon->is_opening());
+  check_ok("version");
+}
+
+// What was typed before the cable was out does not happen when another one is in: no line of it, no half of one.
+TEST(Console, DoesNothingThatWasLeftInTheCable) {
+  start();
+  (void)desk.unlock();
+  // Read, and not begun.
+  for (const std::string& line :
+       {std::string("tell opening 1\r"), "unlock " + std::string(test::ConsoleDesk::kCode) + "\r"}) {
+    desk.type(line);
+    desk.turn();
+    desk.host.hang_up();
+    desk.run(10ms);
+    desk.host.reconnect();
+    desk.run(50ms);
+    CHECK_FALSE(desk.daemon->is_opening());
+    CHECK_FALSE(desk.console->unlocked());
+    STRCMP_CONTAINS("ERR 33 interrupted", desk.heard().c_str());
+  }
+
+  // What is being written is written.
+  (void)desk.unlock();
+  desk.stored.set_slow(true);
+  desk.type("save\r");
+  desk.run(50ms);
+  desk.host.hang_up();
+  desk.run(10ms);
+  desk.host.reconnect();
+  desk.stored.finish();
+  desk.run(50ms);
+  STRCMP_CONTAINS("OK\r\n", desk.heard().c_str());
+  LONGS_EQUAL(1, desk.stored.writes());
+
+  // In the queue behind an answer that nobody takes: lines, the code, a frame.
+  desk.place.host_commands = true;
+  desk.end();
+  start();
+  desk.host.set_full(true);
+  for (int k = 0; k < 3; ++k) desk.type("get\r");
+  desk.type("unlock " + std::string(test::ConsoleDesk::kCode) + "\rtell opening 1\r");
+  desk.type(frame_of(1, command_frame::Command::kOpening, 1));
+  desk.type("echo off\r");
+  desk.run(500ms);
+  desk.host.set_full(false);
+  desk.host.change_hands();
+  desk.type("status js");
+  desk.run(1s);
+  CHECK_FALSE(desk.console->unlocked());
+  CHECK_FALSE(desk.daemon->is_opening());
+  LONGS_EQUAL(1, desk.console->refused());
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(5, static_cast<int>(heard.answers.at(0).result));
+  STRCMP_CONTAINS("ERR 33 interrupted", heard.text.c_str());
+  STRCMP_CONTAINS("ERR 10 locked", heard.text.c_str());
+  check_says("on", "\"unlocked\":false");  // whose line it is now
+  desk.type("echo on\r");
+  desk.run(50ms);
+
+  // Half a line and half a frame.
+  desk.type("unlock " + std::string(test::ConsoleDesk::kCode));
+  desk.run(50ms);
+  desk.host.hang_up();
+  desk.run(10ms);
+  desk.host.reconnect();
+  desk.type("\r");
+  desk.run(50ms);
+  CHECK_FALSE(desk.console->unlocked());
+  const std::string frame = frame_of(2, command_frame::Command::kOpening, 1);
+  desk.type(frame.substr(0, 6));
+  desk.run(10ms);
+  desk.host.change_hands();
+  desk.type(frame.substr(6));
+  desk.run(50ms);
+  CHECK_FALSE(desk.daemon->is_opening());
+  desk.type("\x03\r");
+  desk.run(50ms);
+
+  // Ctrl-C before it was looked at.
+  desk.host.set_full(true);
+  for (int k = 0; k < 3; ++k) desk.type("get\r");
+  desk.run(500ms);
+  desk.host.change_hands();
+  desk.run(10ms);
+  desk.host.set_full(false);
+  desk.type("\x03");
+  desk.run(300ms);
+  STRCMP_CONTAINS("OK\r\n", desk.unlock().c_str());
+  CHECK(desk.console->unlocked());
+}
+
+// Only a command keeps it open: noise, empty lines, refusals do not.
+TEST(Console, LocksItselfAmongNoise) {
+  start();
+  desk.camera->set(sim::CameraSwitch::kOff);
+  (void)desk.unlock();
+  for (int k = 0; k < 11; ++k) {
+    desk.run(57s);
+    for (const char* const noise : {"\r", "\xFF\xFE\r", "qwzx\r", "# nothing\r"}) desk.type(noise);
+    desk.type(std::string(300, 'x') + "\r");
+    desk.type(frame_of(static_cast<std::uint16_t>(k), command_frame::Command::kArm, 0));
+    desk.run(100ms);
+  }
+  CHECK_FALSE(desk.console->unlocked());
+}
+
+TEST(Console, LocksOnAWrongCode) {
+  start();
+  (void)desk.unlock();
+  check_error("unlock nonsense", Error::kWrongCode);
+  CHECK_FALSE(desk.console->unlocked());
+  check_error("set hold_ms 300", Error::kLocked);
+}
+
+// A code behind a mistyped word, or alone as at a prompt for it, does not wait for who comes next.
+TEST(Console, KeepsMistypedCodesOutOfTheHistory) {
+  start();
+  check_ok("version");
+  for (const char* const line : {"unlokc 7QX-41-red", "7QX-41-red", "UNLOCK 7QX-41-red"}) {
+    check_error(line, Error::kUnknownCommand);
+  }
+  (void)desk.heard();
+  desk.type("\x1B[A");
+  desk.run(50ms);
+  const std::string shown = desk.heard();
+  STRCMP_CONTAINS("version", shown.c_str());
+  CHECK(shown.find(test::ConsoleDesk::kCode) == std::string::npos);
 }
 
 // Noise that looks like the beginning of a frame holds nobody up for long.

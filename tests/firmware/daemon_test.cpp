@@ -19,6 +19,7 @@
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/hande.hpp"
 #include "drivers/sim/keep.hpp"
+#include "drivers/sim/noise.hpp"
 #include "drivers/sim/serial.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
@@ -342,11 +343,121 @@ TEST(Daemon, EndsAnOpeningThatIsNeverTakenBack) {
   CHECK_TRUE(reason() == Reason::kOpening && daemon->app().state().opening);
   run(400ms);
   CHECK_TRUE(reason() == Reason::kNone && !daemon->app().state().opening);
+  CHECK_TRUE(ask(Command::kOpening, 0) == Result::kDone);
   CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
   run(100ms);
+  CHECK_TRUE(daemon->app().state().opening);
   CHECK_TRUE(ask(Command::kOpening, 0) == Result::kDone);
   run(60ms);
   CHECK_FALSE(daemon->app().state().opening);
+}
+
+// Said again every quarter of a second it masks slip for 5 s in all, and for 5 s again after each end.
+TEST(Daemon, EndsAnOpeningThatIsSaidAgainAndAgain) {
+  film();
+  build();
+  run(1s);
+  for (int round = 0; round < 2; ++round) {
+    Micros masked{};
+    int refused = 0;
+    for (Micros said{}; said < 20s; said += 250ms) {
+      const auto answer = ask(Command::kOpening, 1);
+      CHECK_TRUE(answer == Result::kDone || answer == Result::kOverdue);
+      CHECK_FALSE(answer == Result::kOverdue && daemon->is_opening());
+      refused += answer == Result::kOverdue ? 1 : 0;
+      for (const Micros end = clock.now() + 230ms; clock.now() < end;) {
+        const Micros before = clock.now();
+        daemon->poll();
+        if (daemon->app().state().opening) masked += clock.now() - before;
+      }
+    }
+    CHECK_TRUE(masked > 2s && masked < 5100ms);
+    CHECK_TRUE(refused >= 59);
+    CHECK_TRUE(reason() == Reason::kNone);
+    CHECK_TRUE(ask(Command::kOpening, 0) == Result::kDone);
+  }
+  // The wire is a sender like any other, and its fall an end.
+  for (Micros said{}; said < 6s; said += 250ms) {
+    (void)ask(Command::kOpening, 1);
+    run(230ms);
+  }
+  gpio.drive(Input::kOpening, Level::kHigh);
+  run(100ms);
+  CHECK_FALSE(daemon->app().state().opening);
+  const auto& events = daemon->recorder().events();
+  const FlightEvent& last = events[events.size() - 1];
+  LONGS_EQUAL(static_cast<int>(EventKind::kCommand), static_cast<int>(last.kind));
+  LONGS_EQUAL(2, last.a);
+  LONGS_EQUAL(6, last.b);
+  gpio.drive(Input::kOpening, Level::kLow);
+  run(100ms);
+  gpio.drive(Input::kOpening, Level::kHigh);
+  run(100ms);
+  CHECK_TRUE(daemon->app().state().opening);
+}
+
+// A robot that never stops saying OPENING is told of the slip behind its time, not only of none.
+TEST(Daemon, TellsOfASlipUnderAnOpeningThatIsHeld) {
+  film_slip(70);  // a slip after 2.8 s, and after 6.1 s again
+  tree = &kSpreadTree;
+  build();
+  run(500ms);
+  const Micros began = clock.now();
+  Micros told{};
+  while (told == Micros{} && clock.now() < began + 8s) {
+    (void)ask(Command::kOpening, 1);
+    for (const Micros end = clock.now() + 230ms; clock.now() < end;) {
+      daemon->poll();
+      if (state() == DeviceState::kSlip && !fine()) told = clock.now() - began;
+    }
+  }
+  CHECK_TRUE(told > 5s && told < 6500ms);
+}
+
+// RELEASE opens the fingers however often it is said; what it masks is capped like OPENING.
+TEST(Daemon, CapsWhatReleaseMasksAsWell) {
+  grip_an_object();
+  for (int k = 0; k < 32; ++k) {
+    CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+    CHECK_TRUE(daemon->is_opening() == (k < 19) || k == 19 || k == 20);
+    run(230ms);
+  }
+  CHECK_FALSE(hand->object_held());
+  CHECK_FALSE(daemon->is_opening());
+  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kOverdue);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);  // an end: the fingers close
+  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+}
+
+// A robot that never says the end: what it grips next tells that the fingers have closed.
+TEST(Daemon, LetsTheNextContactBeOpenedWithoutAnEnd) {
+  film();
+  const std::vector<Picture> empty = pictures;
+  film(true);
+  std::vector<Picture> touched = pictures;
+  pictures.clear();
+  const auto show = [&](const std::vector<Picture>& some) {  // no two alike, as a sensor's
+    for (int k = 0; k < 8; ++k) {
+      for (Picture picture : some) {
+        sim::add_noise(picture.pixels, pictures.size());
+        pictures.push_back(picture);
+      }
+    }
+  };
+  show(empty);    // 2.56 s
+  show(touched);  // and as long
+  params.opening_max_ms = 500;
+  build();
+  run(1s);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  run(1s);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kOverdue);
+  while (!daemon->app().result().contact.touching && clock.now() < 5s) run(20ms);
+  CHECK_TRUE(daemon->app().result().contact.touching);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  run(700ms);
+  CHECK_FALSE(daemon->is_opening());
+  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kOverdue);  // it touches still: that is no new contact
 }
 
 TEST(Daemon, ObeysWiresThatHoldTheirLevel) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The ends of the stages' ranges and one step beyond: what leaves a range is cut and counted, and nothing wraps. Each
 // stage's own test has its ends as far as they are that stage's alone; here is what several share, or had left out.
-// Whether an intermediate overflows on the way is for the sanitizer builds to see (presets asan and integer).
+// Whether an intermediate overflows on the way is for the sanitizer build to see (preset asan).
 #include <algorithm>
 #include <array>
 #include <chrono>

@@ -10,19 +10,22 @@
 #include <string>
 #include <vector>
 
+#include "drivers/sim/keep.hpp"
+
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast;
 
 TEST_GROUP(Keepsake) {
-  std::vector<std::uint8_t> memory = std::vector<std::uint8_t>(keepsake::kBytes);
+  sim::Keep keep{keepsake::kBytes};
+  std::span<std::uint8_t> memory = keep.bytes();
   std::unique_ptr<keepsake::State> writer = std::make_unique<keepsake::State>();
   std::unique_ptr<keepsake::State> reader = std::make_unique<keepsake::State>();
 
   void teardown() override {
     writer.reset();
     reader.reset();
-    memory = {};
+    keep = sim::Keep(0);
   }
 
   void fill(int number) {
@@ -42,32 +45,33 @@ TEST_GROUP(Keepsake) {
   }
   void save(int number) {
     fill(number);
-    CHECK_TRUE(keepsake::save(*writer, memory));
+    CHECK_TRUE(keepsake::save(*writer, keep));
   }
   // Which save() is found; 0: none.
   int found() {
-    return keepsake::load(*reader, memory) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
+    return keepsake::load(*reader, keep) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
   }
 };
 
 TEST(Keepsake, FindsNothingInBlankMemoryAndWithoutMemory) {
   LONGS_EQUAL(0, found());
   LONGS_EQUAL(0, reader->discarded);
-  CHECK_FALSE(keepsake::load(*reader, {}));
+  hal::NoKeep none;
+  CHECK_FALSE(keepsake::load(*reader, none));
   fill(1);
-  CHECK_FALSE(keepsake::save(*writer, {}));
+  CHECK_FALSE(keepsake::save(*writer, none));
+  keepsake::forget(*writer, none);
 }
 
 // A board that has less than both slots take: not a byte of it is the keepsake's.
 TEST(Keepsake, LeavesMemoryThatIsTooSmallAlone) {
   fill(1);
-  memory.assign(memory.size(), 0xA5);
-  const std::vector<std::uint8_t> before = memory;
-  const std::span<std::uint8_t> small = std::span(memory).first(keepsake::kBytes - 1);
+  sim::Keep small(keepsake::kBytes - 1);
+  std::ranges::fill(small.bytes(), std::uint8_t{0xA5});
   CHECK_FALSE(keepsake::save(*writer, small));
   CHECK_FALSE(keepsake::load(*reader, small));
   keepsake::forget(*writer, small);
-  CHECK_TRUE(memory == before);
+  CHECK_TRUE(std::ranges::all_of(small.bytes(), [](std::uint8_t byte) { return byte == 0xA5; }));
 }
 
 TEST(Keepsake, GivesBackTheNewestOfMany) {
@@ -83,9 +87,9 @@ TEST(Keepsake, GivesBackTheNewestOfMany) {
 TEST(Keepsake, SurvivesAWriteTornAtAnyByte) {
   save(1);
   save(2);
-  const std::vector<std::uint8_t> before = memory;
+  const std::vector<std::uint8_t> before(memory.begin(), memory.end());
   save(3);
-  const std::vector<std::uint8_t> after = memory;
+  const std::vector<std::uint8_t> after(memory.begin(), memory.end());
   std::size_t first = 0;
   while (before[first] == after[first]) ++first;
   std::size_t last = before.size();
@@ -101,7 +105,7 @@ TEST(Keepsake, SurvivesAWriteTornAtAnyByte) {
 TEST(Keepsake, BelievesNoSlotWithAFlippedBit) {
   save(1);
   save(2);
-  const std::vector<std::uint8_t> sound = memory;
+  const std::vector<std::uint8_t> sound(memory.begin(), memory.end());
   for (std::size_t byte = 0; byte < keepsake::kReferenceBytes; byte += byte < 64 ? 1 : 101) {
     memory[byte] = static_cast<std::uint8_t>(sound[byte] ^ (1U << (byte % 8)));
     const int got = found();
@@ -116,7 +120,7 @@ TEST(Keepsake, BelievesNoSlotWithAFlippedBit) {
 
 TEST(Keepsake, RefusesWhatAnotherBuildMayHaveWritten) {
   const auto spoiled = [&](auto&& spoil) {
-    memory.assign(memory.size(), 0);
+    std::ranges::fill(memory, std::uint8_t{0});
     *writer = {};
     save(1);
     keepsake::Slot slot;
@@ -150,10 +154,31 @@ TEST(Keepsake, RefusesWhatAnotherBuildMayHaveWritten) {
               }));
 }
 
+// The file system is full at any byte of a write: the save before is found, also after another try, which goes over the
+// same slot; and once there is room again, the newest.
+TEST(Keepsake, SurvivesAWriteThatIsRefusedAtAnyByte) {
+  for (const std::size_t room : {std::size_t{0}, std::size_t{20}, std::size_t{400}, std::size_t{1000}}) {
+    keep = sim::Keep(keepsake::kBytes);
+    memory = keep.bytes();
+    *writer = {};
+    save(1);
+    save(2);
+    for (const int number : {3, 4}) {
+      keep.set_room(room);
+      fill(number);
+      CHECK_FALSE(keepsake::save(*writer, keep));
+      LONGS_EQUAL(2, found());
+    }
+    keep.set_room(SIZE_MAX);
+    save(5);
+    LONGS_EQUAL(5, found());
+  }
+}
+
 TEST(Keepsake, IsGoneAfterForget) {
   save(1);
   save(2);
-  keepsake::forget(*writer, memory);
+  keepsake::forget(*writer, keep);
   LONGS_EQUAL(0, found());
   LONGS_EQUAL(0, reader->discarded);
   save(3);
@@ -166,18 +191,18 @@ TEST(Keepsake, KeepsTheGripBesideTheReference) {
   save(1);
   for (std::uint8_t force = 1; force < 10; ++force) {
     grip.slot.contents = {1, force, 255};
-    CHECK_TRUE(keepsake::save(grip, memory));
+    CHECK_TRUE(keepsake::save(grip, keep));
   }
   keepsake::GripState other;
-  CHECK_TRUE(keepsake::load(other, memory));
+  CHECK_TRUE(keepsake::load(other, keep));
   LONGS_EQUAL(9, other.slot.contents.force);
   LONGS_EQUAL(1, found());
-  keepsake::forget(*writer, memory);
+  keepsake::forget(*writer, keep);
   LONGS_EQUAL(0, found());
-  CHECK_TRUE(keepsake::load(other, memory));
+  CHECK_TRUE(keepsake::load(other, keep));
   memory[keepsake::kBytes - 1] ^= 0xFF;
   memory[keepsake::kReferenceBytes + 8] ^= 0xFF;
-  (void)keepsake::load(other, memory);
+  (void)keepsake::load(other, keep);
   CHECK_TRUE(other.slot.contents.gripping <= 1 || other.discarded > 0);
 }
 

@@ -151,3 +151,18 @@ TEST(Params, ModesHaveNamesAndGrowMorePrecise) {
   CHECK_FALSE(holdfast::find_mode("Fast").has_value());
   CHECK_FALSE(holdfast::parse("raise_frames", "fast", params).ok());
 }
+
+// What may be set at the console of a device with an owner, and nothing else: a new row is safety until somebody has
+// written it down here.
+TEST(Params, AreSafetyUnlessTheyCannotTurnAFaultIntoFine) {
+  const std::string_view tuning[] = {"jpeg_threads", "jpeg_lanes",    "start_force",  "force_step",
+                                     "grow_pct",     "position_step", "release_step", "grip_speed"};
+  for (const ParamInfo& row : kParams) {
+    const bool tunes = std::find(std::begin(tuning), std::end(tuning), row.name) != std::end(tuning);
+    const auto wanted = tunes                        ? holdfast::ParamClass::kTuning
+                        : row.name == "all_features" ? holdfast::ParamClass::kDisplay
+                                                     : holdfast::ParamClass::kSafety;
+    CHECK_TEXT(row.kind == wanted, row.name.data());
+    CHECK_TEXT(!row.why.empty(), row.name.data());
+  }
+}

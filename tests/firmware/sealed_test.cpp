@@ -293,12 +293,12 @@ TEST(Shelf, WaitsForWhatIsUnderWay) {
   LONGS_EQUAL(2, shelf.sequence());
 }
 
-TEST(Shelf, NeedsAPlaceAndANumber) {
+TEST(Shelf, NeedsAPlaceAndNumbersAnewBehindTheLast) {
   Shelf none(Kind::kSettings, anything, nullptr, nullptr);
   CHECK(put(none, record(1, false)) == Shelf::Put::kNoPlace);
   CHECK(none.settle() == hal::Store::State::kIdle);
   LONGS_EQUAL(0, none.error());
   Shelf shelf = of(nullptr);
   CHECK(put(shelf, record(std::numeric_limits<std::uint32_t>::max(), false)) == Shelf::Put::kBegun);
-  LONGS_EQUAL(0, shelf.next_sequence());
+  LONGS_EQUAL(1, shelf.next_sequence());
 }

@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "app/shelf.hpp"
 #include "base/crc32.hpp"
 #include "base/little_endian.hpp"
 #include "drivers/sim/store.hpp"
+#include "tests/support/owner.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -142,4 +144,68 @@ TEST(Settings, AreGoodTogetherOrNotAtAll) {
   save(2, payload);
   LONGS_EQUAL(300, load(Loaded::kAll).hold_ms);
   LONGS_EQUAL(1, shelf().sequence());
+}
+
+// The number behind the last one is 1: in either order of the slots, and on from there.
+TEST(Settings, AreNumberedAnewBehindTheLastNumber) {
+  constexpr std::uint32_t kLast = 0xFFFFFFFF;
+  Params params;
+  const auto payload_of = [&](std::int32_t hold_ms) {
+    params.hold_ms = hold_ms;
+    std::vector<std::uint8_t> payload(settings::kMostPayload);
+    payload.resize(settings::write(params, payload));
+    return payload;
+  };
+  for (const bool swapped : {false, true}) {
+    store = sim::Store{settings::kMostBytes};
+    if (swapped) save(kLast - 2, payload_of(1));
+    save(kLast - 1, payload_of(2));
+    save(kLast, payload_of(3));
+    LONGS_EQUAL(1, shelf().next_sequence());
+    for (std::uint32_t next = 1; next <= 3; ++next) {
+      params.hold_ms = static_cast<std::int32_t>(10 + next);
+      save(params);
+      LONGS_EQUAL(next, shelf().sequence());
+      LONGS_EQUAL(10 + next, load(Loaded::kAll).hold_ms);
+    }
+  }
+  // Nothing but 1 follows the last number, and the last number does not follow 1.
+  store = sim::Store{settings::kMostBytes};
+  save(kLast, {});
+  std::vector<std::uint8_t> record(sealed::kAround);
+  for (const auto& [sequence, expected] : std::vector<std::pair<std::uint32_t, Shelf::Put>>{
+           {kLast, Shelf::Put::kOld}, {2, Shelf::Put::kOld}, {1, Shelf::Put::kBegun}, {kLast, Shelf::Put::kOld}}) {
+    (void)sealed::write(sealed::Kind::kSettings, sequence, {}, record);
+    CHECK(shelf().put(record, settings::fits) == expected);
+  }
+  (void)sealed::write(sealed::Kind::kSettings, kLast - 1, {}, record);
+  CHECK(shelf().put(record, settings::fits) == Shelf::Put::kBegun);
+}
+
+// No smaller number passes for a newer one where an owner signs: it would open the way back to all that was signed.
+TEST(Settings, OfAnOwnerEndWithTheLastNumber) {
+  constexpr std::uint32_t kLast = 0xFFFFFFFF;
+  const test::Owner owner{1};
+  const drivers::Ed25519 verifier{owner.key};
+  for (const std::uint32_t sequence : {kLast, 1U}) {
+    Shelf writer(sealed::Kind::kSettings, settings::good, &store, &verifier);
+    LONGS_EQUAL(0, writer.next_sequence());
+    std::vector<std::uint8_t> record(sealed::kAround);
+    (void)sealed::write(sealed::Kind::kSettings, sequence, {}, record);
+    owner.sign(record);
+    CHECK(writer.put(record, settings::fits) == (sequence == kLast ? Shelf::Put::kBegun : Shelf::Put::kOld));
+  }
+}
+
+TEST(Settings, HaveWordsForWhatAStartFinds) {
+  for (const settings::FoundInfo& row : settings::kFound) {
+    CHECK(!row.name.empty() && !row.from.empty());
+    CHECK(&settings::info(row.found) == &row);
+  }
+  for (int k = 0; k <= static_cast<int>(Shelf::State::kNotGood); ++k) {
+    Shelf::Slot slot;
+    slot.state = static_cast<Shelf::State>(k);
+    slot.refusal = sealed::Refusal::kDamaged;
+    CHECK(!words(slot).empty());
+  }
 }

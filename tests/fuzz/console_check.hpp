@@ -96,6 +96,7 @@ inline std::string check_console_bytes(std::span<const std::uint8_t> bytes) {
   for (int k = 0; k < 4; ++k) (void)device.turn();
   const Params before = device.console->params();
   const bool unlocked = device.console->unlocked();
+  (void)device.daemon->obey({.command = command_frame::Command::kOpening, .argument = 0});
   device.host.set_full((how & 2) != 0);
   for (std::size_t at = 1; at < bytes.size(); at += 256) {
     (void)device.host.feed(bytes.subspan(at, std::min<std::size_t>(256, bytes.size() - at)));
@@ -106,6 +107,7 @@ inline std::string check_console_bytes(std::span<const std::uint8_t> bytes) {
   const bool opened =
       std::search(bytes.begin(), bytes.end(), FuzzedDevice::kCode.begin(), FuzzedDevice::kCode.end()) != bytes.end();
   if (!unlocked && !opened && device.console->params() != before) return "a locked console changed a parameter";
+  if (!unlocked && !opened && device.daemon->is_opening()) return "a locked console obeyed a command";
   if (!validate(device.console->params()).ok()) return "parameters that contradict each other";
   if (device.console->out().lost() != 0) return "an answer that did not fit";
   // Whatever came: Ctrl-C, and after a third of a second (half a frame may have come before it) it answers.
@@ -148,7 +150,14 @@ inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
   (void)settings::read(shelf.payload(), read);
   if (!validate(read).ok()) return "parameters that contradict each other were read";
   const hal::NoOwner owner;
-  if (!Shelf(sealed::Kind::kSettings, settings::good, &store, &owner).payload().empty()) return "nobody signed this";
+  const Shelf owned(sealed::Kind::kSettings, settings::good, &store, &owner);
+  if (!owned.payload().empty()) return "nobody signed this";
+  const auto blank = [&](std::size_t k) { return std::ranges::all_of(store.slot(k), [](auto b) { return b == 0; }); };
+  Params none;
+  const settings::Found found = settings::take(owned, none);
+  if (found != (blank(0) && blank(1) ? settings::Found::kFirst : settings::Found::kLost) || none != Params{}) {
+    return "what nobody signed was lost without a word";
+  }
   if (shelf.next_sequence() == 0) return {};
   std::vector<std::uint8_t> record(settings::kMostBytes);
   const std::size_t size = settings::write(read, std::span(record).subspan(sealed::kPayloadAt));

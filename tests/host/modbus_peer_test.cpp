@@ -249,6 +249,36 @@ TEST(SerialPty, IsACableThatIsOutUntilTheOtherSideIsOpened) {
   }
 }
 
+// Also when somebody else opens it before anybody looks, and while nobody has it open each time.
+TEST(SerialPty, TellsOfEveryoneWhoLeaves) {
+  SerialPty port;
+  std::array<std::uint8_t, 8> bytes{};
+  holdfast::hal::Serial& serial = port;
+  const auto left = [&] {
+    const std::uint32_t before = serial.hang_ups();
+    const std::size_t count = serial.read(bytes);
+    return std::pair{serial.hang_ups() - before, count};
+  };
+  const auto open_it = [&] { return open(port.path().c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC); };
+  CHECK_TRUE(left() == std::pair(1U, std::size_t{0}));
+  int slave = open_it();
+  CHECK_TRUE(left() == std::pair(0U, std::size_t{0}));
+  LONGS_EQUAL(1, write(slave, "a", 1));
+  close(slave);
+  slave = open_it();
+  LONGS_EQUAL(1, write(slave, "b", 1));
+  port.wait(kDeadline);
+  CHECK_TRUE(left() == std::pair(1U, std::size_t{2}));
+  CHECK_TRUE(left() == std::pair(0U, std::size_t{0}));
+  const int other = open_it();
+  CHECK_TRUE(left() == std::pair(0U, std::size_t{0}));
+  close(slave);
+  CHECK_TRUE(left() == std::pair(1U, std::size_t{0}));
+  CHECK_TRUE(left() == std::pair(0U, std::size_t{0}));
+  close(other);
+  for (int k = 0; k < 3; ++k) CHECK_TRUE(left() == std::pair(1U, std::size_t{0}));
+}
+
 // All of a message or nothing, also when the other side reads slowly or not at all.
 TEST(SerialPty, CutsNoMessage) {
   SerialPty port;

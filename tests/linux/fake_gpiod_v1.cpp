@@ -25,6 +25,7 @@ struct gpiod_chip {
 extern "C" {
 
 gpiod_chip* gpiod_chip_open(const char* path) {
+  if (GpioKernel::fails()) return nullptr;
   GpioKernel& kernel = GpioKernel::get();
   const std::string name = std::filesystem::path(path).filename();
   ++kernel.calls;
@@ -53,6 +54,7 @@ unsigned gpiod_chip_num_lines(gpiod_chip* chip) {
 }
 
 gpiod_line* gpiod_chip_get_line(gpiod_chip* chip, unsigned offset) {
+  if (GpioKernel::fails()) return nullptr;
   if (offset >= chip->chip->wires.size()) {
     errno = EINVAL;
     return nullptr;
@@ -73,6 +75,7 @@ bool gpiod_line_is_used(gpiod_line* line) {
 }
 
 int gpiod_line_request(gpiod_line* line, const gpiod_line_request_config* config, int default_val) {
+  if (GpioKernel::fails()) return -1;
   Request wish;
   wish.output = config->request_type == GPIOD_LINE_REQUEST_DIRECTION_OUTPUT;
   wish.active_low = (config->flags & GPIOD_LINE_REQUEST_FLAG_ACTIVE_LOW) != 0;
@@ -98,6 +101,7 @@ void gpiod_line_release(gpiod_line* line) {
 }
 
 int gpiod_line_get_value(gpiod_line* line) {
+  if (GpioKernel::fails()) return -1;
   if (!line->requested || line->wire->refuse_io != 0) {
     errno = line->requested ? line->wire->refuse_io : EPERM;
     return -1;
@@ -106,6 +110,7 @@ int gpiod_line_get_value(gpiod_line* line) {
 }
 
 int gpiod_line_set_value(gpiod_line* line, int value) {
+  if (GpioKernel::fails()) return -1;
   const int failed = line->requested ? set(*line->wire, value != 0) : EPERM;
   if (failed == 0) return 0;
   errno = failed;

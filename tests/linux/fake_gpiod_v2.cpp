@@ -45,6 +45,7 @@ int fail(int error) {
 extern "C" {
 
 gpiod_chip* gpiod_chip_open(const char* path) {
+  if (GpioKernel::fails()) return nullptr;
   GpioKernel& kernel = GpioKernel::get();
   const std::string name = std::filesystem::path(path).filename();
   ++kernel.calls;
@@ -62,6 +63,7 @@ void gpiod_chip_close(gpiod_chip* chip) {
 }
 
 gpiod_chip_info* gpiod_chip_get_info(gpiod_chip* chip) {
+  if (GpioKernel::fails()) return nullptr;
   return new gpiod_chip_info{chip->chip};
 }
 void gpiod_chip_info_free(gpiod_chip_info* info) {
@@ -78,6 +80,7 @@ size_t gpiod_chip_info_get_num_lines(gpiod_chip_info* info) {
 }
 
 gpiod_line_info* gpiod_chip_get_line_info(gpiod_chip* chip, unsigned offset) {
+  if (GpioKernel::fails()) return nullptr;
   if (offset < chip->chip->wires.size()) return new gpiod_line_info{&chip->chip->wires[offset]};
   errno = EINVAL;
   return nullptr;
@@ -96,16 +99,19 @@ const char* gpiod_line_info_get_consumer(gpiod_line_info* info) {
 }
 
 gpiod_line_settings* gpiod_line_settings_new() {
+  if (GpioKernel::fails()) return nullptr;
   return new gpiod_line_settings;
 }
 void gpiod_line_settings_free(gpiod_line_settings* settings) {
   delete settings;
 }
 int gpiod_line_settings_set_direction(gpiod_line_settings* settings, gpiod_line_direction direction) {
+  if (GpioKernel::fails()) return -1;
   settings->wish.output = direction == GPIOD_LINE_DIRECTION_OUTPUT;
   return 0;
 }
 int gpiod_line_settings_set_bias(gpiod_line_settings* settings, gpiod_line_bias bias) {
+  if (GpioKernel::fails()) return -1;
   if (bias == GPIOD_LINE_BIAS_PULL_UP) settings->wish.pull = Pull::kUp;
   if (bias == GPIOD_LINE_BIAS_PULL_DOWN) settings->wish.pull = Pull::kDown;
   return 0;
@@ -114,11 +120,13 @@ void gpiod_line_settings_set_active_low(gpiod_line_settings* settings, bool acti
   settings->wish.active_low = active_low;
 }
 int gpiod_line_settings_set_output_value(gpiod_line_settings* settings, gpiod_line_value value) {
+  if (GpioKernel::fails()) return -1;
   settings->wish.value = value == GPIOD_LINE_VALUE_ACTIVE;
   return 0;
 }
 
 gpiod_line_config* gpiod_line_config_new() {
+  if (GpioKernel::fails()) return nullptr;
   return new gpiod_line_config;
 }
 void gpiod_line_config_free(gpiod_line_config* config) {
@@ -126,6 +134,7 @@ void gpiod_line_config_free(gpiod_line_config* config) {
 }
 int gpiod_line_config_add_line_settings(gpiod_line_config* config, const unsigned* offsets, size_t num_offsets,
                                         gpiod_line_settings* settings) {
+  if (GpioKernel::fails()) return -1;
   if (num_offsets != 1) return fail(EINVAL);
   config->wish = settings->wish;  // a copy, as the real one makes
   config->offset = offsets[0];
@@ -133,6 +142,7 @@ int gpiod_line_config_add_line_settings(gpiod_line_config* config, const unsigne
 }
 
 gpiod_request_config* gpiod_request_config_new() {
+  if (GpioKernel::fails()) return nullptr;
   return new gpiod_request_config;
 }
 void gpiod_request_config_free(gpiod_request_config* config) {
@@ -144,6 +154,7 @@ void gpiod_request_config_set_consumer(gpiod_request_config* config, const char*
 
 gpiod_line_request* gpiod_chip_request_lines(gpiod_chip* chip, gpiod_request_config* req_cfg,
                                              gpiod_line_config* line_cfg) {
+  if (GpioKernel::fails()) return nullptr;
   Request wish = line_cfg->wish;
   wish.consumer = req_cfg->consumer;
   Wire& wire = chip->chip->wires.at(line_cfg->offset);
@@ -163,6 +174,7 @@ void gpiod_line_request_release(gpiod_line_request* request) {
 }
 
 gpiod_line_value gpiod_line_request_get_value(gpiod_line_request* request, unsigned offset) {
+  if (GpioKernel::fails()) return GPIOD_LINE_VALUE_ERROR;
   const int failed = offset != request->offset ? EINVAL : request->wire->refuse_io;
   if (failed != 0) {
     errno = failed;
@@ -172,6 +184,7 @@ gpiod_line_value gpiod_line_request_get_value(gpiod_line_request* request, unsig
 }
 
 int gpiod_line_request_set_value(gpiod_line_request* request, unsigned offset, gpiod_line_value value) {
+  if (GpioKernel::fails()) return -1;
   const int failed = offset != request->offset ? EINVAL : set(*request->wire, value == GPIOD_LINE_VALUE_ACTIVE);
   return failed == 0 ? 0 : fail(failed);
 }

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The driver of GPIO chips on a kernel of the tests' own, through each of libgpiod's two interfaces. The oracle is the
 // wire: what a voltmeter there would show.
+#include <algorithm>
 #include <cerrno>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -264,4 +266,39 @@ TEST(GpiodGpio, NothingIsOpenedAndNoHeapTakenAfterTheStart) {
   LONGS_EQUAL(allocations, test::allocations());
   LONGS_EQUAL(calls, GpioKernel::get().calls);
   LONGS_EQUAL(levels + 100, wire(kGripPin).levels.size());  // one write each
+}
+
+// Each call of libgpiod fails once: what is not done is told, nothing is held by halves, and the next one works.
+TEST(GpiodGpio, WhicheverCallFailsNothingIsTakenForDone) {
+  GpioKernel& kernel = GpioKernel::get();
+  int most = 0;
+  for (const int error : {EIO, ENODEV, ENOMEM, EBUSY, EINVAL}) {
+    bool all = false;
+    for (int at = 1; !all; ++at) {
+      kernel.asked = 0, kernel.fails_at = at, kernel.error = error;
+      wire(kTarePin).high = true;
+      std::string said = open(table());
+      if (!said.empty()) {
+        check_says(said, {});
+        LONGS_EQUAL(0, kernel.opened);
+        for (const std::size_t pin : {kGripPin, kAlivePin, kTarePin}) CHECK_FALSE(wire(pin).used);
+        CHECK_FALSE(gpio.set(Line::kGripOk, Level::kLow));
+        STRCMP_EQUAL("", open(table()).c_str());
+      }
+      int refused = 0;
+      for (const Level level : {Level::kHigh, Level::kLow, Level::kHigh}) {
+        const bool taken = gpio.set(Line::kGripOk, level);
+        if (taken) CHECK_EQUAL(level == Level::kHigh, wire(kGripPin).high);
+        const std::optional<Level> asked = gpio.read(Input::kTare);
+        if (asked) CHECK_TRUE(*asked == Level::kHigh);
+        refused += (taken ? 0 : 1) + (asked ? 0 : 1);
+      }
+      CHECK_TRUE(refused <= 1);
+      all = kernel.asked < at;
+      most = std::max(most, kernel.asked);
+      gpio.close();
+      LONGS_EQUAL(0, kernel.opened);
+    }
+  }
+  CHECK_TRUE(most > 60);
 }

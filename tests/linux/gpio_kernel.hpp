@@ -8,6 +8,7 @@
 // Not modelled: events, drive, debounce, several lines in one request.
 #pragma once
 
+#include <cerrno>
 #include <cstddef>
 #include <map>
 #include <string>
@@ -43,10 +44,18 @@ struct GpioKernel {
   std::map<std::string, int> unopenable;  // errno by file name
   int opened = 0;                         // chips and requests that nobody has closed yet
   int calls = 0;                          // of anything that opens, since start
+  int asked = 0, fails_at = 0,
+      error = 0;  // of all calls that may fail: the one with this number (from 1) does, with errno
 
   static GpioKernel& get() {
     static GpioKernel kernel;
     return kernel;
+  }
+  static bool fails() {
+    GpioKernel& kernel = get();
+    if (++kernel.asked != kernel.fails_at) return false;
+    errno = kernel.error;
+    return true;
   }
 };
 

@@ -96,8 +96,10 @@ class ConsoleDesk {
     daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep},
                                       tree != nullptr ? tree : stored_tree());
     console = std::make_unique<console::Console>(host, *daemon, clock, place);
-    started = daemon->start(params).ok();
-    console->start(params);
+    Params in_force = params;
+    (void)settings::take({sealed::Kind::kSettings, settings::good, place.settings, place.owner}, in_force);
+    started = daemon->start(in_force).ok();
+    console->start(in_force);
   }
   void end() {
     console.reset();

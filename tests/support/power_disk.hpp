@@ -122,6 +122,13 @@ class PowerDisk final : public drivers::FileCalls {
     if (count > 0) put(bytes.first(count), static_cast<std::size_t>(at));
     return end(wrong != 0 ? -wrong : static_cast<std::int64_t>(count));
   }
+  [[nodiscard]] int allocate(int /*fd*/, std::int64_t size) override {
+    if (const int wrong = begin(); wrong != 0) return end(-wrong);
+    if (const std::size_t had = cache_.size(); had < static_cast<std::size_t>(size)) {
+      put(Bytes(static_cast<std::size_t>(size) - had), had);
+    }
+    return end(0);
+  }
   [[nodiscard]] int fsync(int fd) override {
     if (const int wrong = begin(); wrong != 0) return end(-wrong);
     if (fd == kFolder) {

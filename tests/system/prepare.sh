@@ -20,29 +20,45 @@ flat() {
   cp build/rpi4/bin/firmware_tests "$stage/usr/lib/holdfast/"
   # A disk that a scenario makes stand still.
   mke2fs -q -F -t ext4 -O ^has_journal "$stage/usr/lib/holdfast/disk.ext4" 2M
-  board/image/build.sh virt --flat --install "$stage" --install tests/system/root
+  board/image/build.sh virt --newer --flat --install "$stage" --install tests/system/root
 }
 
-# stick NAME BUNDLE: a USB stick with it.
+# stick NAME BUNDLE [BUNDLE]: a USB stick with it, and with another one whose name comes behind it.
 stick() {
   local image=$out/sticks/$1.img
   truncate -s $(($(stat -c %s "$2") + 8000000)) "$image"
   mkfs.vfat "$image" >/dev/null
-  mcopy -i "$image" "$2" ::holdfast-virt.raucb
+  mcopy -i "$image" "$2" ::holdfast-virt-0.10.0.raucb
+  [[ -z ${3:-} ]] || mcopy -i "$image" "$3" ::holdfast-virt-0.9.0.raucb
 }
 
 card() {
   local keys=$out/keys work=$out/work later=$out/later
   rm -rf "$keys" "$work" "$later" "$out/sticks"
   mkdir -p "$work" "$out/sticks"
-  board/image/keys.sh "$keys"
+  head -c 18 /dev/urandom | base64 >"$work/ca.pass"
+  head -c 18 /dev/urandom | base64 >"$work/signer.pass"
+  export HOLDFAST_CA_PASS=file:$work/ca.pass HOLDFAST_SIGNER_PASS=file:$work/signer.pass
   board/image/keys.sh "$work/other"
-  printf 'version=0.1.1-test\nrelease=2\nfloor=1\n' >"$work/release"
-  board/image/build.sh virt --install tests/system/root --keyring "$keys/owner.cert.pem" --release "$work/release" \
+  # The first signer was revoked before the card was made.
+  board/image/keys.sh "$keys"
+  cp -r "$keys" "$work/revoked_keys"
+  board/image/keys.sh "$keys" --new-signer
+  board/image/keys.sh "$keys" --revoke "$work/revoked_keys/signer.cert.pem"
+  printf 'version=0.10.0\nrelease=2\nfloor=1\n' >"$work/release"
+  board/image/build.sh virt --newer --install tests/system/root --keyring "$keys/keyring.pem" --release "$work/release" \
     --out "$later" >/dev/null
-  board/image/build.sh virt --install tests/system/root --keyring "$keys/owner.cert.pem" | grep -v '^   '
+  board/image/build.sh virt --newer --install tests/system/root --keyring "$keys/keyring.pem" | grep -v '^   '
   board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/good"
   board/image/bundle.sh virt --keys "$work/other" --slot "$later/slot" --out "$work/wrong_key"
+  # What is to be refused before it is written need not be large.
+  mkdir "$work/small"
+  head -c 65536 /dev/urandom >"$work/small/root.img"
+  head -c 65536 /dev/urandom >"$work/small/kernel.img"
+  printf 'release=3\nversion=0.11.0\nboard=virt\n' >"$work/small/release"
+  board/image/bundle.sh virt --keys "$work/revoked_keys" --slot "$work/small" --out "$work/revoked"
+  printf 'release=1\nversion=0.9.0\nboard=virt\n' >"$work/small/release"
+  board/image/bundle.sh virt --keys "$keys" --slot "$work/small" --out "$work/back"
   # The same once more under a higher number, so that it can be offered when it runs already.
   sed -i 's/^release=.*/release=3/' "$later/slot/release"
   board/image/bundle.sh virt --keys "$keys" --slot "$later/slot" --out "$work/again"
@@ -57,7 +73,8 @@ card() {
   cp "$work/again" "$work/damaged"
   flip "$work/damaged" 20000000
   local name
-  for name in good again wrong_key older other_board truncated bad_signature damaged; do stick "$name" "$work/$name"; done
+  stick good "$work/good" "$work/back"
+  for name in again back wrong_key revoked older other_board truncated bad_signature damaged; do stick "$name" "$work/$name"; done
   rm -rf "$work" "$later"
 }
 

@@ -313,16 +313,15 @@ TEST(Trade, TreesLearnFromTheLessons) {
   CHECK_FALSE(desk->slips({0.0F, 0.0F, 0.0F, 0.0F}));
 }
 
-// README's table of modes is the committed measurement, not somebody's typing.
-TEST(Trade, ReadmeShowsTheMeasuredModes) {
+// The documented table of modes is the committed measurement, not somebody's typing.
+TEST(Trade, DocumentShowsTheMeasuredModes) {
   std::ifstream csv(HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv");
   std::vector<Line> lines;
   CHECK_FALSE(trade::read_csv(csv, "trade.csv", lines).has_value());
   CHECK_FALSE(trade::put_together(lines).has_value());
-  std::ifstream in(HOLDFAST_SOURCE_DIR "/README.md");
-  const std::string readme{std::istreambuf_iterator<char>(in), {}};
+  std::ifstream in(HOLDFAST_SOURCE_DIR "/toolchain/trade/README.md");
+  const std::string document{std::istreambuf_iterator<char>(in), {}};
   const std::string table = trade::modes_markdown(lines);
-  CHECK_TRUE_TEXT(
-      readme.find(table) != std::string::npos,
-      ("README.md has not this table; put it there, or measure again (toolchain/trade/README):\n" + table).c_str());
+  CHECK_TRUE_TEXT(document.find(table) != std::string::npos,
+                  ("toolchain/trade/README.md has not this table; put it there, or measure again:\n" + table).c_str());
 }

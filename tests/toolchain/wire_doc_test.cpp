@@ -27,6 +27,7 @@ TEST(WireDoc, CommittedFilesAreWhatTheTablesSay) {
   check_committed("firmware/app/LINK.md", holdfast::wire_doc::link_markdown());
   check_committed("firmware/app/STATES.md", holdfast::wire_doc::states_markdown());
   check_committed("firmware/ERRORS.md", holdfast::wire_doc::errors_markdown());
+  check_committed("firmware/app/PARAMETERS.md", holdfast::wire_doc::parameters_markdown());
   std::ifstream table(HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv");
   const std::string measured{std::istreambuf_iterator<char>(table), std::istreambuf_iterator<char>()};
   check_committed("firmware/app/mode_prices.gen.hpp", holdfast::wire_doc::mode_prices(measured));

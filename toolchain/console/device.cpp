@@ -112,7 +112,9 @@ Answer Device::say(std::string_view line, const std::function<void(std::string_v
 void Device::note_lock(std::string_view line, const Answer& answer) {
   const std::string_view word = first_word(line);
   if (word == "unlock" && answer.ok()) unlocked_ = lock_again_ = true;
-  if ((word == "lock" && answer.ok()) || answer.number() == 10) unlocked_ = lock_again_ = false;
+  // 10 locked, 11 wrong_code: whoever gives a wrong code is locked out.
+  const bool refused = answer.number() == 10 || answer.number() == 11;
+  if ((word == "lock" && answer.ok()) || refused) unlocked_ = lock_again_ = false;
 }
 
 // Patience begins anew with every line: a long answer on a slow port is none that hangs.

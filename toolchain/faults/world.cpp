@@ -578,10 +578,16 @@ class WorldKeep final : public hal::Keep {
   }
 
  private:
-  [[nodiscard]] std::span<std::uint8_t> do_memory() override {
-    if (situation_.is(Trouble::kKeepOff)) return {};
-    return situation_.is(Trouble::kKeepStuck) ? lost_ : bytes_;
+  [[nodiscard]] std::size_t do_size() const override { return situation_.is(Trouble::kKeepOff) ? 0 : bytes_.size(); }
+  [[nodiscard]] bool do_read(std::size_t at, std::span<std::uint8_t> bytes) override {
+    std::copy_n(memory().begin() + static_cast<std::ptrdiff_t>(at), bytes.size(), bytes.begin());
+    return true;
   }
+  [[nodiscard]] bool do_write(std::size_t at, std::span<const std::uint8_t> bytes) override {
+    std::copy(bytes.begin(), bytes.end(), memory().begin() + static_cast<std::ptrdiff_t>(at));
+    return true;
+  }
+  [[nodiscard]] std::vector<std::uint8_t>& memory() { return situation_.is(Trouble::kKeepStuck) ? lost_ : bytes_; }
 
   Situation& situation_;
   std::vector<std::uint8_t> bytes_, lost_;

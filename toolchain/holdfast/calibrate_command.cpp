@@ -137,9 +137,8 @@ double in_units(double raw, const FeatureInfo& feature) {
 
 void print_tables(const learn::RestStudy& study, const learn::ModelCheck& check, const std::string& model_text) {
   const learn::RestStudy::Jitter jitter = study.jitter();
-  fmt::print(
-      "rest      {} of {} frames; markers tremble by {:.2f} um in x and {:.2f} um in y, the worst by {:.2f} um\n",
-      study.rest().size(), study.frames(), jitter.x_um, jitter.y_um, jitter.worst_um);
+  fmt::print("rest      {} of {} frames; marker jitter (RMS) {:.2f} um in x and {:.2f} um in y, the worst {:.2f} um\n",
+             study.rest().size(), study.frames(), jitter.x_um, jitter.y_um, jitter.worst_um);
   fmt::print("\n{:26} {:>10} {:>10} {:>10} {:>10} {:>10}  unit\n", "feature at rest", "mean", "deviation", "robust",
              "least", "most");
   for (int i = 0; i < kFeatureCount; ++i) {

@@ -123,8 +123,7 @@ std::string load(const std::string& path, learn::Samples& all, std::map<Grasp, s
     if (!fresh && at->second != path) {
       return fmt::format(
           "{}: the grasp {} {} {} of seed {} is in {} too, so it would be learned from and judged. Likely cause: the "
-          "same "
-          "file twice, or files made from the same seeds. Next: give each grasp once",
+          "same file twice, or files made from the same seeds. Next: give each grasp once",
           path, trial.object, trial.primitive, trial.kind, trial.seed, at->second);
     }
   }

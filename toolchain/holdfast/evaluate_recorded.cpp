@@ -193,8 +193,7 @@ learn::Table silence_table(const std::string& id, const std::string& title, cons
           "Alarm: slip rises. An onset is detected when an alarm comes after the last silent frame before it, at most "
           "6 frames early, and at most 5, 10 or 15 frames late. Silence of high and medium confidence; shaken: its "
           "frames 100 to 250, without artificial_strawberry. Second slips: to loss, after a first slip. Intervals: 95 "
-          "%, "
-          "Clopper and Pearson for shares, Garwood for rates. A minute has 1500 frames.",
+          "%, Clopper and Pearson for shares, Garwood for rates. A minute has 1500 frames.",
       .brief = true,
       .columns = {{"detector", "detector", ""},
                   {"of", "clips of", ""},

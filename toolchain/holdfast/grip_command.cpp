@@ -180,8 +180,7 @@ std::string chart(const Played& played) {
       "<text x=\"12\" y=\"56\" font-size=\"11\" fill=\"#4a525b\">State: blue reference, green OK, vermilion SLIP. "
       "Truth: more than half of the contact slips.</text>\n"
       "<text x=\"12\" y=\"70\" font-size=\"11\" fill=\"#4a525b\">Grip: blue gripping, vermilion tightening, yellow "
-      "settling, green holding, "
-      "purple releasing</text>\n",
+      "settling, green holding, purple releasing</text>\n",
       learn::charts::escape(title), learn::charts::escape(played.pull.help));
   double top = kHead;
   body += band(frames, top, "state", state_color);
@@ -341,8 +340,7 @@ std::string html_of(const std::vector<Played>& all, const std::vector<std::strin
       "pre{{font-size:12px;overflow-x:auto}}figure{{margin:24px "
       "0}}svg{{max-width:100%;height:auto}}</style></head><body>\n"
       "<h1>Slip prevention in the closed loop</h1>\n<p>{}. Bound: the larger of 1.3 times the least force that holds "
-      "and "
-      "two steps above the start. Forces are of one finger.</p>\n<pre>{}\n{}</pre>\n{}</body></html>\n",
+      "and two steps above the start. Forces are of one finger.</p>\n<pre>{}\n{}</pre>\n{}</body></html>\n",
       summary_of(all), learn::charts::escape(head()), table, pictures);
 }
 

@@ -25,14 +25,13 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
   const auto chosen = app.get_subcommands();
   if (chosen.empty()) {
     const auto rest = app.remaining();
+    std::string known;
+    for (const CLI::App* command : app.get_subcommands({})) {
+      known += fmt::format("{}{}", known.empty() ? "" : ", ", command->get_name());
+    }
     return fmt::format(
-        "{}. Likely cause: a typing error, or something left out. Next: give replay, sim, scene, dataset, train, "
-        "evaluate, compile, model, settings, calibrate, study, grip, faults, log, page, console, devices, doctor or "
-        "trade; "
-        "holdfast "
-        "--help shows "
-        "how",
-        rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()));
+        "{}. Likely cause: a typing error, or something left out. Next: give one of {}; holdfast --help shows how",
+        rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()), known);
   }
   std::string command = "holdfast";
   for (const CLI::App* at = &app; !at->get_subcommands().empty();) {

@@ -89,8 +89,7 @@ std::string make_owner_keys(const std::string& folder) {
     if (!fs::exists(fs::symlink_status(path, error))) continue;
     return path.string() +
            ": is there already. Likely cause: the keys were made before, and devices know them. Next: use them, or "
-           "give "
-           "another folder";
+           "give another folder";
   }
   Seed seed{};
   std::array<std::uint8_t, crypto_sign_PUBLICKEYBYTES> public_bytes{};

@@ -677,8 +677,7 @@ std::string Report::html(const ReportInfo& info) const {
     }
     const double factor = info.arrow_factor > 0 ? info.arrow_factor : common_factor(cards, width);
     out += fmt::format(
-        "<h2>Chosen moments</h2>\n<p class=\"sub\">Arrows start at the marker's rest position and show {} "
-        "times its "
+        "<h2>Chosen moments</h2>\n<p class=\"sub\">Arrows start at the marker's rest position and show {} times its "
         "displacement; a cross marks a lost marker.</p>\n<div class=\"moments\">\n",
         fmt::format("{:g}", factor));
     for (const Card& card : cards) {
@@ -705,9 +704,8 @@ std::string Report::html(const ReportInfo& info) const {
     for (const std::string& note : info.notes) out += "<p class=\"note\">" + escape(note) + "</p>\n";
   }
   out +=
-      "<p class=\"note\" style=\"margin-top:28px\">GRIP_OK counts only while the last ALIVE edge is younger "
-      "than "
-      "150 ms. Holdfast is not a certified safety function.</p>\n";
+      "<p class=\"note\" style=\"margin-top:28px\">GRIP_OK counts only while the last ALIVE edge is younger than 150 "
+      "ms. Holdfast is not a certified safety function.</p>\n";
   return out + "</div>\n" + page::end(track_.json(info));
 }
 

@@ -87,8 +87,8 @@ int show(const Options& options) {
 
 int list() {
   for (const ParamInfo& row : kParams) {
-    fmt::print("# {}; {} to {}{}{}\n# {} = {}\n", row.help, row.min, row.max, row.unit.empty() ? "" : " ", row.unit,
-               row.name, row.default_value);
+    fmt::print("# {}; {} to {}{}{}; {}: {}\n# {} = {}\n", row.help, row.min, row.max, row.unit.empty() ? "" : " ",
+               row.unit, kParamClassNames[static_cast<std::size_t>(row.kind)], row.why, row.name, row.default_value);
   }
   return 0;
 }

@@ -101,8 +101,7 @@ std::string note_of(const StudyOptions& options, const Study& study, const learn
   return fmt::format(
       "{}\n{}\n{}\n"
       "{}, on every {}. of {} grasps from seed {} on ({}). As planned: 25 fps, marker noise 1 to 2 um and modulus "
-      "0.045 "
-      "to\n0.11 MPa by trial, no marker lost. Before: the alarm was up already when the slip began.\n",
+      "0.045 to\n0.11 MPa by trial, no marker lost. Before: the alarm was up already when the slip began.\n",
       learn::text(entropies), learn::entropy_note(study.entropies), learn::text(stands), study.model_text,
       options.every, study.grasps, options.plan.seed, study.thinned);
 }

@@ -428,8 +428,7 @@ Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& op
   if (!tree) {
     return fmt::format(
         "{}: no model was written: {}. Likely cause: the features tell too little about slip, or the settings allow "
-        "too "
-        "few leaves. Next: give a smaller --min-leaf or --prune, another --set or more trials",
+        "too few leaves. Next: give a smaller --min-leaf or --prune, another --set or more trials",
         options.model, error.value_or("the tree says the same of every row"));
   }
   tree->name = options.name;
@@ -638,7 +637,7 @@ int train(TrainOptions options) {
 void add_train(CLI::App& app, std::vector<Command>& commands) {
   auto options = std::make_shared<TrainOptions>();
   Settings& settings = options->settings;
-  CLI::App* command = app.add_subcommand("train", "learn to tell slip from hold; trees become models");
+  CLI::App* command = app.add_subcommand("train", "train classifiers of slip; trees become models");
   command->add_option("DATA", options->files, "samples that holdfast dataset wrote: CSV")->required()->check(not_empty);
   command->add_option("--set", options->set, fmt::format("features to learn from: {}", list_of(set_names())))
       ->required();

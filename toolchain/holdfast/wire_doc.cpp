@@ -17,6 +17,7 @@
 #include "app/link.hpp"
 #include "app/marker_frame.hpp"
 #include "app/modes.hpp"
+#include "app/params.hpp"
 #include "app/status_frame.hpp"
 #include "app/supervisor.hpp"
 #include "base/status.hpp"
@@ -117,12 +118,12 @@ std::string framing() {
               text(mf::kWireBytes)}) +
          row({text(link::Kind::kRest), "rest position", "likewise", text(mf::kWireBytes)}) +
          "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" gives "
-         "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It passes "
-         "over kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
+         "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It skips "
+         "kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
          "### Frames beside lines of text\n\n"
          "On the port `link` there are frames alone. On the port `host` they stand between lines of text, never inside "
          "one, and there **a frame begins and ends with 0x00**. A sender may always begin with one: delimiters may "
-         "repeat. A receiver tells them apart like this:\n\n"
+         "repeat. A receiver distinguishes them like this:\n\n"
          "1. A 0x00 begins anew, whatever came before it.\n"
          "2. When the second byte behind it is 0x01 to 0x08 (the version), a frame has begun. Otherwise both bytes are "
          "text, and so is all that follows up to the next 0x00. Lines hold no such bytes: none is taken for a frame.\n"
@@ -149,7 +150,19 @@ std::string commands() {
       text(cf::Once::kForget.count() / 1000) +
       " ms after the frame before is answered again with the same result and not executed again. A new command takes "
       "another sequence, also when it says the same. After a start, begin with another sequence than the last one, or "
-      "be silent for that time first. Each port keeps its own last command.\n\n";
+      "be silent for that time first. Each port keeps its own last command.\n\n"
+      "### Who is obeyed\n\n"
+      "On the port `link` every command. On the port `host`, the console's, a command is obeyed while the console is "
+      "unlocked, or where holdfastd was started with `--host-commands`. Otherwise it is answered `locked`, the "
+      "console's "
+      "`devices` counts it, and `log` has the first of each kind.\n\n"
+      "### How long OPENING lasts\n\n"
+      "From the first OPENING 1, or RELEASE, for `opening_max_ms` (" +
+      text(Params{}.opening_max_ms) +
+      " ms by default); said again it is the same one, and its time runs on. Another one begins only after an end - "
+      "OPENING 0, GRIP 1, or the line OPENING going LOW - or after something was touched anew, which a model that does "
+      "not read the picture cannot tell. Until then OPENING is answered `overdue`; RELEASE opens the gripper all the "
+      "same, and what slips meanwhile is told.\n\n";
   out += "## Answer frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kAnswerFields);
   out += "\n### Results\n\n" + head({"number", "name", "meaning"});
   for (const cf::ResultInfo& row_of : cf::kResults) {
@@ -188,8 +201,7 @@ std::string link_markdown() {
   out += "## Status frame, version " + text(link::kVersion) + "\n\n" + layout(sf::kFields);
   out += "\n**The receiver's rule:** `grip_ok` counts only while the last change of `alive` is younger than " +
          text(sf::kFreshFor.count() / 1000) +
-         " ms by the receiver's own clock. A frame that does not arrive is not fine, and what a first frame says is "
-         "not either.\n\n"
+         " ms by the receiver's own clock. A missing frame is not fine, and neither is the first frame alone.\n\n"
          "### Flags\n\n";
   out += head({"bit", "name", "meaning"});
   for (const sf::Flag& flag : sf::kFlags) out += row({text(flag.bit), flag.name, flag.meaning});
@@ -204,8 +216,7 @@ std::string link_markdown() {
          "On the port `host`, after the console's command `watch on`: the displacements of every fifth picture, " +
          text(mf::kPerFrame) +
          " markers a frame, and the rest positions when they are learned and now and then. A marker that is seen and "
-         "has a "
-         "rest position stands at the sum of both.\n\n" +
+         "has a rest position stands at the sum of both.\n\n" +
          layout(mf::kDisplacementFields);
   return out + "\n## Examples\n\n" + examples();
 }
@@ -332,7 +343,28 @@ std::string errors_markdown() {
   out +=
       "\n## Messages of the tools\n\n"
       "`holdfast`, `holdfastd` and the scripts end with one line on standard error that says what happened, the likely "
-      "cause and the next step, and with a status: 1 it could not be done, 2 the command line is wrong.\n";
+      "cause and the next step. Exit status: 1 it could not be done; 2 the command line is wrong (`holdfast`: 1, "
+      "too).\n";
+  return out;
+}
+
+std::string parameters_markdown() {
+  std::string out =
+      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+      "<!-- Written by wire_doc from firmware/app/params.hpp; do not edit. -->\n"
+      "# Parameters\n\n"
+      "`get` and `help NAME` show them at the console, `holdfast settings list` on the host. A wrong value of class "
+      "**safety** can make GRIP_OK HIGH where it should be LOW, or harm what is held: a device with its owner's key "
+      "takes these from a file only that the owner has signed (`holdfast settings compile --sign`, then `holdfast "
+      "console --load`, then `reboot`). **tuning** and **display** can be set at the console of any device that is "
+      "unlocked, until the next start.\n\n";
+  out += head({"name", "class", "why", "default", "range", "counts", "what", "price"});
+  for (const ParamInfo& info_of : kParams) {
+    const std::string unit = info_of.unit.empty() ? "" : " " + std::string(info_of.unit);
+    out += row({code(info_of.name), kParamClassNames[static_cast<std::size_t>(info_of.kind)], info_of.why,
+                text(info_of.default_value) + unit, text(info_of.min) + " to " + text(info_of.max) + unit,
+                kAppliesNames[static_cast<std::size_t>(info_of.applies)], info_of.help, info_of.price});
+  }
   return out;
 }
 

@@ -29,6 +29,9 @@ namespace holdfast::wire_doc {
 // step.
 [[nodiscard]] std::string errors_markdown();
 
+// The whole of firmware/app/PARAMETERS.md: every parameter, who may change it and why, and its price.
+[[nodiscard]] std::string parameters_markdown();
+
 // The whole of toolchain/page/tables.js: the constants of the page's decoder, and the words for its numbers.
 [[nodiscard]] std::string page_tables();
 

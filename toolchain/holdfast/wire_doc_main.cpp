@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // wire_doc: prints firmware/app/LINK.md (`doc`), firmware/app/STATES.md (`states`), firmware/ERRORS.md (`errors`),
-// toolchain/robot/holdfast_link.h (`c99`), toolchain/page/tables.js (`page`) or, from the table named behind it,
-// firmware/app/mode_prices.gen.hpp
+// firmware/app/PARAMETERS.md (`params`), toolchain/robot/holdfast_link.h (`c99`), toolchain/page/tables.js (`page`) or,
+// from the table named behind it, firmware/app/mode_prices.gen.hpp
 // (`modes`) to stdout. The build target `wire_docs` writes all of them.
 #include <cstdio>
 #include <fstream>
@@ -22,12 +22,13 @@ int main(int argc, char** argv) {
     text = what == "doc"      ? holdfast::wire_doc::link_markdown()
            : what == "states" ? holdfast::wire_doc::states_markdown()
            : what == "errors" ? holdfast::wire_doc::errors_markdown()
+           : what == "params" ? holdfast::wire_doc::parameters_markdown()
            : what == "c99"    ? holdfast::wire_doc::link_header()
            : what == "page"   ? holdfast::wire_doc::page_tables()
                               : "";
   }
   if (text.empty()) {
-    std::fprintf(stderr, "usage: wire_doc doc|states|errors|c99|page, or wire_doc modes TRADE.csv\n");
+    std::fprintf(stderr, "usage: wire_doc doc|states|errors|params|c99|page, or wire_doc modes TRADE.csv\n");
     return 2;
   }
   return std::fwrite(text.data(), 1, text.size(), stdout) == text.size() && std::fflush(stdout) == 0 ? 0 : 1;

@@ -289,8 +289,7 @@ class Work {
     if (objects(samples_, known_) < 2) {
       return fmt::format(
           "the data has {} known object{}: nothing can be left out. Likely cause: a data set of one object, or of "
-          "unseen "
-          "objects alone. Next: make data of at least two of the paper's ten objects",
+          "unseen objects alone. Next: make data of at least two of the paper's ten objects",
           objects(samples_, known_), objects(samples_, known_) == 1 ? "" : "s");
     }
     if (static_cast<int>(known_.size()) < options_.folds) {

@@ -372,8 +372,7 @@ constexpr std::string_view kEventsNote =
     "Onset: first frame in which more than half of the contact's area slips. Delay: from there until the request to "
     "tighten is raised, by the firmware's own decision stage. A request that was up already when the onset came is no "
     "detection and stands in its own column. False alarms: times that it rose in held contact, after a slip too; "
-    "interval "
-    "exact (Poisson).";
+    "interval exact (Poisson).";
 
 Table models_table(const Evaluation& e, const ReportFacts& facts) {
   Table table{.id = "models",
@@ -403,8 +402,7 @@ Table timing_table(const Evaluation& e) {
       .title = "Time of one prediction",
       .note =
           "Ours: thread CPU time of one row at a time on this machine, median of 10 repetitions of 200 rows, features "
-          "of "
-          "the set " +
+          "of the set " +
           e.timing_set + ". The paper's: scikit-learn in Python, wall time on a Core i5-10210U. Printed, not asserted.",
       .brief = true,
       .columns = {{"classifier", "classifier", ""}, {"us", "us", "this machine", 3}, {"paper_us", "us", "paper", 0}}};

@@ -318,8 +318,8 @@ std::optional<std::string> unfit(const Matrix& rows) {
     weight[rows.slip[idx(i)] != 0 ? 1 : 0] += w;
   }
   if (weight[0] > 0.0 && weight[1] > 0.0) return std::nullopt;
-  return weight[1] > 0.0   ? "all rows are slip: one class cannot be told from nothing"
-         : weight[0] > 0.0 ? "all rows are hold: one class cannot be told from nothing"
+  return weight[1] > 0.0   ? "all rows are slip: there is no other class"
+         : weight[0] > 0.0 ? "all rows are hold: there is no other class"
                            : "all rows weigh nothing";
 }
 

@@ -377,7 +377,7 @@ std::string entropy_chart(std::span<const EntropyScore> scores) {
        [](const EntropyScore& s) { return 100.0 * s.left_out.balanced_accuracy(); }},
       {"How often dE/dt is blind in held contact", "frames with dE/dt 0, %", 0.0,
        [](const EntropyScore& s) { return 100.0 * s.blind_hold; }},
-      {"How much dE/dt trembles while the gel is held still", "RMS, nat/s", 0.0,
+      {"Noise of dE/dt while the gel is held still", "RMS, nat/s", 0.0,
        [](const EntropyScore& s) { return s.tremble_held; }},
   }};
   std::vector<std::string> pictures;
@@ -429,7 +429,8 @@ std::string entropy_note(std::span<const EntropyScore> scores) {
   const EntropyScore& seeing = least(&EntropyScore::blind_hold);
   note += fmt::format(
       ". It is the best of {} on the rows that chose it: a lead of under a point is none."
-      "\nLeast trembling while held still: {} ({:.3f} nat/s); dE/dt least often 0 in held contact: {} ({:.1f} %).\n"
+      "\nLeast noise of dE/dt while held still: {} ({:.3f} nat/s); dE/dt least often 0 in held contact: {} ({:.1f} "
+      "%).\n"
       "entropy_nat in every output stays the paper's, {}, whatever is best here.\n",
       scores.size(), name_of(calm.form), calm.tremble_held, name_of(seeing.form), 100.0 * seeing.blind_hold,
       name_of(paper.form));

@@ -42,7 +42,7 @@ enum holdfast_state {
   HOLDFAST_STATE_REFERENCE = 1,  // learning the rest position of the markers on the empty gel
   HOLDFAST_STATE_OK = 2,  // healthy, referenced and no slip
   HOLDFAST_STATE_SLIP = 3,  // the object slips: tighten
-  HOLDFAST_STATE_DEGRADED = 4,  // measuring, but not well enough to vouch for the grip
+  HOLDFAST_STATE_DEGRADED = 4,  // measuring, but not well enough to confirm the grip
   HOLDFAST_STATE_FAULT = 5  // cannot measure: hold the grip and look at the reason
 };
 
@@ -65,11 +65,13 @@ enum holdfast_reason {
   HOLDFAST_REASON_PICTURE_TOO_LARGE = 38,  // the picture is larger than the fixed memory
   HOLDFAST_REASON_DOTS_OVERFLOW = 39,  // too many blobs in the picture
   HOLDFAST_REASON_EXPOSURE = 40,  // the picture is too dark or too bright
+  HOLDFAST_REASON_CAMERA_CONTROLS = 41,  // the camera does not take its settings of brightness or frame rate
   HOLDFAST_REASON_TIME_NOT_FORWARD = 64,  // the frame is not newer than the one before
   HOLDFAST_REASON_TIME_GAP = 65,  // too long since the frame before
-  HOLDFAST_REASON_FRAME_STALE = 66,  // the frame is too old to vouch for the grip
+  HOLDFAST_REASON_FRAME_STALE = 66,  // the frame is too old to confirm the grip
   HOLDFAST_REASON_FRAME_RATE = 67,  // frames come slower or faster than the sensor's 15 to 27 fps
   HOLDFAST_REASON_DEADLINE = 68,  // more than 1 % of the frames of the last 10 s were decided late
+  HOLDFAST_REASON_FRAME_UNSTAMPED = 69,  // the frame has no usable time stamp: nobody knows how old it is
   HOLDFAST_REASON_FEW_MARKERS = 96,  // some markers are lost
   HOLDFAST_REASON_LEARNING = 97,  // the rest position is being learned
   HOLDFAST_REASON_SLIP = 98,  // the object slips
@@ -78,10 +80,10 @@ enum holdfast_reason {
   HOLDFAST_REASON_NEEDS_ARM = 101,  // a fault has passed and is latched
   HOLDFAST_REASON_OPENING = 102,  // the gripper opens: loss of contact is no slip
   HOLDFAST_REASON_FORCE_LIMIT = 103,  // the object slips and the grip force is at its limit
-  HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended, and nobody had said OPENING
+  HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended without OPENING
   HOLDFAST_REASON_LIGHT_CHANGED = 105,  // the light changed while the rest position was being learned: that begins anew
   HOLDFAST_REASON_REFERENCE_LOADED = 106,  // the lattice of the markers is bent: it was not taken for the rest position
-  HOLDFAST_REASON_CONFIG = 128,  // a setting is out of its range
+  HOLDFAST_REASON_CONFIG = 128,  // settings are lost, damaged or out of their range
   HOLDFAST_REASON_MODEL = 129,  // the slip model does not fit
   HOLDFAST_REASON_GRIPPER_SILENT = 160,  // the gripper does not answer
   HOLDFAST_REASON_GRIPPER_REPLY = 161,  // the gripper's replies are damaged
@@ -98,7 +100,7 @@ enum holdfast_reason {
 
 enum holdfast_command_number {
   HOLDFAST_COMMAND_TARE = 1,  // forget the rest position of the markers and learn it anew (argument 0: only while nothing touches the gel; 1: even then)
-  HOLDFAST_COMMAND_OPENING = 2,  // the gripper opens: loss of contact is no slip (argument 1: begins; 0: has ended)
+  HOLDFAST_COMMAND_OPENING = 2,  // the gripper opens: loss of contact is no slip, for `opening_max_ms` at most (argument 1: begins; 0: has ended)
   HOLDFAST_COMMAND_RELEASE = 3,  // lower the grip force step by step, to let the object go (argument 0)
   HOLDFAST_COMMAND_ARM = 4,  // leave a latched fault; activates the gripper anew (argument 0)
   HOLDFAST_COMMAND_GRIP = 5  // move the gripper (argument 1: close and hold with the starting force; 0: open)
@@ -109,7 +111,9 @@ enum holdfast_result {
   HOLDFAST_RESULT_TOUCHING = 1,  // refused: something touches the gel
   HOLDFAST_RESULT_STATE = 2,  // refused: not in this state, or no gripper is set up
   HOLDFAST_RESULT_UNKNOWN = 3,  // refused: this firmware does not know the command
-  HOLDFAST_RESULT_ARGUMENT = 4  // refused: the argument is out of the command's range
+  HOLDFAST_RESULT_ARGUMENT = 4,  // refused: the argument is out of the command's range
+  HOLDFAST_RESULT_LOCKED = 5,  // refused: this is the console's port, and it is locked
+  HOLDFAST_RESULT_OVERDUE = 6  // refused: OPENING lasted for `opening_max_ms` and was not ended
 };
 
 // As in LINK.md; "?": a number from a newer firmware.
@@ -145,11 +149,13 @@ static inline const char *holdfast_reason_name(uint8_t number) {
     case HOLDFAST_REASON_PICTURE_TOO_LARGE: return "picture_too_large";
     case HOLDFAST_REASON_DOTS_OVERFLOW: return "dots_overflow";
     case HOLDFAST_REASON_EXPOSURE: return "exposure";
+    case HOLDFAST_REASON_CAMERA_CONTROLS: return "camera_controls";
     case HOLDFAST_REASON_TIME_NOT_FORWARD: return "time_not_forward";
     case HOLDFAST_REASON_TIME_GAP: return "time_gap";
     case HOLDFAST_REASON_FRAME_STALE: return "frame_stale";
     case HOLDFAST_REASON_FRAME_RATE: return "frame_rate";
     case HOLDFAST_REASON_DEADLINE: return "deadline";
+    case HOLDFAST_REASON_FRAME_UNSTAMPED: return "frame_unstamped";
     case HOLDFAST_REASON_FEW_MARKERS: return "few_markers";
     case HOLDFAST_REASON_LEARNING: return "learning";
     case HOLDFAST_REASON_SLIP: return "slip";
@@ -196,6 +202,8 @@ static inline const char *holdfast_result_name(uint8_t number) {
     case HOLDFAST_RESULT_STATE: return "state";
     case HOLDFAST_RESULT_UNKNOWN: return "unknown";
     case HOLDFAST_RESULT_ARGUMENT: return "argument";
+    case HOLDFAST_RESULT_LOCKED: return "locked";
+    case HOLDFAST_RESULT_OVERDUE: return "overdue";
     default: return "?";
   }
 }

@@ -343,8 +343,7 @@ std::string svg(const std::vector<Line>& lines) {
 std::string modes_markdown(const std::vector<Line>& lines) {
   std::string out =
       "| mode | time of a frame | million aarch64 instructions | memory it works on | marker error | error of E | "
-      "grasps filmed: balanced accuracy, "
-      "median delay | real clips: onsets told in 10 frames, alarms |\n"
+      "filmed grasps: balanced accuracy, median delay | real clips: onsets detected within 10 frames, alarms |\n"
       "|---|---|---|---|---|---|---|---|\n";
   const auto at = [](const Line& line, std::size_t i) { return line.figures[i].value_or(0.0); };
   for (const Line& line : lines) {
