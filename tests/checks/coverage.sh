@@ -7,7 +7,8 @@
 # is not in uncovered.txt, and when one that is there is taken; --update writes the shares; it also prints what uncovered.txt
 # lacks and has too much, for a hand to put right.
 # Not counted: branches that only an exception takes, or that the compiler put where the source has none; comparisons that
-# are "= default"; and the compiled tree, of which host_tests try every threshold. Host tests do not count: what only they
+# are "= default"; and the compiled tree, of which host_tests try every threshold; main(), a loop that ends when the
+# process does and is tried as a process. Host tests do not count: what only they
 # reach is shown nowhere on the Pi. Left out are the groups about the simulation itself, which take long and run none of it.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -27,6 +28,7 @@ find -L "$build" -name '*.gcda' -delete  # counts of earlier runs
 quietly "$build/tests.log" ctest --test-dir "$build" -j "$(nproc)" --output-on-failure --no-tests=error \
   -R '^(firmware_tests|jpeg_tests)\.|^checks\.digest$' -LE physics || exit 1
 quietly "$build/gcovr.log" gcovr --root . --filter firmware/ --exclude 'firmware/slip/slip_tree\.gen\.hpp' \
+  --exclude 'firmware/main\.cpp' \
   --exclude-throw-branches --exclude-unreachable-branches --exclude-branches-by-pattern '.*= default;.*' \
   --gcov-ignore-parse-errors -j "$(nproc)" --csv "$build/coverage.csv" --json "$build/coverage.json" --json-pretty \
   "$build/firmware" "$build/drivers" "$build/tests" || exit 1

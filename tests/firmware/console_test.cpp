@@ -817,6 +817,7 @@ TEST(Console, KnowsAFirstStartFromALoss) {
   (void)desk.unlock();
   check_ok("stored accept");
   check_error("stored json accept", Error::kArguments);
+  check_error("stored accept json", Error::kArguments);
   check_error("stored some", Error::kArguments);
 
   desk.stored.set_unreadable(true);

@@ -16,6 +16,31 @@
 
 using namespace holdfast;
 
+namespace {
+
+// Of whose reads one fails, or gives another byte than before.
+class Fickle final : public hal::Keep {
+ public:
+  explicit Fickle(sim::Keep& whole) : whole_(whole) {}
+  int reads = 0;
+  int fails = -1;
+  int changes = -1;
+
+ private:
+  [[nodiscard]] std::size_t do_size() const override { return whole_.size(); }
+  [[nodiscard]] bool do_read(std::size_t at, std::span<std::uint8_t> bytes) override {
+    const int now = reads++;
+    if (now == fails || !whole_.read(at, bytes)) return false;
+    if (now == changes) bytes[bytes.size() / 2] ^= 1;
+    return true;
+  }
+  [[nodiscard]] bool do_write(std::size_t, std::span<const std::uint8_t>) override { return false; }
+
+  sim::Keep& whole_;
+};
+
+}  // namespace
+
 TEST_GROUP(Keepsake) {
   sim::Keep keep{keepsake::kBytes};
   std::span<std::uint8_t> memory = keep.bytes();
@@ -100,6 +125,23 @@ TEST(Keepsake, SurvivesAWriteTornAtAnyByte) {
               memory.begin() + static_cast<std::ptrdiff_t>(cut));
     LONGS_EQUAL(cut >= last ? 3 : 2, found());
   }
+}
+
+// load() reads both slots, and the newer one again.
+TEST(Keepsake, ASlotThatCannotBeReadIsNone) {
+  save(1);
+  save(2);
+  const auto found_with = [&](int fails, int changes) {
+    Fickle fickle(keep);
+    fickle.fails = fails;
+    fickle.changes = changes;
+    return keepsake::load(*reader, fickle) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
+  };
+  LONGS_EQUAL(2, found_with(-1, -1));
+  LONGS_EQUAL(2, found_with(0, -1));
+  LONGS_EQUAL(1, found_with(1, -1));
+  LONGS_EQUAL(0, found_with(2, -1));
+  LONGS_EQUAL(0, found_with(-1, 2));
 }
 
 TEST(Keepsake, BelievesNoSlotWithAFlippedBit) {
