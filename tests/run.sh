@@ -16,7 +16,7 @@ declare -A what=(
   [format]="clang-format on every source"
   [sim]="host build and its tests, heap calls from start() to stop() among them"
   [web]="npm packages: logs read by the official reader, page in Chromium"
-  [tidy]="clang-tidy on what changed of late and an eighth of the rest (--tidy: on every source that the host build compiles), beside the parts that follow"
+  [tidy]="clang-tidy on what changed last and a sixteenth of the rest (--tidy: on every source that the host build compiles), beside the parts that follow"
   [coverage]="lines and branches of the firmware that its tests run, against baseline and list"
   [asan]="host build and tests by clang: memory, undefined behaviour and, in the firmware, integers that wrap or lose bits"
   [tsan]="tests of the worker threads with ThreadSanitizer"
@@ -104,10 +104,10 @@ if mkdir -p "$stamps" 2>/dev/null && [[ -w $stamps ]]; then export HOLDFAST_TIDY
 logs=build/test-logs
 # Groups whose work is the same as their neighbours', only more of it: the sanitizers and the emulator leave them out.
 slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.Process|host_tests.ConsoleFlood'
-# And what only --long runs there: long simulations under the sanitizers; under the emulator what knows no processor -
-# files, disks - and what the digest compares already.
-not_sanitized='PowerCut|host_tests.Gallery|host_tests.Paper|host_tests.SlipModel'
-not_emulated='PowerCut|Render|Tracker|ModelFile|firmware_tests.Models'
+# And what only --long runs there: under the sanitizers the host's own tools; under the emulator what knows no processor -
+# files, disks - and what the digest or the groups Twins (a form for one processor against the plain one) compare already.
+not_sanitized='PowerCut'
+not_emulated='PowerCut|Render|Tracker|ModelFile|firmware_tests.Models|Imprint|HandE|PictureCheck$|JpegDc|JpegFast$'
 # What the run without options leaves to --all, as well.
 not_short='RealClips|firmware_tests.Simulation|PowerCut|GalleryTwice|FaultsSoak|host_tests.Grip|JpegCorruption|JpegFuzz|PictureCheckOnClips|ContactGridFine|e2e.flash_loop'
 passed=0 failed=0 skipped=0
@@ -228,7 +228,7 @@ part_coverage() {
   sed 's/^/   /' "$logs/coverage.log"
   count_one "coverage (tests/checks/coverage.sh)" "$status"
 }
-part_asan() { build asan && run_ctest "asan tests" asan --exclude-regex "$slow_groups|$not_sanitized" --label-exclude 'physics|long'; }
+part_asan() { build asan && run_ctest "asan tests" asan --exclude-regex "$slow_groups|$not_sanitized" --label-exclude 'physics|long|host_tests'; }
 part_tsan() {
   build tsan || return 1
   local status=0
@@ -305,9 +305,10 @@ part_long() {
   else
     count_one "long: image" 1
   fi
-  if step "long asan" bash -c 'cmake --preset asan -DHOLDFAST_TOOL_TESTS=ON && cmake --build --preset asan'; then
+  if step "long asan" bash -c 'cmake --preset asan -DHOLDFAST_HOST_TESTS=ON &&
+    cmake --build --preset asan && cmake --build --preset asan --target host_tests'; then
     run_ctest "long asan tests" asan --exclude-regex "$slow_groups"
-    cmake --preset asan -DHOLDFAST_TOOL_TESTS=OFF >/dev/null
+    cmake --preset asan -DHOLDFAST_HOST_TESTS=OFF >/dev/null
   else
     count_one "long: asan" 1
   fi
@@ -360,12 +361,12 @@ part_system() {
   else
     skipped=$((skipped + 1)) skips+=("system: the Pi 4's card: its first stages (raspi-firmware) cannot be had, see $logs/system-first-stages.log")
   fi
-  local -a short=(-sg Holdfastd -sg Card -sn StartsAndBecomesFineOnAnEmptyGel -sn ASlipIsAnEdge -sn GoesOnAfterAReplug
+  local -a scenarios=(-sg Holdfastd -sg Card -sn StartsAndBecomesFineOnAnEmptyGel -sn ASlipIsAnEdge -sn GoesOnAfterAReplug
     -sn DoesNotTakeAnotherCamera -sn IsBackAfterAKill -sn SkipsDamagedFrames -sn IsNotFooledByAFrozenPicture
     -sn MayDoNoMoreThanItNeeds -sn LeavesNoLineHighWhenItIsKilled -sn StartsByUBootAndBecomesFine
     -sn RefusesWhatItsOwnerDidNotSign -sn TakesTheNewestUpdateAndKeepsItOnceItsFramesAreOk)
-  ((all_scenarios == 0)) || short=()
-  step "system scenarios" build/sim/bin/system_scenarios -v "${short[@]}" || status=1
+  ((all_scenarios == 0)) || scenarios=()
+  step "system scenarios" build/sim/bin/system_scenarios -v "${scenarios[@]}" || status=1
   grep -E '^TEST\(|^OK|^Errors' "$logs/system-scenarios.log" | sed 's/^/   /'
   count_one "system (build/sim/bin/system_scenarios)" "$status"
 }

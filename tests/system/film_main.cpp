@@ -13,16 +13,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <fstream>
 #include <vector>
-
-#include <jpeglib.h>
 
 #include "drivers/sim/scene/jpeg_encode.hpp"
 #include "drivers/sim/scene/render.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/support/scene_pictures.hpp"
+#include "tests/system/recode.hpp"
 
 namespace {
 
@@ -32,34 +30,6 @@ using Jpeg = std::vector<std::uint8_t>;
 constexpr std::size_t kMostBytes = 150'000;
 constexpr double kNoise = 1.5;
 constexpr int kQuality = 60;
-
-// The same coefficients with codes made for them. libjpeg ends the program when it cannot: `jpeg` is its own.
-Jpeg with_own_codes(const Jpeg& jpeg) {
-  jpeg_error_mgr errors{};
-  jpeg_decompress_struct in{};
-  in.err = jpeg_std_error(&errors);
-  jpeg_create_decompress(&in);
-  jpeg_mem_src(&in, jpeg.data(), static_cast<unsigned long>(jpeg.size()));
-  jpeg_read_header(&in, TRUE);
-  jvirt_barray_ptr* const coefficients = jpeg_read_coefficients(&in);
-
-  jpeg_compress_struct out{};
-  out.err = &errors;
-  jpeg_create_compress(&out);
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;
-  jpeg_mem_dest(&out, &bytes, &size);
-  jpeg_copy_critical_parameters(&in, &out);
-  out.optimize_coding = TRUE;
-  jpeg_write_coefficients(&out, coefficients);
-  jpeg_finish_compress(&out);
-  jpeg_destroy_compress(&out);
-  jpeg_finish_decompress(&in);
-  jpeg_destroy_decompress(&in);
-  Jpeg result(bytes, bytes + size);
-  std::free(bytes);
-  return result;
-}
 
 }  // namespace
 
@@ -77,7 +47,7 @@ int main(int argc, char** argv) {
   for (const test::SceneView& view : test::views_of(scene::sphere_slip(), config)) {
     scene::render_rgb(config, view.dots, &view.imprint, ++frame, rgb);
     const Jpeg jpeg =
-        with_own_codes(scene::encode_jpeg(rgb, config.width, config.height, scene::JpegInput::kRgb, kQuality));
+        test::recoded(scene::encode_jpeg(rgb, config.width, config.height, scene::JpegInput::kRgb, kQuality), 0);
     file.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
     total += jpeg.size();
     longest = std::max(longest, jpeg.size());

@@ -35,6 +35,7 @@ TEST_GROUP(Holdfastd) {
 
   void setup() override {
     CHECK_TEXT(machine.problem().empty(), machine.problem().c_str());
+    camera("play 0 11");  // an empty gel
   }
   void camera(const char* command) {
     STRCMP_CONTAINS("ok", machine.camera(command).c_str());
@@ -142,7 +143,6 @@ long heap_calls(Machine& machine, const std::string& pid, long frames) {
 }
 
 TEST(Holdfastd, StartsAndBecomesFineOnAnEmptyGel) {
-  camera("play 0 11");
   become_fine();
   STRCMP_EQUAL("active", said("systemctl is-active holdfastd").c_str());
   STRCMP_CONTAINS(" s after the kernel started",
@@ -154,7 +154,6 @@ TEST(Holdfastd, StartsAndBecomesFineOnAnEmptyGel) {
 
 // Empty, pressed and held: fine all the time. Then it slides: LOW.
 TEST(Holdfastd, ASlipIsAnEdge) {
-  camera("play 0 11");
   become_fine();
   camera("play 12 37 then 36 37");
   CHECK(machine.wait([this] { return machine.camera("status").find(" picture=37 ") != std::string::npos; }, 2min));

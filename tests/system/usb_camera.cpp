@@ -392,8 +392,9 @@ void UsbCamera::begin_frame(Moment now) {
     } else {
       ++next_;
     }
+    bytes_ = grain_ ? grain_(film_[shown_], frames_ + 1) : film_[shown_];
   }
-  end_ = film_[shown_].size();
+  end_ = bytes_.size();
   if (to_truncate_ > 0) {
     --to_truncate_;
     end_ = (end_ + 1) / 2;
@@ -419,9 +420,8 @@ std::optional<Bytes> UsbCamera::payload(std::size_t room, Moment now) {
   const auto flags =
       static_cast<std::uint8_t>(kEndOfHeader | toggle_ | (last ? kEndOfFrame : 0) | (last && faulty_ ? kErrorBit : 0));
   Bytes out{kHeader, flags};
-  const Bytes& picture = film_[shown_];
-  out.insert(out.end(), picture.begin() + static_cast<std::ptrdiff_t>(sent_),
-             picture.begin() + static_cast<std::ptrdiff_t>(to));
+  out.insert(out.end(), bytes_.begin() + static_cast<std::ptrdiff_t>(sent_),
+             bytes_.begin() + static_cast<std::ptrdiff_t>(to));
   sent_ = to;
   if (last) {
     in_frame_ = false;

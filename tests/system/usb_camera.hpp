@@ -15,10 +15,12 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace holdfast::test {
@@ -113,6 +115,8 @@ class UsbCamera {
   void freeze(bool on) { frozen_ = on; }                                   // the same picture, in new frames
   // So many frames more, then it waits for the next such command; none: it goes on by itself.
   void allow(std::optional<std::uint64_t> frames) { allowed_ = frames; }
+  // What is shown instead of a picture of the film, drawn by the frame's number, from 1; none: the picture itself.
+  void set_grain(std::function<Bytes(const Bytes& picture, std::uint64_t frame)> grain) { grain_ = std::move(grain); }
   void set_identity(const UsbIdentity& identity) { identity_ = identity; }  // what is read from now on
 
   [[nodiscard]] std::size_t pictures() const { return film_.size(); }
@@ -144,6 +148,8 @@ class UsbCamera {
   Play loop_, now_playing_;
   std::size_t next_ = 0;  // picture
   std::size_t shown_ = 0;
+  Bytes bytes_;  // as it is shown
+  std::function<Bytes(const Bytes&, std::uint64_t)> grain_;
   std::optional<std::uint64_t> allowed_;
   bool stalled_ = false, frozen_ = false;
   std::uint64_t to_truncate_ = 0, to_fail_ = 0;

@@ -31,6 +31,7 @@
 
 #include "tests/support/mjpg_file.hpp"
 #include "tests/system/camera_commands.hpp"
+#include "tests/system/recode.hpp"
 #include "tests/system/usb_camera.hpp"
 #include "tests/system/usbredir.hpp"
 
@@ -232,6 +233,7 @@ int run(int argc, char** argv) {
     return fail("a socket's path is too long (the kernel takes 107 letters)", "use a shorter one");
   }
   Station station(std::move(film), *machine_address);
+  station.camera.set_grain(recoded);
   station.camera.set_period(std::chrono::milliseconds(period_ms));
   if (unplugged) station.peer.unplug();
   if (!control.empty()) {

@@ -388,6 +388,30 @@ TEST(UsbCamera, HasTheFaultsItIsTold) {
   CHECK(rest->picture == Bytes(film[4].begin() + 16'382, film[4].end()));
 }
 
+// Noise of its own for each frame, by the frame's number; a frozen picture keeps what it had.
+TEST(UsbCamera, NoFrameIsLikeAnotherUntilItFreezes) {
+  camera.set_grain([](const Bytes& picture, std::uint64_t frame) {
+    Bytes other = picture;
+    other.push_back(static_cast<std::uint8_t>(frame));
+    return other;
+  });
+  const auto with = [this](std::size_t picture, std::uint8_t frame) {
+    Bytes other = film[picture];
+    other.push_back(frame);
+    return other;
+  };
+  start();
+  camera.set_period(0us);
+  camera.play({1, 1});
+  CHECK(read_frame(camera, kStart)->picture == with(1, 1));
+  CHECK(read_frame(camera, kStart)->picture == with(1, 2));
+  camera.freeze(true);
+  CHECK(read_frame(camera, kStart)->picture == with(1, 2));
+  CHECK(read_frame(camera, kStart)->picture == with(1, 2));
+  camera.freeze(false);
+  CHECK(read_frame(camera, kStart)->picture == with(1, 5));
+}
+
 // As the kernel's driver stops a bulk stream: the next one begins with a whole picture.
 TEST(UsbCamera, ClearingTheEndpointStopsTheStream) {
   start();
