@@ -22,7 +22,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
-claims=tests/checks/claims.txt figures=tests/checks/evidence.csv page=${EVIDENCE_PAGE:-tests/EVIDENCE.md}
+claims=tests/checks/claims.txt attacks=tests/checks/attacks.txt figures=tests/checks/evidence.csv page=${EVIDENCE_PAGE:-tests/EVIDENCE.md}
 
 # Documents that may take figures, one a line.
 documents() {
@@ -123,6 +123,29 @@ END
     complain "figures of no claim: $orphan" "a claim was renamed or went" "take the line out of $figures"
     return 1
   }
+  render_attacks
+}
+
+# From attacks.txt; each of its tests has to be there.
+render_attacks() {
+  printf '\n## Attacks\n\n| attack | before | now | tests |\n|---|---|---|---|\n'
+  local attack before now tests test
+  while IFS='|' read -r attack before now tests; do
+    [[ $attack != '#'* ]] || continue
+    for test in $tests; do
+      if [[ $test == */* ]]; then
+        [[ -f tests/$test ]]
+      else
+        grep -rqF --include='*.cpp' "TEST(${test%.*}, ${test#*.})" tests
+      fi || {
+        complain "$attacks: no test $test" "it was renamed or went" "name the test that took its place"
+        return 1
+      }
+    done
+    # shellcheck disable=SC2086  # trimmed
+    printf '| %s | %s | %s | %s |\n' "$(echo $attack)" "$(echo $before)" "$(echo $now)" \
+      "$(printf '`%s` ' $tests | sed 's/ $//')"
+  done <"$attacks"
 }
 
 # fill FILE: the document with its figures put in.
