@@ -492,7 +492,7 @@ Error Console::change(const Params& params) {
     detail_ << problem.row->name << " is " << problem.rule;
     return Error::kContradiction;
   }
-  const auto owners = std::ranges::find_if(kParams, [&](const ParamInfo& row) {
+  const auto* const owners = std::ranges::find_if(kParams, [&](const ParamInfo& row) {
     return row.kind == ParamClass::kSafety && params.*row.member != params_.*row.member;
   });
   if (owners != kParams.end() && !settings_.development()) {

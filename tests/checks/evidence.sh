@@ -142,9 +142,8 @@ render_attacks() {
         return 1
       }
     done
-    # shellcheck disable=SC2086  # trimmed
-    printf '| %s | %s | %s | %s |\n' "$(echo $attack)" "$(echo $before)" "$(echo $now)" \
-      "$(printf '`%s` ' $tests | sed 's/ $//')"
+    # shellcheck disable=SC2016,SC2086  # backquotes of Markdown; words
+    printf '|%s|%s|%s| %s|\n' " $attack" "$before" "$now" "$(printf '`%s` ' $tests)"
   done <"$attacks"
 }
 

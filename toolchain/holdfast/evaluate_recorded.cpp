@@ -385,6 +385,7 @@ std::string evaluate_recorded(const RecordedOptions& options, learn::ReportFacts
       by_folder.push_back({detector.name, group.name, score_of(clips, group, detector)});
   }
   std::vector<Row> by_object;
+  by_object.reserve(objects.size());
   for (const Group& group : objects) {
     by_object.push_back({detectors.front().name, group.name, score_of(clips, group, detectors.front())});
   }
