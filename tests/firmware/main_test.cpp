@@ -9,7 +9,7 @@
 
 // As the linker sees it, it is a function like others.
 #define main holdfast_main
-#include "firmware/main.cpp"
+#include "firmware/main.cpp"  // NOLINT(bugprone-suspicious-include): there is no other way to call it
 #undef main
 
 #include <CppUTest/TestHarness.h>

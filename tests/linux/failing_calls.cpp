@@ -34,7 +34,7 @@ bool fails() {
 
 }  // namespace
 
-// NOLINTBEGIN(bugprone-reserved-identifier): the linker's names
+// NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming): the linker's names
 extern "C" {
 
 int __real_open(const char* path, int flags, ...);
@@ -85,4 +85,4 @@ WRAP(ssize_t, getdents64, (int fd, void* to, size_t room), (fd, to, room), -1)
 
 #undef WRAP
 }
-// NOLINTEND(bugprone-reserved-identifier)
+// NOLINTEND(bugprone-reserved-identifier,readability-identifier-naming)
