@@ -56,12 +56,11 @@ using Conclude = std::function<std::string(Session&, const sim::RecordingInfo&)>
 std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Conclude& conclude) {
   SessionInfo info{};
   std::unique_ptr<model::Tree> tree;
-  if (const std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text);
-      !error.empty()) {
+  if (std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text); !error.empty()) {
     return error;
   }
   sim::RecordingOptions recorded{options.fps};
-  if (const std::string error = find_pictures(options.input, recorded); !error.empty()) return error;
+  if (std::string error = find_pictures(options.input, recorded); !error.empty()) return error;
   auto opened = sim::Recording::open(options.input, recorded);
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
@@ -74,7 +73,7 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
                                 about.mjpeg ? "JPEG" : "luma", about.time_base_fps);
   info.reference_text = options.reference;
   Session session(info, options.common.paths);
-  if (const std::string error = session.output_error(); !error.empty()) return error;
+  if (std::string error = session.output_error(); !error.empty()) return error;
 
   auto reference = reference_picture(recording, options.reference, pipeline_config(info.params).luma);
   if (const auto* error = std::get_if<sim::Error>(&reference)) return error->line;
