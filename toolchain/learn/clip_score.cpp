@@ -141,7 +141,7 @@ std::string nearest_label(const ClipLabels& clip, int frame) {
   };
   std::vector<Named> all;
   for (const SilentFrames& one : clip.silent) {
-    all.push_back({one.sure() ? "silent" : "silent (low confidence)", one});
+    all.push_back({one.sure() ? "silent" : "silent (low confidence)", {one.from, one.to}});
   }
   for (const Frames& one : clip.empty) all.push_back({"empty", one});
   if (clip.slip) all.push_back({"slip", *clip.slip});
@@ -198,9 +198,9 @@ std::vector<std::vector<std::uint8_t>> leave_one_object_out(std::span<const Clip
     }
   }
   for (auto& [object, chosen] : thresholds) {
-    const auto others = [&](const auto& count) {
+    const auto others = [&, &without = object](const auto& count) {
       int sum = 0;
-      for (std::size_t c = 0; c < clips.size(); ++c) sum += clips[c].clip->object == object ? 0 : count(c);
+      for (std::size_t c = 0; c < clips.size(); ++c) sum += clips[c].clip->object == without ? 0 : count(c);
       return sum;
     };
     const int budget = others([&](std::size_t c) { return budgets[c]; });
