@@ -84,8 +84,9 @@ class Appliance {
   }
   // Whoever has to know that this release works on this board - an update is kept by it - looks for the file.
   void prove(const App& app) {
-    if (proved_ || options.ok_file.empty() || app.ok_frames() - tried_at_ < options.ok_frames) return;
-    tried_at_ = app.ok_frames();  // a file system that is full may have room after as many more
+    // Again after as many more: a file system that is full may have room then.
+    const std::uint64_t frames = app.ok_frames();
+    if (proved_ || options.ok_file.empty() || frames == 0 || frames % options.ok_frames != 0) return;
     const int fd = ::open(options.ok_file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
     proved_ = fd >= 0;
     if (proved_) ::close(fd);
@@ -141,7 +142,6 @@ class Appliance {
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
   bool told_first_ = false, proved_ = false;
-  std::uint64_t tried_at_ = 0;  // OK frames, when it was to be proved last
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};

@@ -11,12 +11,12 @@ skip() {
   exit 77
 }
 ((EUID == 0)) || skip "loop devices need root. Next: sudo $0"
-for tool in losetup lsblk sfdisk addpart mke2fs xz zstd script; do
-  command -v "$tool" >/dev/null || skip "no $tool. Next: apt-get install util-linux fdisk e2fsprogs xz-utils zstd bsdutils"
-done
+# shellcheck source=tests/e2e/steps.sh
+source "$(dirname "${BASH_SOURCE[0]}")/steps.sh"
+needs losetup lsblk sfdisk addpart mke2fs xz zstd script
 export NO_COLOR=1
 work=$(mktemp -d)
-loops=() mounts=() whole='' holder='' passed=0
+loops=() mounts=() whole='' holder=''
 clean_up() {
   local one
   [[ -z $holder ]] || kill "$holder" 2>/dev/null || true
@@ -38,21 +38,6 @@ disk() {
   file=$work/$1
   head -c $(($2 * 1000000 / 4096 * 4096)) /dev/zero | tr '\0' '\377' >"$file"
   loop "$file" "${@:3}"
-}
-passes() {
-  passed=$((passed + 1))
-  echo "ok   $1"
-}
-fails() {
-  printf 'error: %s:\n' "$1"
-  sed 's/^/   | /' "$work/said"
-  exit 1
-}
-# says WHAT PATTERN COMMAND...: it succeeds and says so.
-says() {
-  "${@:3}" >"$work/said" 2>&1 </dev/null || fails "$1: status $?"
-  grep -qE -- "$2" "$work/said" || fails "$1: no word of /$2/"
-  passes "$1"
 }
 # refuses WHAT PATTERN COMMAND...: status 1, in the form of all our errors, and `file` is what it was.
 refuses() {

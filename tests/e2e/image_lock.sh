@@ -6,16 +6,12 @@
 # The last line is "N passed"; status 77: no apt, dpkg-deb or jq.
 set -euo pipefail
 tree=$(realpath "$(dirname "${BASH_SOURCE[0]}")/../..")
-for tool in apt-get dpkg-deb jq; do
-  command -v "$tool" >/dev/null || {
-    echo "SKIPPED: no $tool. Next: tests/run.sh --only packages"
-    exit 77
-  }
-done
+# shellcheck source=tests/e2e/steps.sh
+source "$tree/tests/e2e/steps.sh"
+needs apt-get dpkg-deb jq
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 chmod 755 "$work"
-passed=0
 export NO_COLOR=1 HOLDFAST_LOCK=$work/lock HOLDFAST_APT_SOURCES=$work/sources.list
 mkdir "$work/archive" "$work/tree"
 cd "$work/tree" # build/debs is made here
@@ -54,47 +50,22 @@ inputs got/*.deb >taken
 note_differences base taken
 is_locked base taken && echo "as locked" || echo "not the lock's"
 TAKE
-take() { bash "$work/take" "$tree" "$1" >"$work/said" 2>&1; }
-fails() {
-  printf 'error: %s:\n' "$1"
-  sed 's/^/   | /' "$work/said"
-  exit 1
-}
-# says WHAT PATTERN MODE; refuses WHAT PATTERN MODE
-says() {
-  take "$3" || fails "$1: status $?"
-  grep -qE -- "$2" "$work/said" || fails "$1: no word of /$2/"
-  passed=$((passed + 1))
-  echo "ok   $1"
-}
-refuses() {
-  if take "$3"; then fails "$1: it was done"; fi
-  grep -qE -- "$2" "$work/said" || fails "$1: no word of /$2/"
-  passed=$((passed + 1))
-  echo "ok   $1"
-}
-# is WHAT WANTED GOT
-is() {
-  echo "$3" >"$work/said"
-  [[ $2 == "$3" ]] || fails "$1 is not '$2'"
-  passed=$((passed + 1))
-  echo "ok   $1"
-}
+take() { bash "$work/take" "$tree" "$1"; }
 got() { (cd got && sha256sum -- *.deb); }
 
 package tool 1.0 "library (>= 1:0.9)"
 package library 1:0.10.0
 package other 1
 publish
-take lock || fails "lock"
+take lock >"$work/said" 2>&1 || fails "lock"
 cp "$work/said" "$work/lock"
 is "what is locked" "library 1:0.10.0 arm64, tool 1.0 arm64, " "$(awk '$1 == "base" { printf "%s %s %s, ", $2, $3, $4 }' "$work/lock")"
 is "hashes in the lock" "$(sha256sum "$work"/archive/{library,tool}_*.deb | cut -d ' ' -f 1)" "$(cut -d ' ' -f 5 "$work/lock")"
 
-says "a release of what is there as locked" "^as locked" locked
+says "a release of what is there as locked" "^as locked" take locked
 first=$(got)
-says "a test of the same" "^as locked" newer
-says "once more, from build/debs" "^as locked" locked
+says "a test of the same" "^as locked" take newer
+says "once more, from build/debs" "^as locked" take locked
 is "bytes of both" "$first" "$(got)"
 
 # Debian replaces a package.
@@ -102,28 +73,28 @@ cp -r build/debs "$work/kept"
 rm -rf build
 package library 1:0.10.1
 publish
-refuses "a release when the archive has replaced a package" "error: .*library 1:0.10.0 is 1:0.10.1 there" locked
+refuses "a release when the archive has replaced a package" "error: .*library 1:0.10.0 is 1:0.10.1 there" take locked
 is "files of a build that failed" "" "$(find got -name '*.deb' 2>/dev/null)"
-says "a test then" "^note: not as locked: library 1:0.10.1 instead of 1:0.10.0" newer
+says "a test then" "^note: not as locked: library 1:0.10.1 instead of 1:0.10.0" take newer
 grep -q "not the lock's" "$work/said" || fails "a test then says that it is not the lock's"
 # What was kept with the release builds it.
 rm -rf build
 mkdir build
 cp -r "$work/kept" build/debs
-says "a release from what was kept with it" "^as locked" locked
+says "a release from what was kept with it" "^as locked" take locked
 is "bytes of it" "$first" "$(got)"
 
 # A package with other bytes under the same name and version, in the archive and among what was kept.
 rm -rf build
 package library 1:0.10.0 "" "of somebody else"
 publish
-refuses "a release when a package has other bytes" "error: .*library 1:0.10.0 has other bytes there" locked
-says "a test then" "^note: not as locked: library 1:0.10.0 with other bytes" newer
+refuses "a release when a package has other bytes" "error: .*library 1:0.10.0 has other bytes there" take locked
+says "a test then" "^note: not as locked: library 1:0.10.0 with other bytes" take newer
 rm -rf build
 mkdir build
 cp -r "$work/kept" build/debs
 for kept in build/debs/*.deb; do printf x >>"$kept"; done
-refuses "a release from damaged copies" "other bytes than its SHA-256" locked
+refuses "a release from damaged copies" "other bytes than its SHA-256" take locked
 package library 1:0.10.0
 publish
 rm -rf build
@@ -131,10 +102,10 @@ rm -rf build
 # It needs another package than before, and one is gone.
 package tool 1.1 "library, other"
 publish
-says "a test when there is one package more" "^note: not as locked: other 1 is not in the lock" newer
+says "a test when there is one package more" "^note: not as locked: other 1 is not in the lock" take newer
 package tool 1.1
 publish
-says "a test when there is one package less" "^note: not as locked: library 1:0.10.0 is missing" newer
+says "a test when there is one package less" "^note: not as locked: library 1:0.10.0 is missing" take newer
 
 # The list of what is on a card.
 cd "$tree"

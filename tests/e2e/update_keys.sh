@@ -5,47 +5,16 @@
 # The last line is "N passed"; status 77: no rauc, openssl or mksquashfs.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-for tool in rauc openssl mksquashfs dash; do
-  command -v "$tool" >/dev/null || {
-    echo "SKIPPED: no $tool. Next: tests/run.sh --only packages"
-    exit 77
-  }
-done
+# shellcheck source=tests/e2e/steps.sh
+source "tests/e2e/steps.sh"
+needs rauc openssl mksquashfs dash
 mkdir -p build/image
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-passed=0
 export NO_COLOR=1 HOLDFAST_CA_PASS=file:$work/ca.pass HOLDFAST_SIGNER_PASS=file:$work/signer.pass
 echo "of the authority" >"$work/ca.pass"
 echo "of the signer" >"$work/signer.pass"
 keys=$work/keys
-
-passes() {
-  passed=$((passed + 1))
-  echo "ok   $1"
-}
-fails() {
-  printf 'error: %s:\n' "$1"
-  sed 's/^/   | /' "$work/said"
-  exit 1
-}
-# says WHAT PATTERN COMMAND...: it succeeds and says so. refuses: it fails and says so.
-says() {
-  "${@:3}" >"$work/said" 2>&1 </dev/null || fails "$1: status $?"
-  grep -qE -- "$2" "$work/said" || fails "$1: no word of /$2/"
-  passes "$1"
-}
-refuses() {
-  if "${@:3}" >"$work/said" 2>&1 </dev/null; then fails "$1: it was done"; fi
-  grep -qE -- "$2" "$work/said" || fails "$1: no word of /$2/"
-  passes "$1"
-}
-# is WHAT WANTED GOT
-is() {
-  echo "$3" >"$work/said"
-  [[ $2 == "$3" ]] || fails "$1 is not '$2'"
-  passes "$1"
-}
 
 # bundle NAME VERSION NUMBER [KEYS]: a small one for the board virt.
 bundle() {

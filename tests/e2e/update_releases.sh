@@ -6,15 +6,11 @@
 # The last line is "N passed"; status 77: no dpkg, dash or mawk.
 set -euo pipefail
 releases=$(realpath "$(dirname "${BASH_SOURCE[0]}")/../../board/image/card/usr/lib/holdfast/releases")
-for tool in dpkg dash mawk; do
-  command -v "$tool" >/dev/null || {
-    echo "SKIPPED: no $tool. Next: apt-get install $tool"
-    exit 77
-  }
-done
+# shellcheck source=tests/e2e/steps.sh
+source "$(dirname "${BASH_SOURCE[0]}")/steps.sh"
+needs dpkg dash mawk
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-passed=0
 mkdir "$work/bin" "$work/stick"
 ln -s "$(command -v mawk)" "$work/bin/awk"
 cat >"$work/bin/rauc" <<'RAUC'
@@ -26,15 +22,6 @@ printf "RAUC_MF_COMPATIBLE='holdfast-%s'\nRAUC_MF_VERSION='%s'\nRAUC_MF_BUILD='%
 RAUC
 chmod +x "$work/bin/rauc"
 card() { PATH=$work/bin:$PATH dash -c ". '$releases'; $1" card "${@:2}"; }
-
-# is WHAT WANTED GOT
-is() {
-  [[ $2 == "$3" ]] || {
-    printf "error: %s: '%s', not '%s'\n" "$1" "$3" "$2"
-    exit 1
-  }
-  passed=$((passed + 1))
-}
 
 # ---- The order of versions: first pairs that a comparison of names gets wrong, then whatever comes, against dpkg.
 pairs="0.9.0 0.10.0
