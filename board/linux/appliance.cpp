@@ -94,9 +94,9 @@ class Appliance {
   // Into the log, once, without memory: the kernel's clock begins with it, and one of the firmware's seconds is
   // `time_scale` of its.
   void tell_of_first_frame(const App& app) {
-    if (told_first_ || !app.first_accepted()) return;
+    if (told_first_ || !app.first_confirmed()) return;
     told_first_ = true;
-    const std::int64_t tenths = *app.first_accepted() * options.time_scale / std::chrono::milliseconds{100};
+    const std::int64_t tenths = *app.first_confirmed() * options.time_scale / std::chrono::milliseconds{100};
     drivers::FixedText<120> line;
     line << "holdfastd: first frame fine " << tenths / 10 << "." << tenths % 10 << " s after the kernel started\n";
     (void)(::write(STDERR_FILENO, line.c_str(), line.view().size()) >= 0);

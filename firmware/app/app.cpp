@@ -52,27 +52,23 @@ Status App::start(const Params& params, bool auto_size) {
   auto_size_ = auto_size;
   configure(params);
   state_.laps.use(devices_.clock);
-  if (!devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow) ||
-      !devices_.gpio.set(hal::Line::kAlive, hal::Level::kLow)) {
-    return {Reason::kGpioFailed};
-  }
-  alive_high_ = false;
-  distrusted_ = 0;
-  first_accepted_.reset();
+  if (!outputs::start(lines_, devices_.gpio)) return {Reason::kGpioFailed};
   ok_frames_ = 0;
   last_rejection_ = Reason::kNone;
-  supervisor_ = {};  // what held before the restart vouches for nothing now
+  supervisor_ = {};  // what held before the restart confirms nothing now
   outputs_ = {};
-  sensor_ = {};
-  freshness::restart(state_.freshness);
-  state_.any_frame = false;  // another stream may count its time from another start
   health_ = {};
-  strain_ = held_ = beside_ = strain_beside_ = Reason::kNone;
-  force_limit_ = false;
+  inputs_ = {};
+  other_stream();
   waiting_since_ = devices_.clock.now();
-  if (!devices_.camera.start()) return {Reason::kCameraGone};
-  sensor_ = keepsake::identity_of(devices_.camera.identity());
-  return kOkStatus;
+  return {camera_keeper::start(camera_, camera_config_, devices_.camera, waiting_since_)};
+}
+
+// Another stream may count its time and its pictures from another start.
+void App::other_stream() {
+  health::restart(health_);
+  freshness::restart(state_.freshness);
+  state_.any_frame = false;
 }
 
 void App::configure(const Params& params) {
@@ -114,6 +110,12 @@ bool App::step() {
 }
 
 App::Polled App::poll(Micros wait) {
+  if (!camera_.streaming) {
+    devices_.clock.wait(wait);
+    if (devices_.clock.now() - waiting_since_ < kFrameWait) return Polled::kWaiting;
+    nothing_came(camera_.why);
+    return Polled::kSignalled;
+  }
   hal::Frame frame;
   switch (devices_.camera.next(frame, wait)) {
     case hal::Capture::kFrame:
@@ -127,6 +129,7 @@ App::Polled App::poll(Micros wait) {
       nothing_came(Reason::kJpegDamaged);
       return Polled::kSignalled;
     case hal::Capture::kGone:
+      camera_keeper::lost(camera_, Reason::kCameraGone, camera_config_.first_retry, devices_.clock.now());
       nothing_came(Reason::kCameraGone);
       return Polled::kGone;
     case hal::Capture::kTimeout:
@@ -151,57 +154,36 @@ void App::nothing_came(Reason why) {
   if (why == Reason::kNoFrame && last_rejection_ != Reason::kNone) why = last_rejection_;
   if (why != Reason::kNoFrame) last_rejection_ = why;
   result_.quality = {why};
-  signal(supervisor::reject(supervisor_, supervisor_config_, why, result_.request, devices_.clock.now(), health_now()));
-  report();
+  signal(supervisor::reject(supervisor_, supervisor_config_, why, result_.request, devices_.clock.now(), inputs_));
+  tell();
 }
 
-bool App::absent(Reason why) {
-  if (devices_.clock.now() - waiting_since_ < kFrameWait) return false;
-  nothing_came(why);
-  return true;
+bool App::keep_camera() {
+  const camera_keeper::Due due = camera_keeper::due(camera_, camera_config_, devices_.clock.now());
+  if (due == camera_keeper::Due::kNot) return false;
+  other_stream();
+  const Reason why = camera_keeper::open(camera_, devices_.camera);
+  const Micros now = devices_.clock.now();
+  camera_keeper::restarted(camera_, camera_config_, due, why, now);
+  if (why != Reason::kNone && now - waiting_since_ >= kFrameWait) nothing_came(why);
+  return why == Reason::kNone && due == camera_keeper::Due::kRetry;
 }
 
-Status App::restart_camera() {
-  devices_.camera.stop();
-  health::restart(health_);
-  freshness::restart(state_.freshness);
-  state_.any_frame = false;  // another stream may count its time from another start
-  Status status = devices_.camera.start() ? kOkStatus : Status{Reason::kCameraGone};
-  if (status.ok()) {
-    const keepsake::Identity sensor = keepsake::identity_of(devices_.camera.identity());
-    if (sensor_ == keepsake::Identity{}) sensor_ = sensor;  // the first that came
-    if (sensor != sensor_) {
-      devices_.camera.stop();
-      status = {Reason::kCameraWrong};
-    }
-  }
-  if (!status.ok()) (void)absent(status.reason);
-  return status;
+void App::clock_stepped_back() {
+  waiting_since_ = camera_.try_at = camera_.stalled_since = devices_.clock.now();
 }
 
-void App::opening(bool is_opening) {
-  pipeline::opening(state_, is_opening);
-}
-
-void App::beside(Reason fault, Reason strain, bool force_limit) {
-  strain_beside_ = strain;
-  force_limit_ = force_limit;
-  const bool began = fault != Reason::kNone && beside_ == Reason::kNone;
-  beside_ = fault;
-  if (!began) return;
-  supervisor::fail(supervisor_, fault);
-  signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
-}
-
-void App::hold(Reason fault) {
-  held_ = fault;
-  if (fault == Reason::kNone) return;
+void App::report(supervisor::Source source, Reason reason) {
+  const Reason before = supervisor::first(inputs_, DeviceState::kFault);
+  inputs_.of(source) = reason;
+  const Reason fault = supervisor::first(inputs_, DeviceState::kFault);
+  if (fault == Reason::kNone || before != Reason::kNone) return;
   supervisor::fail(supervisor_, fault);
   signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
 }
 
 bool App::resume(const keepsake::Contents& contents) {
-  if (contents.sensor != sensor_ || sensor_ == keepsake::Identity{}) return false;
+  if (contents.sensor != camera_.sensor || camera_.sensor == keepsake::Identity{}) return false;
   if (contents.pitch_um != config_.displacement.pitch_um) return false;
   // Of a process whose model did not read the picture: what the gripper holds now would be learned as the empty gel.
   if (config_.with_imprint && contents.empty.frames == 0) return false;
@@ -210,33 +192,22 @@ bool App::resume(const keepsake::Contents& contents) {
 }
 
 void App::remember(keepsake::Contents& contents) const {
-  contents.sensor = sensor_;
+  contents.sensor = camera_.sensor;
   pipeline::remember(state_, config_, contents);
 }
 
-supervisor::Health App::health_now() const {
-  const Reason strain = strain_ != Reason::kNone          ? strain_
-                        : strain_beside_ != Reason::kNone ? strain_beside_
-                        : devices_.camera.steady()        ? Reason::kNone
-                                                          : Reason::kCameraControls;
-  return {.fault = held_ != Reason::kNone ? held_ : beside_,
-          .strain = strain,
-          .opening = state_.opening,
-          .force_limit = force_limit_};
-}
-
 bool App::is_stale() const {
-  return devices_.clock.now() - result_.timestamp > kOldestFrame;
+  return outputs::is_stale(lines_config_, result_.timestamp, devices_.clock.now());
 }
 
-// A frame that tells of long ago vouches for nothing, nor does one that may; one from the future would lock out all
+// A frame that tells of long ago confirms nothing, nor does one that may; one from the future would lock out all
 // that follow it. Range: any stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
 void App::take(const hal::Frame& frame) {
   constexpr Micros kFarthest{std::int64_t{1} << 62};
   const Micros timestamp = std::clamp(frame.timestamp, -kFarthest, kFarthest);
   const Micros age = devices_.clock.now() - timestamp;
   const Status news = devices_.camera.live() && !frame.stamped ? Status{Reason::kFrameUnstamped}
-                      : age > kOldestFrame                     ? Status{Reason::kFrameStale}
+                      : age > lines_config_.oldest_frame       ? Status{Reason::kFrameStale}
                       : age < -kClockSlack                     ? Status{Reason::kTimeNotForward}
                                                                : kOkStatus;
   if (news.ok()) {
@@ -260,79 +231,44 @@ void App::step_features(const Features& features, GridSize grid, Micros timestam
 }
 
 void App::conclude() {
-  if (watchdog_.trips() != trips_seen_) {  // this thread was away for long, and GRIP_OK was lowered meanwhile
-    trips_seen_ = watchdog_.trips();
+  if (outputs::lowered_meanwhile(lines_, watchdog_)) {  // this thread was away for long
     supervisor::fail(supervisor_, Reason::kCaptureHung);
     outputs_ = supervisor::outputs_of(supervisor_, outputs_.slip, false);
-    report();
+    tell();
   }
   last_rejection_ = result_.quality.reason;
+  const Micros now = devices_.clock.now();
   if (result_.quality.ok()) {
-    const Micros decided_after = devices_.clock.now() - result_.timestamp;
-    strain_ = health::strain(health_, health_config_, result_.timestamp, result_.sequence, decided_after);
+    camera_keeper::accepted(camera_, camera_config_, now);
+    inputs_.of(supervisor::Source::kStream) =
+        health::strain(health_, health_config_, result_.timestamp, result_.sequence, now - result_.timestamp);
   }
+  inputs_.of(supervisor::Source::kCameraSettings) = devices_.camera.steady() ? Reason::kNone : Reason::kCameraControls;
   state_.laps.begin();
-  signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now(), health_now()));
-  report();
+  signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now(), inputs_));
+  tell();
   state_.laps.lap(Task::kSignal);
 }
 
 void App::stop() {
   devices_.camera.stop();
+  camera_keeper::stopped(camera_);
   outputs_.grip_ok = false;
-  watchdog_.rest();
-  // Nothing is left to be done about a line that refuses now; a receiver sees ALIVE stand still.
-  (void)devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
+  outputs::stop(lines_, devices_.gpio, watchdog_);
 }
 
-// ALIVE vouches for GRIP_OK, so it moves only after GRIP_OK has taken its level. The one exception is a rise, which
-// goes out after ALIVE: no receiver may pair a new HIGH with the edge of the frame before. Whatever line refuses,
-// GRIP_OK is tried LOW and ALIVE stands still until GRIP_OK has obeyed for kLineTrust frames. It rises with an accepted
-// frame only: the supervisor may hold OK over rejected frames, whose ALIVE edge is an old one. A process that was
-// stopped for long just here (SIGSTOP, a debugger) finds its frame stale: GRIP_OK goes LOW and ALIVE stays as it is.
 void App::signal(const supervisor::Outputs& outputs) {
   waiting_since_ = devices_.clock.now();
-  if (distrusts(outputs)) return;
-  const bool rises = outputs.grip_ok && !outputs_.grip_ok;
-  const auto grip_ok = static_cast<hal::Level>(outputs.grip_ok && !rises);
-  bool obeyed = devices_.gpio.set(hal::Line::kGripOk, grip_ok) && (outputs.accepted || !rises);
-  if (obeyed && outputs.accepted) {
-    if (is_stale()) return (void)give_up(outputs, Reason::kFrameStale);
-    obeyed = devices_.gpio.set(hal::Line::kAlive, static_cast<hal::Level>(!alive_high_));
-    if (obeyed) alive_high_ = !alive_high_;
-    // Stopped between the look at the clock and the edge (30 ns wide): what the edge says is taken back at once.
-    if (obeyed && is_stale()) return (void)give_up(outputs, Reason::kFrameStale);
-    if (obeyed) vouch();
-  }
-  if (obeyed && rises) obeyed = devices_.gpio.set(hal::Line::kGripOk, hal::Level::kHigh);
+  const Reason failed =
+      outputs::update(lines_, lines_config_, devices_.gpio, devices_.clock, watchdog_,
+                      {.grip_ok = outputs.grip_ok, .accepted = outputs.accepted, .timestamp = result_.timestamp});
   outputs_ = outputs;
-  if (obeyed) return;
-  distrusted_ = kLineTrust;
-  (void)give_up(outputs, Reason::kGpioFailed);
+  if (failed == Reason::kNone) return;
+  supervisor::fail(supervisor_, failed);
+  outputs_ = {.state = DeviceState::kFault, .reason = failed, .slip = outputs.slip, .accepted = outputs.accepted};
 }
 
-void App::vouch() {
-  const Micros now = devices_.clock.now();
-  watchdog_.vouch(now);
-  if (!first_accepted_) first_accepted_ = now;
-}
-
-bool App::give_up(const supervisor::Outputs& outputs, Reason why) {
-  const bool obeyed = devices_.gpio.set(hal::Line::kGripOk, hal::Level::kLow);
-  supervisor::fail(supervisor_, why);
-  outputs_ = {.state = DeviceState::kFault, .reason = why, .slip = outputs.slip, .accepted = outputs.accepted};
-  return obeyed;
-}
-
-bool App::distrusts(const supervisor::Outputs& outputs) {
-  if (distrusted_ == 0) return false;
-  const bool obeyed = give_up(outputs, Reason::kGpioFailed);
-  if (!obeyed) distrusted_ = kLineTrust;
-  if (obeyed && outputs.accepted) --distrusted_;
-  return true;
-}
-
-void App::report() {
+void App::tell() {
   status_frame::StatusFrame frame{};
   frame.sequence = report_sequence_;
   report_sequence_ = static_cast<std::uint16_t>(report_sequence_ + 1);  // wraps
@@ -342,7 +278,7 @@ void App::report() {
   frame.reason = outputs_.reason;
   frame.slip = outputs_.slip;
   frame.grip_ok = outputs_.grip_ok;
-  frame.alive = alive_high_;
+  frame.alive = lines_.alive;
   if (result_.quality.ok() && result_.referenced) {
     frame.features_valid = true;
     frame.markers = static_cast<std::uint8_t>(result_.features.markers);

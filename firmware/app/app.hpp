@@ -8,7 +8,9 @@
 #include <cstdint>
 #include <optional>
 
+#include "app/camera_keeper.hpp"
 #include "app/health.hpp"
+#include "app/outputs.hpp"
 #include "app/params.hpp"
 #include "app/pipeline.hpp"
 #include "app/status_frame.hpp"
@@ -60,24 +62,23 @@ class App {
   // when the frames are overdue, and otherwise every kFrameWait.
   enum class Polled : std::uint8_t { kWaiting, kSignalled, kGone };
   [[nodiscard]] Polled poll(Micros wait);
-  // The camera ends and starts anew; lattice, rest position and the device's state stay. kCameraGone, kCameraWrong: it
-  // is not streaming then.
-  [[nodiscard]] Status restart_camera();
-  // Time passes without a camera: signalled every kFrameWait. True: it was.
-  bool absent(Reason why);
+  // Without a camera time passes, and is signalled every kFrameWait.
+  // The camera is started (anew) when it is time for that (camera_keeper.hpp); lattice, rest position and the device's
+  // state stay. True: one that was gone has come.
+  bool keep_camera();
 
   // Other parameters while it runs. What the lattice or its scale depends on has the rest position learned anew.
   // Range: validate(params) is ok.
   void reconfigure(const Params& params);
 
-  void clock_stepped_back() { waiting_since_ = devices_.clock.now(); }
+  void clock_stepped_back();
   void tare() { pipeline::tare(state_); }
   void arm() { supervisor::arm(supervisor_); }
-  void opening(bool is_opening);
-  // What the devices beside the camera say; counts from the next frame on, a fault at once.
-  void beside(Reason fault, Reason strain, bool force_limit);
-  // FAULT for this reason, at once and whatever the frames say, until kNone is given. After start().
-  void hold(Reason fault);
+  void opening(bool is_opening) { pipeline::opening(state_, inputs_.opening = is_opening); }
+  void force_limit(bool at_limit) { inputs_.force_limit = at_limit; }
+  // What a source beside the frames says, until it says otherwise; kNone: all is well. What is worse than before
+  // counts at once, the rest from the next frame on. After start().
+  void report(supervisor::Source source, Reason reason);
   // Goes on with an earlier process's rest position, when this sensor is that one, and what this model reads of the
   // empty gel was learned then. After start().
   [[nodiscard]] bool resume(const keepsake::Contents& contents);
@@ -95,13 +96,16 @@ class App {
   [[nodiscard]] const pipeline::State& state() const { return state_; }
   // The loaded model that decides; null: the one that is compiled in does.
   [[nodiscard]] const model::Tree* tree() const { return tree_; }
-  // When ALIVE vouched for a frame first since start(). The clock of a board with real devices begins with its kernel.
-  [[nodiscard]] std::optional<Micros> first_accepted() const { return first_accepted_; }
+  // When ALIVE confirmed a frame first since start(). The clock of a board with real devices begins with its kernel.
+  [[nodiscard]] std::optional<Micros> first_confirmed() const {
+    return lines_.confirmed ? std::optional(lines_.first_confirmed) : std::nullopt;
+  }
   // Accepted frames that the status frame called OK since start(), or since the last FAULT.
   [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor() const { return supervisor_; }
   [[nodiscard]] const health::State& health() const { return health_; }
+  [[nodiscard]] const camera_keeper::State& camera() const { return camera_; }
   // The status frame that was sent last.
   [[nodiscard]] const status_frame::StatusFrame& told() const { return told_; }
   [[nodiscard]] laps::Laps& laps() { return state_.laps; }
@@ -110,26 +114,17 @@ class App {
 
   // One period at 15 fps and a half: a camera that takes longer is late.
   static constexpr Micros kFrameWait{100'000};
-  // From the start of exposure to arrival here: exposure 18 ms, USB transfer 40 ms, and one period of queueing. Older
-  // frames are rejected; so are those that claim to be from the future by more than the clocks' slack.
-  static constexpr Micros kOldestFrame{150'000};
+  // Frames that claim to be from the future by more than the clocks' slack are rejected.
   static constexpr Micros kClockSlack{5'000};
-  // Accepted frames for which GRIP_OK must have obeyed after a refusal before ALIVE moves again: 1 s at 25 fps. A line
-  // that somebody else drives as well obeys now and then; if every second time by chance, 25 times in a row once in
-  // 3e7.
-  static constexpr int kLineTrust = 25;
 
  private:
   void take(const hal::Frame& frame);
   void conclude();
   void nothing_came(Reason why);
+  void other_stream();
   [[nodiscard]] bool is_stale() const;
-  [[nodiscard]] supervisor::Health health_now() const;
   void signal(const supervisor::Outputs& outputs);
-  bool give_up(const supervisor::Outputs& outputs, Reason why);
-  [[nodiscard]] bool distrusts(const supervisor::Outputs& outputs);
-  void vouch();
-  void report();
+  void tell();
   void configure(const Params& params);
   void time_frame();
 
@@ -141,23 +136,18 @@ class App {
   supervisor::State supervisor_{};
   health::Config health_config_{};
   health::State health_{};
+  supervisor::Inputs inputs_{};
+  camera_keeper::Config camera_config_{};
+  camera_keeper::State camera_{};
+  outputs::Config lines_config_{};
+  outputs::State lines_{};
   OutputWatchdog watchdog_;
-  std::uint32_t trips_seen_ = 0;
-  keepsake::Identity sensor_{};  // that this run began with
   Micros waiting_since_{};
-  std::optional<Micros> first_accepted_;
   std::uint64_t ok_frames_ = 0;
   Micros arrived_{};                       // the frame that is worked on
   Reason last_rejection_ = Reason::kNone;  // of the frame seen last
-  Reason strain_ = Reason::kNone;
-  Reason held_ = Reason::kNone;
-  Reason beside_ = Reason::kNone;
-  Reason strain_beside_ = Reason::kNone;
-  bool force_limit_ = false;
   pipeline::Result result_{};
   supervisor::Outputs outputs_{};
-  int distrusted_ = 0;       // accepted frames to go until the lines are trusted again
-  bool alive_high_ = false;  // level that the line ALIVE took last
   bool auto_size_ = false;
   std::uint16_t report_sequence_ = 0;
   status_frame::StatusFrame told_{};

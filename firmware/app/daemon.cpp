@@ -12,14 +12,8 @@ namespace {
 using command_frame::Command;
 using command_frame::CommandFrame;
 using command_frame::Result;
+using supervisor::Source;
 
-// A sensor that was plugged in again is back within 2 s: its driver takes most of that.
-constexpr Micros kFirstRetry{100'000};
-constexpr Micros kLongestRetry{500'000};
-// A stream without an accepted frame is started anew after so long, then after twice that, up to 4 s: some drivers
-// resume on their own, and a restart takes them longer.
-constexpr Micros kFirstStall{500'000};
-constexpr Micros kLongestStall{4'000'000};
 // Contacts bounce, and a robot controller holds a level for two of its cycles of 8 ms.
 constexpr Micros kDebounce{10'000};
 constexpr Micros kKeepEvery{2'000'000};
@@ -53,13 +47,7 @@ Status Daemon::start(const Params& params, bool auto_size) {
   params_ = params;
   regulator_config_ = regulator_config(params);
   hande_config_ = hande_config();
-  const Micros now = devices_.clock.now();
   const Status status = app_.start(params, auto_size);
-  streaming_ = false;
-  gone_why_ = status.reason;
-  stall_limit_ = kFirstStall;
-  retry_after_ = kFirstRetry;
-  try_at_ = now + retry_after_;
   if (!status.ok() && status.reason != Reason::kCameraGone) return status;
   if (const Status s = regulator::validate(regulator_config_); !s.ok()) return s;
   if (static_cast<Gripper>(params.gripper) == Gripper::kStepLines) {
@@ -73,7 +61,12 @@ Status Daemon::start(const Params& params, bool auto_size) {
 
 void Daemon::poll() {
   mind_the_clock();
-  watch_camera();
+  const bool streamed = streaming();
+  take_frame();
+  if (app_.keep_camera()) camera_started();
+  if (streamed && !streaming()) {
+    recorder_.note(EventKind::kCameraGone, devices_.clock.now(), static_cast<std::int32_t>(app_.camera().why));
+  }
   const Micros begun = devices_.clock.now();
   serve_link();
   read_inputs();
@@ -96,7 +89,7 @@ void Daemon::reconfigure(const Params& params) {
 void Daemon::mind_the_clock() {
   const Micros now = devices_.clock.now();
   if (now < seen_now_) {
-    try_at_ = stalled_since_ = kept_at_ = regulator_.last_step = now;
+    kept_at_ = regulator_.last_step = now;
     opening_until_ = std::min(opening_until_, now + Micros{std::int64_t{params_.opening_max_ms} * 1000});
     hande_ = {};
     lines_.since = now;
@@ -108,70 +101,26 @@ void Daemon::mind_the_clock() {
 
 void Daemon::stop() {
   app_.stop();
-  streaming_ = false;
 }
 
-void Daemon::watch_camera() {
-  if (!streaming_) {
-    devices_.clock.wait(kSlice);
-    if (app_.absent(gone_why_)) record();
-    regulate();
-    if (devices_.clock.now() < try_at_) return;
-    const Status status = app_.restart_camera();
-    gone_why_ = status.reason;
-    if (!status.ok()) return lose_camera(std::min(retry_after_ * 2, kLongestRetry));
-    return camera_started();
+// One frame, or its absence, from the camera to the lines, the log and the grip.
+void Daemon::take_frame() {
+  const App::Polled polled = app_.poll(kSlice);
+  if (polled != App::Polled::kWaiting) {
+    recorder_.take(app_.result(), app_.state().displacement, app_.outputs(), devices_.clock.now());
   }
-  switch (app_.poll(kSlice)) {
-    case App::Polled::kGone:
-      record();
-      return lose_camera(kFirstRetry);
-    case App::Polled::kSignalled:
-      record();
-      regulate();
-      if (!app_.outputs().accepted) break;
-      if (app_.result().contact.event == contact::Event::kTouched) may_open_ = true;
-      keep_reference();
-      break;
-    case App::Polled::kWaiting:
-      break;
-  }
-  const Micros now = devices_.clock.now();
-  if (app_.outputs().accepted) {
-    stalled_since_ = now;
-    stall_limit_ = kFirstStall;
-    retry_after_ = kFirstRetry;
-  } else if (now - stalled_since_ > stall_limit_) {
-    stall_limit_ = std::min(stall_limit_ * 2, kLongestStall);
-    stalled_since_ = now;
-    gone_why_ = app_.restart_camera().reason;
-    if (gone_why_ != Reason::kNone) lose_camera(kFirstRetry);
-  }
-}
-
-void Daemon::record() {
-  recorder_.take(app_.result(), app_.state().displacement, app_.outputs(), devices_.clock.now());
+  if (polled == App::Polled::kSignalled || !app_.camera().streaming) regulate();
+  if (polled != App::Polled::kSignalled || !app_.outputs().accepted) return;
+  if (app_.result().contact.event == contact::Event::kTouched) may_open_ = true;
+  keep_reference();
 }
 
 // The first time the sensor has said which one it is: what was kept may be its own.
 void Daemon::camera_started() {
-  count_up(camera_starts_);
-  recorder_.note(EventKind::kCameraStarted, devices_.clock.now(), static_cast<std::int32_t>(camera_starts_));
-  streaming_ = true;
-  stalled_since_ = devices_.clock.now();
+  recorder_.note(EventKind::kCameraStarted, devices_.clock.now(), static_cast<std::int32_t>(camera_starts()));
   if (looked_for_kept_) return;
   looked_for_kept_ = true;
   if (keepsake::load(keepsake_, periphery_.keep)) resumed_ = app_.resume(keepsake_.slot.contents);
-}
-
-void Daemon::lose_camera(Micros retry_after) {
-  if (gone_why_ == Reason::kNone) gone_why_ = Reason::kCameraGone;
-  if (streaming_) {
-    recorder_.note(EventKind::kCameraGone, devices_.clock.now(), static_cast<std::int32_t>(gone_why_));
-  }
-  streaming_ = false;
-  retry_after_ = retry_after;
-  try_at_ = devices_.clock.now() + retry_after;
 }
 
 // What follows from a frame for the grip. Without a camera, too: GRIP and RELEASE are obeyed all the same.
@@ -375,12 +324,15 @@ void Daemon::move_gripper() {
       Reason fault = seen_.fault_reason;
       if (fault == Reason::kNone && !seen_.fresh) fault = Reason::kGripperSilent;
       const bool hot = fault == Reason::kGripperHot;
-      app_.beside(hot ? Reason::kNone : fault, hot ? fault : Reason::kNone, grip_.at_limit);
+      app_.force_limit(grip_.at_limit);
+      app_.report(Source::kGripperHeat, hot ? fault : Reason::kNone);
+      app_.report(Source::kGripper, hot ? Reason::kNone : fault);
       return;
     }
     case Gripper::kStepLines: {
       const Status status = step_lines::update(lines_, lines_config_, devices_.gpio, grip_.steps, now);
-      app_.beside(status.reason, Reason::kNone, grip_.at_limit);
+      app_.force_limit(grip_.at_limit);
+      app_.report(Source::kGripper, status.reason);
       return;
     }
   }

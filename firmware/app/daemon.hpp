@@ -59,9 +59,9 @@ class Daemon {
   [[nodiscard]] const App& app() const { return app_; }
   [[nodiscard]] const regulator::Command& grip() const { return grip_; }
   [[nodiscard]] const hande::Seen& gripper() const { return seen_; }
-  [[nodiscard]] std::uint32_t camera_starts() const { return camera_starts_; }
+  [[nodiscard]] std::uint32_t camera_starts() const { return app_.camera().starts; }
   [[nodiscard]] const link::Receiver& commands() const { return receiver_; }
-  [[nodiscard]] bool streaming() const { return streaming_; }
+  [[nodiscard]] bool streaming() const { return app_.camera().streaming; }
   [[nodiscard]] bool resumed() const { return resumed_; }
   [[nodiscard]] Recorder& recorder() { return recorder_; }
   [[nodiscard]] const Devices& devices() const { return devices_; }
@@ -74,10 +74,8 @@ class Daemon {
 
  private:
   void mind_the_clock();
-  void watch_camera();
+  void take_frame();
   void camera_started();
-  void record();
-  void lose_camera(Micros retry_after);
   void regulate();
   void serve_link();
   void read_inputs();
@@ -96,16 +94,9 @@ class Daemon {
   Periphery periphery_;
   App app_;
   Params params_{};
-  bool streaming_ = false;
   bool looked_for_kept_ = false;  // a reference, once a camera said which sensor it is
   bool resumed_ = false;
   Micros seen_now_{};
-  Micros try_at_{};       // a camera that is gone
-  Micros retry_after_{};  // back-off
-  Reason gone_why_ = Reason::kNone;
-  Micros stalled_since_{};
-  Micros stall_limit_{};
-  std::uint32_t camera_starts_ = 0;
 
   link::Receiver receiver_;
   command_frame::Once once_;

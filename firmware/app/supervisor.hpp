@@ -40,13 +40,39 @@ struct Config {
 
 inline constexpr int kHistory = 10;
 
-// What is known beside the frame. kNone: all is well.
-struct Health {
-  Reason fault = Reason::kNone;   // settings, gripper, line or camera: nothing may be vouched for
-  Reason strain = Reason::kNone;  // frame rate, deadlines, camera's settings: measuring, but not well
-  bool opening = false;           // OPENING is in force
-  bool force_limit = false;       // the regulator may not grip harder
+// Who else has a say, beside the frames: each with the state that a reason of its own leads to. Of several reasons the
+// first counts.
+enum class Source : std::uint8_t { kSettings, kGripper, kStream, kGripperHeat, kCameraSettings };
+
+struct SourceInfo {
+  Source source;
+  DeviceState leads_to;  // kFault: nothing may be confirmed; kDegraded: measuring, but not well
+  std::string_view what;
 };
+
+inline constexpr std::array<SourceInfo, 5> kSources{{
+    {Source::kSettings, DeviceState::kFault, "stored settings"},
+    {Source::kGripper, DeviceState::kFault, "gripper or its lines"},
+    {Source::kStream, DeviceState::kDegraded, "frame rate and deadlines"},
+    {Source::kGripperHeat, DeviceState::kDegraded, "gripper's temperature"},
+    {Source::kCameraSettings, DeviceState::kDegraded, "exposure, gain and rate as the driver set them"},
+}};
+
+struct Inputs {
+  std::array<Reason, kSources.size()> reasons{};  // kNone: all is well
+  bool opening = false;                           // OPENING is in force
+  bool force_limit = false;                       // the regulator may not grip harder
+  [[nodiscard]] Reason& of(Source source) { return reasons[static_cast<std::size_t>(source)]; }
+};
+
+// The first reason that leads to this state. kNone: there is none.
+[[nodiscard]] inline Reason first(const Inputs& inputs, DeviceState leads_to) {
+  for (const SourceInfo& info : kSources) {
+    const Reason reason = inputs.reasons[static_cast<std::size_t>(info.source)];
+    if (info.leads_to == leads_to && reason != Reason::kNone) return reason;
+  }
+  return Reason::kNone;
+}
 
 struct State {
   DeviceState device = DeviceState::kBoot;
@@ -92,7 +118,7 @@ struct Seen {
 };
 
 // Where the reason comes from when the row names none.
-enum class Why : std::uint8_t { kRow, kRejection, kHealthFault, kHealthStrain };
+enum class Why : std::uint8_t { kRow, kRejection, kFault, kStrain };
 
 struct Rule {
   std::string_view when;  // in words, for STATES.md
@@ -107,7 +133,7 @@ struct Rule {
 // clang-format off
 inline constexpr std::array<Rule, 17> kRules{{
     {"the stored settings, the gripper, an output line or the sensor's identity is at fault",
-     &Seen::fault, false, false, DeviceState::kFault, Why::kHealthFault, Reason::kNone},
+     &Seen::fault, false, false, DeviceState::kFault, Why::kFault, Reason::kNone},
     {"no frame was accepted for 150 ms or ever, or the camera is gone",
      &Seen::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
     {"this frame was rejected, or none came",
@@ -129,7 +155,7 @@ inline constexpr std::array<Rule, 17> kRules{{
     {"the contact was lost in the last 200 ms, without OPENING",
      &Seen::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
     {"frame rate, deadlines or the camera's settings are not kept",
-     &Seen::strained, false, false, DeviceState::kDegraded, Why::kHealthStrain, Reason::kNone},
+     &Seen::strained, false, false, DeviceState::kDegraded, Why::kStrain, Reason::kNone},
     {"more than 3 of the last 10 frames were rejected",
      &Seen::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},
     {"fewer markers than `degraded_markers_pct`",
@@ -149,13 +175,13 @@ inline constexpr std::array<Rule, 17> kRules{{
 
 namespace detail {
 
-inline void follow_rules(State& state, const Seen& seen, Reason rejection, const Health& health) {
+inline void follow_rules(State& state, const Seen& seen, Reason rejection, Reason fault, Reason strain) {
   for (const Rule& rule : kRules) {
     if (!(seen.*rule.seen) || (rule.only_in_fault && state.device != DeviceState::kFault)) continue;
-    state.reason = rule.why == Why::kRejection      ? rejection
-                   : rule.why == Why::kHealthFault  ? health.fault
-                   : rule.why == Why::kHealthStrain ? health.strain
-                                                    : rule.reason;
+    state.reason = rule.why == Why::kRejection ? rejection
+                   : rule.why == Why::kFault   ? fault
+                   : rule.why == Why::kStrain  ? strain
+                                               : rule.reason;
     if (rule.stays) return;
     if (rule.to == DeviceState::kFault && state.device != DeviceState::kFault && state.any_accepted) {
       count_up(state.faults);  // what was never well has nothing to recover
@@ -180,7 +206,7 @@ inline void fail(State& state, Reason why) {
   Seen seen;
   seen.fault = true;
   state.good_frames = 0;
-  detail::follow_rules(state, seen, Reason::kNone, {.fault = why});
+  detail::follow_rules(state, seen, Reason::kNone, why, Reason::kNone);
 }
 
 // ARM: leaves a latched FAULT once its cause is gone.
@@ -196,26 +222,29 @@ inline void arm(State& state) {
 
 // Nothing usable came: rejected frame, timeout or a stream that ended. `why` is kept as the reason.
 [[nodiscard]] inline Outputs reject(State& state, const Config& config, Reason why, GripRequest request, Micros now,
-                                    const Health& health = {}) {
+                                    const Inputs& inputs = {}) {
   if (!state.started) {
     state.started = true;
     state.last_accepted = now;
   }
   detail::remember(state, true);
   Seen seen;
-  seen.fault = health.fault != Reason::kNone;
+  const Reason fault = first(inputs, DeviceState::kFault);
+  seen.fault = fault != Reason::kNone;
   seen.rejected = true;
   seen.silent = is_silent(state, config, now) || why == Reason::kCameraGone || why == Reason::kCameraWrong;
-  detail::follow_rules(state, seen, why, health);
+  detail::follow_rules(state, seen, why, fault, Reason::kNone);
   return outputs_of(state, request == GripRequest::kTighten, false);
 }
 
 [[nodiscard]] inline Outputs update(State& state, const Config& config, const pipeline::Result& result, Micros now,
-                                    const Health& health = {}) {
-  if (!result.quality.ok()) return reject(state, config, result.quality.reason, result.request, now, health);
+                                    const Inputs& inputs = {}) {
+  if (!result.quality.ok()) return reject(state, config, result.quality.reason, result.request, now, inputs);
+  const Reason fault = first(inputs, DeviceState::kFault);
+  const Reason strain = first(inputs, DeviceState::kDegraded);
   // A process that was away for long finds a fresh frame first: the silence before it counts all the same.
   if (state.any_accepted && is_silent(state, config, now)) {
-    detail::follow_rules(state, {.silent = true}, Reason::kNoFrame, health);
+    detail::follow_rules(state, {.silent = true}, Reason::kNoFrame, fault, strain);
     state.good_frames = 0;
   }
   state.started = true;
@@ -223,7 +252,7 @@ inline void arm(State& state) {
   state.last_accepted = now;
   detail::remember(state, false);
   Seen seen;
-  seen.fault = health.fault != Reason::kNone;
+  seen.fault = fault != Reason::kNone;
   if (seen.fault) state.good_frames = 0;
   seen.needs_arm = config.latch && !state.armed && state.faults > 0;
   seen.recovering = state.faults > 0 && state.good_frames < config.recover_frames;
@@ -231,15 +260,15 @@ inline void arm(State& state) {
   seen.light_changed = seen.learning && result.light_changed;
   seen.bent = seen.learning && result.bent;
   seen.slip = result.request == GripRequest::kTighten;
-  seen.force_limit = seen.slip && health.force_limit;
+  seen.force_limit = seen.slip && inputs.force_limit;
   if (result.contact.event == contact::Event::kLost) state.lost_until = now + config.lost_for;
-  seen.contact_lost = now < state.lost_until && !result.contact.touching && !health.opening;
-  seen.strained = health.strain != Reason::kNone;
+  seen.contact_lost = now < state.lost_until && !result.contact.touching && !inputs.opening;
+  seen.strained = strain != Reason::kNone;
   seen.many_rejected = std::popcount(state.history) > config.most_rejected;
   seen.few_markers = result.features.markers * 100 < result.grid.count() * config.degraded_markers_pct;
-  seen.opening = health.opening;
+  seen.opening = inputs.opening;
   seen.gap = result.features.gap;
-  detail::follow_rules(state, seen, Reason::kNone, health);
+  detail::follow_rules(state, seen, Reason::kNone, fault, strain);
   return outputs_of(state, seen.slip, true);
 }
 

@@ -22,20 +22,20 @@ class OutputWatchdog {
   static constexpr Micros kPeriod{10'000};  // how often watch() is to be called
 
   // An accepted frame was decided, and the lines obeyed.
-  void vouch(Micros now) { vouched_us_.store(now.count(), std::memory_order_release); }
-  // GRIP_OK was lowered for good: nothing to watch until the next vouch().
-  void rest() { vouched_us_.store(kNever, std::memory_order_release); }
+  void confirm(Micros now) { confirmed_us_.store(now.count(), std::memory_order_release); }
+  // GRIP_OK was lowered for good: nothing to watch until the next confirm().
+  void rest() { confirmed_us_.store(kNever, std::memory_order_release); }
 
   // From the watching thread. Returns whether GRIP_OK was told LOW.
   bool watch(hal::Gpio& gpio, Micros now) {
-    const std::int64_t vouched_us = vouched_us_.load(std::memory_order_acquire);
-    if (vouched_us == kNever) return false;
-    const std::int64_t age_us = now.count() - vouched_us;
+    const std::int64_t confirmed_us = confirmed_us_.load(std::memory_order_acquire);
+    if (confirmed_us == kNever) return false;
+    const std::int64_t age_us = now.count() - confirmed_us;
     if (age_us >= 0 && age_us <= kHold.count()) return false;
     // A refusal leaves ALIVE, which stands still.
     (void)gpio.set(hal::Line::kGripOk, hal::Level::kLow);
-    if (vouched_us != tripped_at_us_) {
-      tripped_at_us_ = vouched_us;
+    if (confirmed_us != tripped_at_us_) {
+      tripped_at_us_ = confirmed_us;
       trips_.fetch_add(1, std::memory_order_release);
     }
     return true;
@@ -46,7 +46,7 @@ class OutputWatchdog {
 
  private:
   static constexpr std::int64_t kNever = INT64_MIN;
-  std::atomic<std::int64_t> vouched_us_{kNever};
+  std::atomic<std::int64_t> confirmed_us_{kNever};
   std::atomic<std::uint32_t> trips_{0};
   std::int64_t tripped_at_us_ = kNever;  // of the watching thread alone
 };

@@ -270,7 +270,7 @@ Answer tasks(Console& console, const Words& words, std::int32_t step) {
   Page& page = console.page();
   if (step == 0) {
     page.open(words.json);
-    if (const auto first = console.daemon().app().first_accepted(); first) {
+    if (const auto first = console.daemon().app().first_confirmed(); first) {
       page.integer("first_frame_ms", *first / Micros{1000}, "after the kernel started");
     } else {
       page.nothing("first_frame_ms");

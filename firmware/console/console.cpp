@@ -112,7 +112,7 @@ void Console::start(const Params& params) {
   found_ = settings::take(settings_, ignored);
   held_ = settings::lost(found_);
   if (settings_.has_place()) daemon_.recorder().note(EventKind::kSettings, started_, static_cast<std::int32_t>(found_));
-  if (held_) daemon_.app().hold(Reason::kConfig);
+  if (held_) daemon_.app().report(supervisor::Source::kSettings, Reason::kConfig);
   say_state();
 }
 
@@ -523,7 +523,7 @@ void Console::go_on() {
   if (!held_) return;
   held_ = false;
   daemon_.recorder().note(EventKind::kSettings, clock_.now(), static_cast<std::int32_t>(found_), 1);
-  daemon_.app().hold(Reason::kNone);
+  daemon_.app().report(supervisor::Source::kSettings, Reason::kNone);
 }
 
 // Without what its owner signed such a device goes by values that nobody signed.

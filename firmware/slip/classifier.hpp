@@ -3,7 +3,7 @@
 //
 // There is no "unknown": on the first frame and after a gap (rates_valid = false) the tree sees rates of 0
 // and judges by the features that stand on this frame only. A gripper that slides
-// already when the sensor starts is thus reported with the first frame. Whether a frame may be vouched for at
+// already when the sensor starts is thus reported with the first frame. Whether a frame may be confirmed at
 // all is the supervisor's question. Range: any features. The tree compares and does no arithmetic: nothing
 // can overflow.
 #pragma once

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// latency_bench: from a frame that arrives to the edge of ALIVE that vouches for it, inside the process; then from that
+// latency_bench: from a frame that arrives to the edge of ALIVE that confirms it, inside the process; then from that
 // edge back to the camera, which is the longest that the next frame may have to wait. Microseconds of wall and of
 // thread CPU time, with a silent link, with random bytes and with commands on it, as many as the firmware asks for.
 //

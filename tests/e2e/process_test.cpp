@@ -89,12 +89,12 @@ class Receiver {
 
   // The longest pause counts from now on.
   void begin() { longest_pause_ = {}; }
-  // From now on no edge of ALIVE may vouch for GRIP_OK before it has been LOW: it is of before.
+  // From now on no edge of ALIVE may confirm GRIP_OK before it has been LOW: it is of before.
   void doubt() {
     look();
     was_low_ = !told_high_;
     unearned_ = 0;
-    vouched_for_ = {};
+    confirmed_for_ = {};
   }
 
   [[nodiscard]] bool surely_fine() const { return grip_ok_ && looked_ - edge_after_ < kRule; }
@@ -105,14 +105,14 @@ class Receiver {
   [[nodiscard]] bool was_low() const { return was_low_; }
   [[nodiscard]] int unearned() const { return unearned_; }
   // From the first unearned edge to GRIP_OK LOW, as the process stamped them.
-  [[nodiscard]] Span vouched_for() const { return vouched_for_; }
+  [[nodiscard]] Span confirmed_for() const { return confirmed_for_; }
 
  private:
   void take(const sim::TapeEvent& event) {
     if (event.kind != sim::TapeKind::kLine) return;
     if (event.which == static_cast<std::uint8_t>(hal::Line::kGripOk)) {
       told_high_ = event.value != 0;
-      if (!told_high_ && !was_low_ && unearned_ > 0) vouched_for_ = Span(event.time_us - unearned_at_us_);
+      if (!told_high_ && !was_low_ && unearned_ > 0) confirmed_for_ = Span(event.time_us - unearned_at_us_);
       was_low_ = was_low_ || !told_high_;
     } else if (event.which == static_cast<std::uint8_t>(hal::Line::kAlive) && told_high_ && !was_low_) {
       if (unearned_++ == 0) unearned_at_us_ = event.time_us;
@@ -129,7 +129,7 @@ class Receiver {
   bool was_low_ = false;
   int unearned_ = 0;
   std::int64_t unearned_at_us_ = 0;
-  Span vouched_for_{};
+  Span confirmed_for_{};
 };
 
 // What the rounds of one kind came to.
@@ -379,8 +379,8 @@ class StopsBeforeAlive final : public hal::Gpio {
 
 }  // namespace
 
-// No check can come so late that nothing fits in behind it. Here a stale frame does vouch - until the next look at the
-// clock, right behind the edge, takes it back.
+// No check can come so late that nothing fits in behind it. Here a stale frame does confirm - until the next look at
+// the clock, right behind the edge, takes it back.
 TEST(Process, StoppedBetweenTheLookAtTheClockAndTheEdgeItVouchesForAMomentOnly) {
   CHECK_TEXT(tape.has_value(), error.c_str());
   const sim::Film film = sim::shoot(hal::PixelFormat::kLuma8, 4);
@@ -414,13 +414,13 @@ TEST(Process, StoppedBetweenTheLookAtTheClockAndTheEdgeItVouchesForAMomentOnly) 
     receiver.doubt();
     ::kill(pid, SIGCONT);
     CHECK(receiver.look_until([&] { return receiver.was_low(); }, now() + kWellAgain));
-    shortest = std::min(shortest, receiver.vouched_for());
-    longest = std::max(longest, receiver.vouched_for());
+    shortest = std::min(shortest, receiver.confirmed_for());
+    longest = std::max(longest, receiver.confirmed_for());
     LONGS_EQUAL(1, receiver.unearned());
   }
   ::kill(pid, SIGKILL);
   ::waitpid(pid, nullptr, 0);
-  std::printf("\nstopped just before ALIVE's edge: it vouches for %lld to %lld us",
+  std::printf("\nstopped just before ALIVE's edge: it confirms %lld to %lld us",
               static_cast<long long>(shortest.count()), static_cast<long long>(longest.count()));
   CHECK(shortest < std::chrono::milliseconds(1));  // the longest is this machine's, which has other work
 }

@@ -447,7 +447,7 @@ TEST(App, ReportsWhatItMeasured) {
   }
 }
 
-// ALIVE vouches for GRIP_OK, so GRIP_OK takes its level first, in every frame. A rise goes out after ALIVE: until then
+// ALIVE confirms GRIP_OK, so GRIP_OK takes its level first, in every frame. A rise goes out after ALIVE: until then
 // GRIP_OK is told to stay LOW. What is a slip here, kSpreadTree says.
 TEST(App, SetsGripOkBeforeAliveAndRaisesItAfter) {
   film(14, 12);
@@ -498,7 +498,7 @@ TEST(App, LowersGripOkWhenItStops) {
   app->stop();
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
   CHECK_FALSE(app->outputs().grip_ok);
-  LONGS_EQUAL(edges, gpio.edges(Line::kAlive));  // an edge would vouch for a frame that never was
+  LONGS_EQUAL(edges, gpio.edges(Line::kAlive));  // an edge would confirm a frame that never was
   app->stop();
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
 }
@@ -513,8 +513,7 @@ TEST(App, RaisesNothingAfterItStoppedWithoutAnAcceptedFrame) {
   const std::uint64_t edges = gpio.edges(Line::kAlive);
   (void)new_events();
   for (int k = 0; k < 3; ++k) {
-    clock.advance(App::kFrameWait);
-    app->absent(Reason::kNoFrame);
+    CHECK_TRUE(app->step());
     state_is(DeviceState::kFault, app->outputs().state);
   }
   for (const sim::GpioEvent& event : new_events()) CHECK_TRUE(event.told == Level::kLow);
@@ -751,17 +750,17 @@ TEST(App, FramesOfUnknownAgeVouchForNothing) {
   run(20);
   state_is(DeviceState::kFault, app->outputs().state);
   reason_is(Reason::kFrameUnstamped, app->outputs().reason);
-  CHECK_FALSE(app->first_accepted().has_value());
+  CHECK_FALSE(app->first_confirmed().has_value());
 
   // A recording has no age, with stamps or without.
   doubtful.is_live = false;
   start();
   run(20);
-  CHECK_TRUE(app->first_accepted().has_value());
+  CHECK_TRUE(app->first_confirmed().has_value());
 }
 
 // With another exposure or gain it goes on measuring, and slip is told; but nothing was measured so, and nothing is
-// vouched for.
+// confirmed.
 TEST(App, ACameraThatDoesNotTakeItsSettingsIsDegraded) {
   film(15, 14);
   build({}, 10);
@@ -806,7 +805,7 @@ TEST(App, LivesWithDroppedFrames) {
   }
 }
 
-// A line that refuses: FAULT(gpio_failed), and ALIVE does not vouch for it. Refused LOW is the dangerous one.
+// A line that refuses: FAULT(gpio_failed), and ALIVE does not confirm it. Refused LOW is the dangerous one.
 TEST(App, StopsAliveWhenGripOkCannotBeLowered) {
   film(14, 14);
   tree = &kSpreadTree;
@@ -849,10 +848,10 @@ TEST(App, StopsVouchingWhenGripOkIsRefusedWhileHigh) {
     LONGS_EQUAL(edges, lines.alive_edges());
   }
   lines.plan = {};
-  for (int k = 1; k <= App::kLineTrust + 3; ++k) {
+  for (int k = 1; k <= 25 + 3; ++k) {
     CHECK_TRUE(other.step());
-    state_is(k < App::kLineTrust + 3 ? DeviceState::kFault : DeviceState::kOk, other.outputs().state);
-    LONGS_EQUAL(edges + std::max(0, k - App::kLineTrust), lines.alive_edges());
+    state_is(k < 25 + 3 ? DeviceState::kFault : DeviceState::kOk, other.outputs().state);
+    LONGS_EQUAL(edges + std::max(0, k - 25), lines.alive_edges());
   }
 }
 
@@ -884,7 +883,7 @@ TEST(App, TogglesAliveOnTheFirstFrameThatIsTrustedAgain) {
     gpio.fail_next(calls);
     const std::uint64_t edges = gpio.edges(Line::kAlive);
     // The refused frame makes two calls of set(), each further one a call until GRIP_OK obeys.
-    run(1 + std::max(0, calls - 2) + App::kLineTrust);
+    run(1 + std::max(0, calls - 2) + 25);
     LONGS_EQUAL(0, gpio.edges(Line::kAlive) - edges);
     state_is(DeviceState::kFault, app->outputs().state);
     run(1);
@@ -963,19 +962,19 @@ TEST(App, KnowsWhenItVouchedFirst) {
   build({{0, 2, sim::CameraFault::kBad, {}}, {6, 1, sim::CameraFault::kBad, {}}});
   start();
   for (int bad = 0; bad < 2; ++bad) {
-    CHECK_FALSE(app->first_accepted().has_value());
+    CHECK_FALSE(app->first_confirmed().has_value());
     CHECK_TRUE(step());
   }
-  CHECK_FALSE(app->first_accepted().has_value());
+  CHECK_FALSE(app->first_confirmed().has_value());
   (void)new_events();
   CHECK_TRUE(step());
   const Micros edge = new_events().back().time;
-  CHECK_TRUE(edge > Micros{0} && app->first_accepted() == edge);
+  CHECK_TRUE(edge > Micros{0} && app->first_confirmed() == edge);
   run(6);
-  CHECK_TRUE(app->first_accepted() == edge);
+  CHECK_TRUE(app->first_confirmed() == edge);
   app->stop();
   CHECK_TRUE(app->start(Params{}).ok());
-  CHECK_FALSE(app->first_accepted().has_value());
+  CHECK_FALSE(app->first_confirmed().has_value());
 }
 
 // What an update is kept by. Frames while the empty gel is learned, the first after a fault, and those over which OK is
@@ -1012,7 +1011,7 @@ TEST(App, FaultsWhileALineRefusesAndComesBack) {
   state_is(DeviceState::kFault, app->outputs().state);
   reason_is(Reason::kGpioFailed, app->outputs().reason);
   LONGS_EQUAL(edges, gpio.edges(Line::kAlive));
-  run(App::kLineTrust + 3);
+  run(25 + 3);
   state_is(DeviceState::kOk, app->outputs().state);
   CHECK_TRUE(told_fine());
 }

@@ -605,7 +605,7 @@ TEST(Daemon, NamesAnotherSensorAtOnce) {
   CHECK_TRUE(fine());
 }
 
-// Another sensor in the same socket has another gel: nothing is vouched for until the first one is back.
+// Another sensor in the same socket has another gel: nothing is confirmed until the first one is back.
 TEST(Daemon, RefusesAnotherSensorThanTheOneItBeganWith) {
   film();
   build({{25, 1, sim::CameraFault::kGone, {}}});
@@ -935,7 +935,7 @@ TEST(Daemon, OpensOnGripZero) {
   CHECK_TRUE(hand->width_mm() > 40.0);
 }
 
-// What the gripper says: too hot is no reason to let go of anything, a lost object is one not to vouch.
+// What the gripper says: too hot is no reason to let go of anything, a lost object is one not to confirm.
 TEST(Daemon, TellsWhatTheGripperSays) {
   grip_an_object();
   CHECK_TRUE(fine());

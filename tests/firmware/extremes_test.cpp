@@ -165,7 +165,7 @@ TEST(Extremes, CountsOfFrozenAndLateFramesStayAtTheirEnd) {
 }
 
 // The count of FAULTs is more than a figure: 0 means that nothing has to be recovered from. If it wrapped, the device
-// would vouch for the first frame after the 2^32nd FAULT, and forget the latch.
+// would confirm the first frame after the 2^32nd FAULT, and forget the latch.
 TEST(Extremes, AFaultIsOneHoweverManyCameBefore) {
   for (const bool latch : {false, true}) {
     supervisor::State watched;

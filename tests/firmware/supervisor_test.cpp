@@ -17,6 +17,12 @@ enum class Input { kLearning, kGood, kAfterGap, kSlip, kFew, kSlipAndFew, kRejec
 
 constexpr GridSize kGrid{7, 9};
 
+supervisor::Inputs inputs_of(supervisor::Source source, Reason reason) {
+  supervisor::Inputs inputs;
+  inputs.of(source) = reason;
+  return inputs;
+}
+
 pipeline::Result result_of(Input input) {
   pipeline::Result result;
   result.grid = kGrid;
@@ -233,8 +239,8 @@ TEST(Supervisor, FaultsWithTheDevicesBesideTheCamera) {
   LONGS_EQUAL(static_cast<int>(Reason::kGripperSilent), static_cast<int>(state.reason));
   for (int k = 0; k < 5; ++k) {
     now += 40ms;
-    const supervisor::Outputs got =
-        supervisor::update(state, config, result_of(Input::kGood), now, {.fault = Reason::kGripperSilent});
+    const supervisor::Outputs got = supervisor::update(state, config, result_of(Input::kGood), now,
+                                                       inputs_of(supervisor::Source::kGripper, Reason::kGripperSilent));
     CHECK_TRUE(got.accepted && !got.grip_ok);
     LONGS_EQUAL(static_cast<int>(Reason::kGripperSilent), static_cast<int>(got.reason));
   }
@@ -244,24 +250,27 @@ TEST(Supervisor, FaultsWithTheDevicesBesideTheCamera) {
 }
 
 TEST(Supervisor, SaysWhatStrainsIt) {
+  using S = supervisor::Source;
   struct Case {
-    supervisor::Health health;
+    supervisor::Inputs inputs;
     Input input;
     DeviceState state;
     Reason reason;
   };
-  for (const Case& c : {Case{{.strain = Reason::kFrameRate}, Input::kGood, DeviceState::kDegraded, Reason::kFrameRate},
-                        {{.strain = Reason::kDeadline}, Input::kSlip, DeviceState::kSlip, Reason::kSlipDetected},
-                        {{.opening = true}, Input::kGood, DeviceState::kOk, Reason::kOpening},
-                        {{.force_limit = true}, Input::kSlip, DeviceState::kSlip, Reason::kForceLimit},
-                        {{.force_limit = true}, Input::kGood, DeviceState::kOk, Reason::kNone},
-                        {{.fault = Reason::kGripperLost, .strain = Reason::kDeadline},
-                         Input::kSlip,
-                         DeviceState::kFault,
-                         Reason::kGripperLost}}) {
+  supervisor::Inputs lost = inputs_of(S::kStream, Reason::kDeadline);
+  lost.of(S::kGripper) = Reason::kGripperLost;
+  for (const Case& c :
+       {Case{inputs_of(S::kStream, Reason::kFrameRate), Input::kGood, DeviceState::kDegraded, Reason::kFrameRate},
+        {inputs_of(S::kGripperHeat, Reason::kGripperHot), Input::kGood, DeviceState::kDegraded, Reason::kGripperHot},
+        {inputs_of(S::kStream, Reason::kDeadline), Input::kSlip, DeviceState::kSlip, Reason::kSlipDetected},
+        {{.opening = true}, Input::kGood, DeviceState::kOk, Reason::kOpening},
+        {{.force_limit = true}, Input::kSlip, DeviceState::kSlip, Reason::kForceLimit},
+        {{.force_limit = true}, Input::kGood, DeviceState::kOk, Reason::kNone},
+        {inputs_of(S::kSettings, Reason::kConfig), Input::kGood, DeviceState::kFault, Reason::kConfig},
+        {lost, Input::kSlip, DeviceState::kFault, Reason::kGripperLost}}) {
     bring(DeviceState::kOk);
     now += 40ms;
-    const supervisor::Outputs got = supervisor::update(state, config, result_of(c.input), now, c.health);
+    const supervisor::Outputs got = supervisor::update(state, config, result_of(c.input), now, c.inputs);
     LONGS_EQUAL(static_cast<int>(c.state), static_cast<int>(got.state));
     LONGS_EQUAL(static_cast<int>(c.reason), static_cast<int>(got.reason));
     CHECK_EQUAL(c.input == Input::kSlip, got.slip);
@@ -277,9 +286,9 @@ TEST(Supervisor, TellsALostContactForAWhile) {
   gone.contact.event = contact::Event::kNone;
   pipeline::Result touched = gone;
   touched.contact.touching = true;
-  const auto reason_of = [&](const pipeline::Result& result, const supervisor::Health& health = {}) {
+  const auto reason_of = [&](const pipeline::Result& result, const supervisor::Inputs& inputs = {}) {
     now += 40ms;
-    const supervisor::Outputs got = supervisor::update(state, config, result, now, health);
+    const supervisor::Outputs got = supervisor::update(state, config, result, now, inputs);
     CHECK_EQUAL(got.reason == Reason::kContactLost, got.state == DeviceState::kSlip);
     return got.reason;
   };
@@ -295,7 +304,7 @@ TEST(Supervisor, TellsALostContactForAWhile) {
   CHECK_TRUE(reason_of(lost) == Reason::kNone);
 }
 
-// A clock that steps back breaks its contract: nothing is vouched for until it has caught up or frames come again.
+// A clock that steps back breaks its contract: nothing is confirmed until it has caught up or frames come again.
 TEST(Supervisor, TakesAClockThatStepsBackForSilence) {
   bring(DeviceState::kOk);
   now -= 10s;
@@ -315,7 +324,7 @@ TEST(Supervisor, DegradesWhenMoreThanThreeOfTenAreRejected) {
   LONGS_EQUAL(static_cast<int>(DeviceState::kOk), static_cast<int>(state.device));
 }
 
-// Every second frame bad, at 25 fps: never 150 ms without a good one, so no fault, but nothing to vouch for; ALIVE
+// Every second frame bad, at 25 fps: never 150 ms without a good one, so no fault, but nothing to confirm; ALIVE
 // shows the good ones.
 TEST(Supervisor, DegradesWithEverySecondFrameRejected) {
   bring(DeviceState::kOk);
@@ -402,12 +411,11 @@ TEST(Supervisor, HasNoRuleThatNeverApplies) {
     fresh.device = rule.only_in_fault ? DeviceState::kFault : DeviceState::kSlip;
     supervisor::Seen seen;
     seen.*rule.seen = true;
-    supervisor::detail::follow_rules(fresh, seen, Reason::kNoFrame,
-                                     {.fault = Reason::kGripperSilent, .strain = Reason::kDeadline});
-    const Reason want = rule.why == supervisor::Why::kRow           ? rule.reason
-                        : rule.why == supervisor::Why::kRejection   ? Reason::kNoFrame
-                        : rule.why == supervisor::Why::kHealthFault ? Reason::kGripperSilent
-                                                                    : Reason::kDeadline;
+    supervisor::detail::follow_rules(fresh, seen, Reason::kNoFrame, Reason::kGripperSilent, Reason::kDeadline);
+    const Reason want = rule.why == supervisor::Why::kRow         ? rule.reason
+                        : rule.why == supervisor::Why::kRejection ? Reason::kNoFrame
+                        : rule.why == supervisor::Why::kFault     ? Reason::kGripperSilent
+                                                                  : Reason::kDeadline;
     LONGS_EQUAL(static_cast<int>(want), static_cast<int>(fresh.reason));
     LONGS_EQUAL(static_cast<int>(rule.stays ? DeviceState::kSlip : rule.to), static_cast<int>(fresh.device));
   }

@@ -38,7 +38,7 @@ TEST_GROUP(Watchdog) {
 
 TEST(Watchdog, WatchesNothingBeforeTheFirstFrameAndAfterAnEnd) {
   CHECK_FALSE(watchdog.watch(lines, 10s));
-  watchdog.vouch(10s);
+  watchdog.confirm(10s);
   watchdog.rest();
   CHECK_FALSE(watchdog.watch(lines, 20s));
   LONGS_EQUAL(0, lines.lowered.load());
@@ -48,7 +48,7 @@ TEST(Watchdog, WatchesNothingBeforeTheFirstFrameAndAfterAnEnd) {
 TEST(Watchdog, LowersGripOkWhileNoFrameIsVouchedFor) {
   for (std::uint32_t time = 1; time <= 3; ++time) {
     const Micros start = time * 10s;
-    watchdog.vouch(start);
+    watchdog.confirm(start);
     CHECK_FALSE(watchdog.watch(lines, start));
     CHECK_FALSE(watchdog.watch(lines, start + OutputWatchdog::kHold));
     lines.lowered = 0;
@@ -67,7 +67,7 @@ TEST(Watchdog, IsSharedByTwoThreads) {
     for (Micros now{}; !stop.load(); now += 10ms) (void)watchdog.watch(lines, now);
   });
   for (int k = 0; k < 20'000; ++k) {
-    watchdog.vouch(Micros{k});
+    watchdog.confirm(Micros{k});
     if (k % 7 == 0) watchdog.rest();
     (void)watchdog.trips();
   }

@@ -65,7 +65,7 @@ TEST_GROUP(Holdfastd) {
     CHECK(machine.wait([&] { return sent() >= until; }, frames * 1s + 60s));
   }
   // Edges of ALIVE since forget_edges().
-  long vouched() {
+  long confirmed() {
     return std::count_if(machine.edges().begin(), machine.edges().end(),
                          [](const auto& edge) { return edge.line == kAlive; });
   }
@@ -193,7 +193,7 @@ TEST(Holdfastd, GoesOnAfterItsPortWasReset) {
   LONGS_EQUAL(before, restarts());
 }
 
-// Single frames that lost data are skipped, without an edge; while nothing else comes there is nothing to vouch for.
+// Single frames that lost data are skipped, without an edge; while nothing else comes there is nothing to confirm.
 TEST(Holdfastd, SkipsDamagedFrames) {
   become_fine();
   const int before = restarts();
@@ -202,12 +202,12 @@ TEST(Holdfastd, SkipsDamagedFrames) {
   camera("truncate 2");
   frames_pass(8);
   CHECK_TEXT(fine(), journal().c_str());
-  CHECK(vouched() <= sent() - first - 2);
+  CHECK(confirmed() <= sent() - first - 2);
   camera("truncate 30");
   stop_being_fine();
   machine.forget_edges();
   frames_pass(5);
-  LONGS_EQUAL(0, vouched());
+  LONGS_EQUAL(0, confirmed());
   become_fine();
   camera("error 2");
   frames_pass(8);
@@ -223,7 +223,7 @@ TEST(Holdfastd, IsNotFooledByAFrozenPicture) {
   stop_being_fine();
   machine.forget_edges();
   frames_pass(8);
-  LONGS_EQUAL(0, vouched());
+  LONGS_EQUAL(0, confirmed());
   CHECK(machine.diagnostics().find("frame_frozen") != std::string::npos);
   camera("freeze off");
   become_fine();
@@ -238,7 +238,7 @@ TEST(Holdfastd, GoesOnAfterAStall) {
   stop_being_fine();
   machine.forget_edges();
   CHECK(machine.wait([this] { return machine.diagnostics().find("FAULT no_frame") != std::string::npos; }, 2min));
-  LONGS_EQUAL(0, vouched());
+  LONGS_EQUAL(0, confirmed());
   camera("stall off");
   become_fine();
   LONGS_EQUAL(before, restarts());

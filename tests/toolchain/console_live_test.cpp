@@ -137,7 +137,7 @@ TEST(ConsoleLive, BelievesGripOkOnlyWhileAliveIsFresh) {
   frame.status.state = DeviceState::kOk;
   model.take(frame, 1.0);
   model.now_s = 1.01;
-  check_has(model, "HIGH, not believed");  // a first frame's level vouches for nothing
+  check_has(model, "HIGH, not believed");  // a first frame's level confirms nothing
   frame.status.alive = true;
   model.take(frame, 1.04);
   model.now_s = 1.04 + 0.1499;

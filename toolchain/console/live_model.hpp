@@ -38,7 +38,7 @@ struct LiveModel {
   bool away = false;  // the port is unplugged
   std::optional<status_frame::StatusFrame> status;
   double status_s = 0;
-  std::optional<double> edge_s;  // when ALIVE last changed; nothing: a first frame's level vouches for nothing
+  std::optional<double> edge_s;  // when ALIVE last changed; nothing: a first frame's level confirms nothing
   std::optional<DisplacementField> rest, field;
   double field_s = 0;
   int magnified = 1;  // arrows, so that the longest of the last ten seconds spans about a pitch

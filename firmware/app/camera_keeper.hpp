@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// The camera's life: started, lost, started again with back-off, and never another sensor than the first.
+//
+// A camera that is gone is tried again after 0.1 s, then after twice that, up to 0.5 s. A stream without an accepted
+// frame is started anew after 0.5 s, then after twice that, up to 4 s: some drivers resume on their own, and a restart
+// takes them longer.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+#include "app/keepsake.hpp"
+#include "base/math.hpp"
+#include "base/status.hpp"
+#include "base/units.hpp"
+#include "hal/camera.hpp"
+
+namespace holdfast::camera_keeper {
+
+struct Config {
+  // A sensor that was plugged in again is back within 2 s: its driver takes most of that.
+  Micros first_retry{100'000};
+  Micros longest_retry{500'000};
+  Micros first_stall{500'000};
+  Micros longest_stall{4'000'000};
+};
+
+struct State {
+  bool streaming = false;
+  Reason why = Reason::kNone;   // of the last start that failed, or of the loss
+  keepsake::Identity sensor{};  // the first that came since start(); empty: none has
+  std::uint32_t starts = 0;     // that succeeded after a loss, and the first one
+  Micros try_at{};              // while it is gone
+  Micros retry_after{};
+  Micros stalled_since{};  // while it streams
+  Micros stall_limit{};
+};
+
+enum class Due : std::uint8_t { kNot, kRetry, kRestart };
+
+// It is gone, or could not be started.
+inline void lost(State& state, Reason why, Micros retry_after, Micros now) {
+  state.streaming = false;
+  state.why = why;
+  state.retry_after = retry_after;
+  state.try_at = now + retry_after;
+}
+
+inline void stopped(State& state) {
+  state.streaming = false;
+  state.why = Reason::kCameraGone;
+}
+
+// Starts the stream, or starts it anew. kNone; kCameraGone; kCameraWrong: another sensor, whose gel is another one.
+[[nodiscard]] inline Reason open(State& state, hal::Camera& camera) {
+  camera.stop();
+  if (!camera.start()) return Reason::kCameraGone;
+  const keepsake::Identity sensor = keepsake::identity_of(camera.identity());
+  if (state.sensor == keepsake::Identity{}) state.sensor = sensor;
+  if (sensor == state.sensor) return Reason::kNone;
+  camera.stop();
+  return Reason::kCameraWrong;
+}
+
+// The first start. What the back-off begins with is set whether it succeeds or not.
+[[nodiscard]] inline Reason start(State& state, const Config& config, hal::Camera& camera, Micros now) {
+  state = {};
+  state.stall_limit = config.first_stall;
+  state.stalled_since = now;
+  const Reason why = open(state, camera);
+  if (why != Reason::kNone) {
+    lost(state, why, config.first_retry, now);
+    return why;
+  }
+  state.retry_after = config.first_retry;
+  state.streaming = true;
+  count_up(state.starts);
+  return why;
+}
+
+// Another try, when it is due. `now`: when it has ended.
+inline void restarted(State& state, const Config& config, Due due, Reason why, Micros now) {
+  if (why != Reason::kNone) {
+    lost(state, why, due == Due::kRetry ? std::min(state.retry_after * 2, config.longest_retry) : config.first_retry,
+         now);
+    return;
+  }
+  state.why = Reason::kNone;
+  state.streaming = true;
+  if (due == Due::kRetry) {
+    count_up(state.starts);
+    state.stalled_since = now;
+  }
+}
+
+inline void accepted(State& state, const Config& config, Micros now) {
+  state.stalled_since = now;
+  state.stall_limit = config.first_stall;
+  state.retry_after = config.first_retry;
+}
+
+// Whether it is to be started now. A stall counts anew from this call on.
+[[nodiscard]] inline Due due(State& state, const Config& config, Micros now) {
+  if (!state.streaming) return now < state.try_at ? Due::kNot : Due::kRetry;
+  if (now - state.stalled_since <= state.stall_limit) return Due::kNot;
+  state.stall_limit = std::min(state.stall_limit * 2, config.longest_stall);
+  state.stalled_since = now;
+  return Due::kRestart;
+}
+
+}  // namespace holdfast::camera_keeper
