@@ -6,10 +6,10 @@
 #include <optional>
 
 #include "app/daemon.hpp"
-#include "app/params.hpp"
 #include "app/watchdog.hpp"
 #include "console/console.hpp"
 #include "hal/serial.hpp"
+#include "params/params.hpp"
 #include "slip/model.hpp"
 
 namespace holdfast::board {

@@ -8,8 +8,8 @@
 namespace holdfast::hal {
 
 // A durable place for one record, in two slots that are written in turn: what lies in one of them outlives the power
-// while the other one is written. Which slot is in force is the caller's business (firmware/app/shelf.hpp), and that
-// one is never written.
+// while the other one is written. Which slot is in force is the caller's business (firmware/store/slot_store.hpp), and
+// that one is never written.
 //
 // Writing takes as long as the medium does, seconds on an SD card, so that it runs beside the caller: begin() takes a
 // copy and returns at once, state() tells when the bytes are durable. No heap after the board has started.

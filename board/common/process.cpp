@@ -13,11 +13,11 @@
 #include <fstream>
 #include <vector>
 
-#include "app/keepsake.hpp"
-#include "app/models.hpp"
-#include "app/settings.hpp"
-#include "app/shelf.hpp"
 #include "drivers/common/ed25519.hpp"
+#include "store/checkpoint.hpp"
+#include "store/models.hpp"
+#include "store/settings.hpp"
+#include "store/slot_store.hpp"
 
 namespace holdfast::board {
 namespace {
@@ -81,10 +81,10 @@ std::string look_at(std::span<const std::uint8_t> slot, const hal::Verifier* own
 }
 
 // For the log: which settings count, and why not all that were stored.
-void tell_of_settings(Settings& settings, const Shelf& shelf, settings::Found found) {
+void tell_of_settings(Settings& settings, const SlotStore& slots, settings::Found found) {
   const std::string path = settings.path.string();
   for (std::size_t k = 0; k < hal::Store::kSlots && !settings.key_unreadable; ++k) {
-    const Shelf::Slot& slot = shelf.slot(k);
+    const SlotStore::Slot& slot = slots.slot(k);
     if (slot.damaged())
       settings.told.push_back("slot " + std::to_string(k + 1) + " of " + path + ": " + std::string(words(slot)));
   }
@@ -98,8 +98,8 @@ void read_models(Settings& settings) {
   if (settings.models_path.empty()) return;
   settings.models = std::make_unique<drivers::FileStore>(settings.models_path, models::kMostBytes);
   add_trouble(settings, *settings.models);
-  const Shelf shelf(sealed::Kind::kModel, models::good, settings.models.get(), settings.owner.get());
-  settings.model_loaded = models::in_force(shelf, settings.loaded_model) != nullptr;
+  const SlotStore slots(sealed::Kind::kModel, models::good, settings.models.get(), settings.owner.get());
+  settings.model_loaded = models::in_force(slots, settings.loaded_model) != nullptr;
   bool told = false;
   // Without the key every signature would be told as a stranger's.
   for (std::size_t slot = 0; slot < hal::Store::kSlots && !settings.key_unreadable; ++slot) {
@@ -110,8 +110,8 @@ void read_models(Settings& settings) {
   }
   if (settings.model_loaded) {
     settings.told.push_back("the loaded model " + std::string(model::name_of(settings.loaded_model)) +
-                            " decides, number " + std::to_string(shelf.sequence()));
-  } else if (told || shelf.sequence() != 0) {
+                            " decides, number " + std::to_string(slots.sequence()));
+  } else if (told || slots.sequence() != 0) {
     settings.told.emplace_back("the model that is compiled in decides");
   }
 }
@@ -130,7 +130,7 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
 
 KeptFile::KeptFile(const std::filesystem::path& path)
     : path_(path.string()),
-      file_(path.empty() ? nullptr : std::make_unique<drivers::FileKeep>(path, keepsake::kBytes)) {}
+      file_(path.empty() ? nullptr : std::make_unique<drivers::FileKeep>(path, checkpoint::kBytes)) {}
 
 hal::Keep& KeptFile::keep() {
   if (file_) return *file_;
@@ -186,8 +186,8 @@ std::string read_settings(Settings& settings) {
   if (!settings.path.empty()) {
     settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes);
     add_trouble(settings, *settings.store);
-    const Shelf shelf(sealed::Kind::kSettings, settings::good, settings.store.get(), settings.owner.get());
-    tell_of_settings(settings, shelf, settings::take(shelf, settings.params));
+    const SlotStore slots(sealed::Kind::kSettings, settings::good, settings.store.get(), settings.owner.get());
+    tell_of_settings(settings, slots, settings::take(slots, settings.params));
   }
   read_models(settings);
   if (!settings.notes_path.empty()) settings.notes = std::make_unique<drivers::FolderNotes>(settings.notes_path);

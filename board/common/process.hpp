@@ -9,12 +9,12 @@
 #include <string>
 #include <vector>
 
-#include "app/params.hpp"
 #include "drivers/common/file_keep.hpp"
 #include "drivers/common/file_store.hpp"
 #include "drivers/common/folder_notes.hpp"
 #include "hal/serial.hpp"
 #include "hal/verifier.hpp"
+#include "params/params.hpp"
 #include "slip/model.hpp"
 
 namespace CLI {

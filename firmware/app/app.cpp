@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
-#include "app/modes.hpp"
 #include "base/math.hpp"
+#include "params/modes.hpp"
 
 namespace holdfast {
 
@@ -51,7 +51,7 @@ Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   auto_size_ = auto_size;
   configure(params);
-  state_.laps.use(devices_.clock);
+  state_.stopwatch.use(devices_.clock);
   if (!outputs::start(lines_, devices_.gpio)) return {Reason::kGpioFailed};
   ok_frames_ = 0;
   last_rejection_ = Reason::kNone;
@@ -145,8 +145,8 @@ App::Polled App::poll(Micros wait) {
 
 void App::time_frame() {
   const Micros now = devices_.clock.now();
-  state_.laps.add(Task::kFrame, now - arrived_);
-  if (outputs_.accepted) state_.laps.add(Task::kAge, now - result_.timestamp);
+  state_.stopwatch.add(Task::kFrame, now - arrived_);
+  if (outputs_.accepted) state_.stopwatch.add(Task::kAge, now - result_.timestamp);
 }
 
 // Frames that were refused say more than the silence after them.
@@ -182,8 +182,8 @@ void App::report(supervisor::Source source, Reason reason) {
   signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
 }
 
-bool App::resume(const keepsake::Contents& contents) {
-  if (contents.sensor != camera_.sensor || camera_.sensor == keepsake::Identity{}) return false;
+bool App::resume(const checkpoint::Contents& contents) {
+  if (contents.sensor != camera_.sensor || camera_.sensor == checkpoint::Identity{}) return false;
   if (contents.pitch_um != config_.displacement.pitch_um) return false;
   // Of a process whose model did not read the picture: what the gripper holds now would be learned as the empty gel.
   if (config_.with_imprint && contents.empty.frames == 0) return false;
@@ -191,7 +191,7 @@ bool App::resume(const keepsake::Contents& contents) {
   return true;
 }
 
-void App::remember(keepsake::Contents& contents) const {
+void App::remember(checkpoint::Contents& contents) const {
   contents.sensor = camera_.sensor;
   pipeline::remember(state_, config_, contents);
 }
@@ -244,10 +244,10 @@ void App::conclude() {
         health::strain(health_, health_config_, result_.timestamp, result_.sequence, now - result_.timestamp);
   }
   inputs_.of(supervisor::Source::kCameraSettings) = devices_.camera.steady() ? Reason::kNone : Reason::kCameraControls;
-  state_.laps.begin();
+  state_.stopwatch.begin();
   signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now(), inputs_));
   tell();
-  state_.laps.lap(Task::kSignal);
+  state_.stopwatch.lap(Task::kSignal);
 }
 
 void App::stop() {

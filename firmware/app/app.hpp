@@ -11,15 +11,15 @@
 #include "app/camera_keeper.hpp"
 #include "app/health.hpp"
 #include "app/outputs.hpp"
-#include "app/params.hpp"
 #include "app/pipeline.hpp"
-#include "app/status_frame.hpp"
 #include "app/supervisor.hpp"
 #include "app/watchdog.hpp"
 #include "hal/camera.hpp"
 #include "hal/clock.hpp"
 #include "hal/gpio.hpp"
 #include "hal/serial.hpp"
+#include "link/status_frame.hpp"
+#include "params/params.hpp"
 #include "vision/jpeg.hpp"
 #include "vision/jpeg_decoder.hpp"
 
@@ -81,8 +81,8 @@ class App {
   void report(supervisor::Source source, Reason reason);
   // Goes on with an earlier process's rest position, when this sensor is that one, and what this model reads of the
   // empty gel was learned then. After start().
-  [[nodiscard]] bool resume(const keepsake::Contents& contents);
-  void remember(keepsake::Contents& contents) const;
+  [[nodiscard]] bool resume(const checkpoint::Contents& contents);
+  void remember(checkpoint::Contents& contents) const;
 
   // One step without the camera: markers, or features, from a simulation that leaves the picture out.
   void step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence);
@@ -108,7 +108,7 @@ class App {
   [[nodiscard]] const camera_keeper::State& camera() const { return camera_; }
   // The status frame that was sent last.
   [[nodiscard]] const status_frame::StatusFrame& told() const { return told_; }
-  [[nodiscard]] laps::Laps& laps() { return state_.laps; }
+  [[nodiscard]] timing::Stopwatch& stopwatch() { return state_.stopwatch; }
   // For a thread of its own (app/watchdog.hpp).
   [[nodiscard]] OutputWatchdog& watchdog() { return watchdog_; }
 

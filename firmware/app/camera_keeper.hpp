@@ -9,11 +9,11 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "app/keepsake.hpp"
 #include "base/math.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
 #include "hal/camera.hpp"
+#include "store/checkpoint.hpp"
 
 namespace holdfast::camera_keeper {
 
@@ -27,10 +27,10 @@ struct Config {
 
 struct State {
   bool streaming = false;
-  Reason why = Reason::kNone;   // of the last start that failed, or of the loss
-  keepsake::Identity sensor{};  // the first that came since start(); empty: none has
-  std::uint32_t starts = 0;     // that succeeded after a loss, and the first one
-  Micros try_at{};              // while it is gone
+  Reason why = Reason::kNone;     // of the last start that failed, or of the loss
+  checkpoint::Identity sensor{};  // the first that came since start(); empty: none has
+  std::uint32_t starts = 0;       // that succeeded after a loss, and the first one
+  Micros try_at{};                // while it is gone
   Micros retry_after{};
   Micros stalled_since{};  // while it streams
   Micros stall_limit{};
@@ -55,8 +55,8 @@ inline void stopped(State& state) {
 [[nodiscard]] inline Reason open(State& state, hal::Camera& camera) {
   camera.stop();
   if (!camera.start()) return Reason::kCameraGone;
-  const keepsake::Identity sensor = keepsake::identity_of(camera.identity());
-  if (state.sensor == keepsake::Identity{}) state.sensor = sensor;
+  const checkpoint::Identity sensor = checkpoint::identity_of(camera.identity());
+  if (state.sensor == checkpoint::Identity{}) state.sensor = sensor;
   if (sensor == state.sensor) return Reason::kNone;
   camera.stop();
   return Reason::kCameraWrong;

@@ -71,7 +71,7 @@ void Daemon::poll() {
   serve_link();
   read_inputs();
   move_gripper();
-  app_.laps().add(Task::kServe, devices_.clock.now() - begun);
+  app_.stopwatch().add(Task::kServe, devices_.clock.now() - begun);
 }
 
 void Daemon::reconfigure(const Params& params) {
@@ -120,7 +120,7 @@ void Daemon::camera_started() {
   recorder_.note(EventKind::kCameraStarted, devices_.clock.now(), static_cast<std::int32_t>(camera_starts()));
   if (looked_for_kept_) return;
   looked_for_kept_ = true;
-  if (keepsake::load(keepsake_, periphery_.keep)) resumed_ = app_.resume(keepsake_.slot.contents);
+  if (checkpoint::load(checkpoint_, periphery_.keep)) resumed_ = app_.resume(checkpoint_.slot.contents);
 }
 
 // What follows from a frame for the grip. Without a camera, too: GRIP and RELEASE are obeyed all the same.
@@ -150,17 +150,17 @@ void Daemon::keep_reference() {
     return;
   }
   if (kept_ && (!result.empty || now - kept_at_ < kKeepEvery)) return;
-  app_.remember(keepsake_.slot.contents);
+  app_.remember(checkpoint_.slot.contents);
   kept_ = true;
   kept_at_ = now;
-  (void)keepsake::save(keepsake_, periphery_.keep);  // a board without keeps nothing
+  (void)checkpoint::save(checkpoint_, periphery_.keep);  // a board without keeps nothing
 }
 
 // The gripper holds on while no process runs; the next one goes on tightening from where this one was.
 void Daemon::resume_grip() {
-  if (!keepsake::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.gripping == 0) return;
+  if (!checkpoint::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.gripping == 0) return;
   if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
-  const keepsake::Grip& kept = kept_grip_.slot.contents;
+  const checkpoint::Grip& kept = kept_grip_.slot.contents;
   regulator_ = {};
   regulator_.phase = regulator::Phase::kHolding;
   regulator_.force = std::min<int>(kept.force, regulator_config_.max_force);
@@ -170,10 +170,10 @@ void Daemon::resume_grip() {
 }
 
 void Daemon::keep_grip() {
-  const keepsake::Grip grip{static_cast<std::uint8_t>(grip_.go ? 1 : 0), grip_.force, grip_.position};
+  const checkpoint::Grip grip{static_cast<std::uint8_t>(grip_.go ? 1 : 0), grip_.force, grip_.position};
   if (kept_grip_.slot.contents == grip) return;
   kept_grip_.slot.contents = grip;
-  (void)keepsake::save(kept_grip_, periphery_.keep);
+  (void)checkpoint::save(kept_grip_, periphery_.keep);
 }
 
 void Daemon::serve_link() {
@@ -230,7 +230,7 @@ Result Daemon::tare(bool even_if_touched) {
   }
   app_.tare();
   kept_ = false;
-  keepsake::forget(keepsake_, periphery_.keep);
+  checkpoint::forget(checkpoint_, periphery_.keep);
   return Result::kDone;
 }
 

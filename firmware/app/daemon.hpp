@@ -17,14 +17,14 @@
 #include <cstdint>
 
 #include "app/app.hpp"
-#include "app/command_frame.hpp"
-#include "app/keepsake.hpp"
-#include "app/link.hpp"
 #include "app/recorder.hpp"
 #include "grip/hande.hpp"
 #include "grip/regulator.hpp"
 #include "grip/step_lines.hpp"
 #include "hal/keep.hpp"
+#include "link/command_frame.hpp"
+#include "link/link.hpp"
+#include "store/checkpoint.hpp"
 
 namespace holdfast {
 
@@ -123,14 +123,14 @@ class Daemon {
   step_lines::Config lines_config_{};
   step_lines::State lines_{};
 
-  keepsake::State keepsake_;
-  keepsake::GripState kept_grip_;
+  checkpoint::State checkpoint_;
+  checkpoint::GripState kept_grip_;
   bool kept_ = false;
   Micros kept_at_{};
   Recorder recorder_;
 };
 
-// What the daemon adds to the App: gripper and ports, the slot of the keepsake, and the flight recorder.
+// What the daemon adds to the App: gripper and ports, the slot of the checkpoint, and the flight recorder.
 static_assert(sizeof(Daemon) - sizeof(App) - sizeof(Recorder) <= 40'000, "fixed memory around the pipeline");
 static_assert(sizeof(Recorder) <= 310'000, "ten seconds, twice");
 

@@ -51,8 +51,8 @@ bool begin_anew_in_new_light(State& state, const Config& config, const LumaView&
   return state.light.changed;
 }
 
-[[nodiscard]] Result feel(State& state, const Config& config, const LumaView* luma, Result out);
-[[nodiscard]] Result judge(State& state, const Config& config, Result out);
+[[nodiscard]] Result measure(State& state, const Config& config, const LumaView* luma, Result out);
+[[nodiscard]] Result classify(State& state, const Config& config, Result out);
 
 }  // namespace
 
@@ -60,12 +60,12 @@ bool begin_anew_in_new_light(State& state, const Config& config, const LumaView&
 Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame) {
   Result out = stamped(frame.timestamp, frame.sequence);
   LumaView luma;
-  state.laps.begin();
+  state.stopwatch.begin();
   if (const Status s = in_order(state, frame.timestamp); !s.ok()) return rejected(state, out, s);
   if (const Status s = luma_input::update(state.luma, config.luma, jpeg, frame, luma); !s.ok()) {
     return rejected(state, out, s);
   }
-  state.laps.lap(Task::kDecode);
+  state.stopwatch.lap(Task::kDecode);
   if (config.must_be_fresh) {
     if (const Status s = freshness::update(state.freshness, luma, frame.sequence); !s.ok()) {
       return rejected(state, out, lit(luma, s));
@@ -75,8 +75,8 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
   if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) {
     return rejected(state, out, lit(luma, s));
   }
-  state.laps.lap(Task::kTrack);
-  return feel(state, config, &luma, out);
+  state.stopwatch.lap(Task::kTrack);
+  return measure(state, config, &luma, out);
 }
 
 namespace {
@@ -129,8 +129,8 @@ void end_resuming(State& state, const LumaView* luma) {
   }
 }
 
-// Feel: markers, and the picture between them where there is one, to features.
-Result feel(State& state, const Config& config, const LumaView* luma, Result out) {
+// Markers, and the picture between them where there is one, to features.
+Result measure(State& state, const Config& config, const LumaView* luma, Result out) {
   const MarkerField& field = state.tracker.field;
   out.grid = field.grid;
   out.markers = field.valid_count();
@@ -171,8 +171,8 @@ Result feel(State& state, const Config& config, const LumaView* luma, Result out
     if (out.empty) imprint::learn_empty(state.imprint, config.imprint);
     follow_drift(state, config);
   }
-  state.laps.lap(Task::kFeel);
-  return judge(state, config, out);
+  state.stopwatch.lap(Task::kFeatures);
+  return classify(state, config, out);
 }
 
 // A contact that grows is one that is being made, until slip is raised: then the gripper presses harder. Range: a
@@ -191,20 +191,20 @@ Features for_a_step(Features features) {
   return features;
 }
 
-// Judge: features to request. Nothing slips that does not touch, or is being let go.
-Result judge(State& state, const Config& config, Result out) {
+// Features to request. Nothing slips that does not touch, or is being let go.
+Result classify(State& state, const Config& config, Result out) {
   out.referenced = true;
   const bool held = !state.opening && (!out.contact.judged || out.contact.touching);
   out.features.contact = Count::from_raw(held ? 1 : 0);
   const bool raised = state.decision.raised;
-  const Features judged = raised ? while_raised(out.features) : out.features;
+  const Features classified = raised ? while_raised(out.features) : out.features;
   const auto verdict_of = [&](const Features& features) {
     return held ? classifier::classify(config.classifier, features) : Verdict::kHold;
   };
-  out.verdict = verdict_of(judged);
+  out.verdict = verdict_of(classified);
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);
-  if (raised && out.verdict != Verdict::kHold) out.verdict = verdict_of(for_a_step(judged));
-  state.laps.lap(Task::kJudge);
+  if (raised && out.verdict != Verdict::kHold) out.verdict = verdict_of(for_a_step(classified));
+  state.stopwatch.lap(Task::kClassify);
   return out;
 }
 
@@ -215,7 +215,7 @@ Result update_markers(State& state, const Config& config, const MarkerField& fie
   const Result out = stamped(timestamp, sequence);
   if (const Status s = in_order(state, timestamp); !s.ok()) return rejected(state, out, s);
   state.tracker.field = field;
-  return feel(state, config, nullptr, out);
+  return measure(state, config, nullptr, out);
 }
 
 Result update_features(State& state, const Config& config, const Features& features, GridSize grid, Micros timestamp,
@@ -225,7 +225,7 @@ Result update_features(State& state, const Config& config, const Features& featu
   out.grid = grid;
   out.markers = features.markers;
   out.features = features;
-  return judge(state, config, out);
+  return classify(state, config, out);
 }
 
 Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame) {
@@ -250,7 +250,7 @@ void opening(State& state, bool is_opening) {
   state.opening = is_opening;
 }
 
-void remember(const State& state, const Config& config, keepsake::Contents& contents) {
+void remember(const State& state, const Config& config, checkpoint::Contents& contents) {
   contents.width = state.luma.width;
   contents.height = state.luma.height;
   contents.pitch_um = config.displacement.pitch_um;
@@ -259,7 +259,7 @@ void remember(const State& state, const Config& config, keepsake::Contents& cont
   contents.empty = state.imprint.empty;
 }
 
-void resume(State& state, const keepsake::Contents& contents) {
+void resume(State& state, const checkpoint::Contents& contents) {
   tare(state);
   state.resuming = true;
   state.kept_width = contents.width;

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole product in one call: a camera frame in, a grip request out. pipeline.cpp spells it in three steps: see,
-// feel, judge.
+// measure, classify.
 #pragma once
 
 #include "app/freshness.hpp"
-#include "app/keepsake.hpp"
-#include "app/laps.hpp"
+#include "app/timing.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
 #include "hal/camera.hpp"
 #include "slip/classifier.hpp"
 #include "slip/decision.hpp"
+#include "store/checkpoint.hpp"
 #include "tactile/contact.hpp"
 #include "tactile/displacement.hpp"
 #include "tactile/features.hpp"
@@ -68,7 +68,7 @@ struct State {
   bool resuming = false;  // reference.rest is an earlier process's and waits for a picture that fits it
   Micros last_timestamp{};
   bool any_frame = false;
-  laps::Laps laps;  // without a clock (App gives it one) it counts nothing
+  timing::Stopwatch stopwatch;  // without a clock (App gives it one) it counts nothing
 };
 
 // What one frame said. `quality` not ok: the frame was rejected and everything below it but `request` is void.
@@ -106,10 +106,10 @@ struct Result {
 void opening(State& state, bool is_opening);
 
 // What another process needs to go on with this one's rest position and empty gel. Range: a rest position is known.
-void remember(const State& state, const Config& config, keepsake::Contents& contents);
+void remember(const State& state, const Config& config, checkpoint::Contents& contents);
 // Goes on with what an earlier process learned, once a picture shows the same lattice not far from there; the first one
 // that does not ends the attempt, and the rest position is learned.
-void resume(State& state, const keepsake::Contents& contents);
+void resume(State& state, const checkpoint::Contents& contents);
 
 // Forgets the rest position (TARE): the next still frames teach it anew. Where one was refused as bent, whoever says
 // TARE confirms that the gel is empty, and the next one is taken as it is.

@@ -10,11 +10,11 @@
 #include <cstdint>
 #include <string_view>
 
-#include "app/marker_frame.hpp"
 #include "app/pipeline.hpp"
 #include "app/supervisor.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
+#include "link/marker_frame.hpp"
 
 namespace holdfast {
 

@@ -7,13 +7,13 @@
 #include <charconv>
 #include <optional>
 
-#include "app/command_frame.hpp"
-#include "app/mode_prices.gen.hpp"
-#include "app/modes.hpp"
 #include "base/crc32.hpp"
 #include "base/math.hpp"
 #include "console/console.hpp"
 #include "hal/notes.hpp"
+#include "link/command_frame.hpp"
+#include "params/mode_prices.gen.hpp"
+#include "params/modes.hpp"
 #include "slip/classifier.hpp"
 
 #ifndef HOLDFAST_VERSION
@@ -261,9 +261,9 @@ constexpr std::array<Column, 8> kTaskColumns{{{"task", 9},
                                               {"what", 0}}};
 
 Answer tasks(Console& console, const Words& words, std::int32_t step) {
-  laps::Laps& laps = console.daemon().app().laps();
+  timing::Stopwatch& stopwatch = console.daemon().app().stopwatch();
   if (words.count == 2 && words[1] == "clear") {
-    laps.clear();
+    stopwatch.clear();
     return kDone;
   }
   if (words.count != 1) return error(Error::kArguments);
@@ -278,13 +278,13 @@ Answer tasks(Console& console, const Words& words, std::int32_t step) {
   }
   return list_step(page, "tasks", kTaskColumns, step, static_cast<std::int32_t>(kTasks.size()), [&](std::int32_t k) {
     const TaskInfo& task = kTasks[idx(k)];
-    const laps::Histogram& histogram = laps.of(task.task);
+    const timing::Histogram& histogram = stopwatch.of(task.task);
     page.cell(task.name);
     page.cell(histogram.count());
     page.cell(histogram.quantile(500).count());
     page.cell(histogram.quantile(999).count());
     page.cell(histogram.most().count());
-    page.cell(laps.late(task.task));
+    page.cell(stopwatch.late(task.task));
     page.cell(task.budget.count());
     page.cell(task.what);
   });
@@ -512,8 +512,8 @@ Answer stored(Console& console, const Words& words, std::int32_t step) {
   if (step == 0) page.open(words.json);
   constexpr auto kSlots = static_cast<std::int32_t>(hal::Store::kSlots);
   return list_step(page, "slots", kSlotColumns, step, 2 * kSlots, [&](std::int32_t k) {
-    const Shelf& shelf = k < kSlots ? console.settings() : console.models();
-    const Shelf::Slot& slot = shelf.slot(idx(k % kSlots));
+    const SlotStore& slots = k < kSlots ? console.settings() : console.models();
+    const SlotStore::Slot& slot = slots.slot(idx(k % kSlots));
     page.cell(k < kSlots ? "settings" : "model");
     page.cell(k % kSlots + 1);
     if (slot.sequence != 0) {
@@ -521,7 +521,7 @@ Answer stored(Console& console, const Words& words, std::int32_t step) {
     } else {
       page.no_cell();
     }
-    page.cell(shelf.has_place() ? holdfast::words(slot) : "no place to store any");
+    page.cell(slots.has_place() ? holdfast::words(slot) : "no place to store any");
   });
 }
 

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
-#include "app/marker_frame.hpp"
 #include "base/math.hpp"
+#include "link/marker_frame.hpp"
 
 namespace holdfast::console {
 namespace {
@@ -137,7 +137,7 @@ void Console::poll() {
   say_state();
   telemetry();
   out_.flush(port_, kMostOut);
-  daemon_.app().laps().add(Task::kConsole, clock_.now() - begun);
+  daemon_.app().stopwatch().add(Task::kConsole, clock_.now() - begun);
 }
 
 // What comes while a command is running waits for its end. Ctrl-C goes before all of it, also when there is no more
@@ -510,13 +510,13 @@ Error Console::change(const Params& params) {
 }
 
 // A record of the device's own; its payload of so many bytes stands in its place already.
-Error Console::store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size_t payload) {
-  if (!shelf.has_place()) return Error::kNotStored;
-  if (!shelf.development()) return Error::kNotSigned;
-  if (shelf.settle() == hal::Store::State::kBusy) return Error::kStillWriting;  // and then its number is the next
+Error Console::store_own(SlotStore& slots, std::span<std::uint8_t> record, std::size_t payload) {
+  if (!slots.has_place()) return Error::kNotStored;
+  if (!slots.development()) return Error::kNotSigned;
+  if (slots.settle() == hal::Store::State::kBusy) return Error::kStillWriting;  // and then its number is the next
   const std::size_t bytes =
-      sealed::write(shelf.kind(), shelf.next_sequence(), record.subspan(sealed::kPayloadAt, payload), record);
-  return begun(shelf, shelf.put(record.first(bytes), [](auto) { return true; }));
+      sealed::write(slots.kind(), slots.next_sequence(), record.subspan(sealed::kPayloadAt, payload), record);
+  return begun(slots, slots.put(record.first(bytes), [](auto) { return true; }));
 }
 
 void Console::go_on() {
@@ -549,8 +549,8 @@ Error Console::store_default_model() {
 Error Console::store_loaded() {
   const std::span<const std::uint8_t> record = loading_.bytes();
   if (loading_.kind() == sealed::Kind::kSettings) return begun(settings_, settings_.put(record, settings::fits));
-  const Shelf::Put put = models_.put(record, models::good);
-  if (put != Shelf::Put::kNotGood) return begun(models_, put);
+  const SlotStore::Put put = models_.put(record, models::good);
+  if (put != SlotStore::Put::kNotGood) return begun(models_, put);
   return explain(
       model_file::info(models::refusal_of(record.subspan(sealed::kPayloadAt, record.size() - sealed::kAround))));
 }
@@ -561,25 +561,25 @@ Error Console::explain(const model_file::RefusalInfo& why) {
   return Error::kNotThisModel;
 }
 
-Error Console::begun(Shelf& shelf, Shelf::Put put) {
+Error Console::begun(SlotStore& slots, SlotStore::Put put) {
   switch (put) {
-    case Shelf::Put::kBegun:
-      storing_ = &shelf;
+    case SlotStore::Put::kBegun:
+      storing_ = &slots;
       saving_ = false;
       return Error::kNone;
-    case Shelf::Put::kNoPlace:
+    case SlotStore::Put::kNoPlace:
       return Error::kNotStored;
-    case Shelf::Put::kStillBusy:
+    case SlotStore::Put::kStillBusy:
       return Error::kStillWriting;
-    case Shelf::Put::kOld:
-      detail_ << "the one in force has number " << shelf.sequence();
+    case SlotStore::Put::kOld:
+      detail_ << "the one in force has number " << slots.sequence();
       return Error::kTooOld;
-    case Shelf::Put::kNotGood:
+    case SlotStore::Put::kNotGood:
       return Error::kNotUsable;
-    case Shelf::Put::kRefused:
+    case SlotStore::Put::kRefused:
       break;
   }
-  switch (shelf.refusal()) {
+  switch (slots.refusal()) {
     case sealed::Refusal::kDamaged:
       return Error::kBroken;
     case sealed::Refusal::kUnsigned:

@@ -22,10 +22,6 @@
 #include <string_view>
 
 #include "app/daemon.hpp"
-#include "app/models.hpp"
-#include "app/params.hpp"
-#include "app/settings.hpp"
-#include "app/shelf.hpp"
 #include "console/errors.hpp"
 #include "console/line_editor.hpp"
 #include "console/loading.hpp"
@@ -38,6 +34,10 @@
 #include "hal/serial.hpp"
 #include "hal/store.hpp"
 #include "hal/verifier.hpp"
+#include "params/params.hpp"
+#include "store/models.hpp"
+#include "store/settings.hpp"
+#include "store/slot_store.hpp"
 
 namespace holdfast::console {
 
@@ -132,8 +132,8 @@ class Console {
   // What this start found of its settings, or has saved since.
   [[nodiscard]] settings::Found found() const { return found_; }
   [[nodiscard]] Loading& loading() { return loading_; }
-  [[nodiscard]] const Shelf& settings() const { return settings_; }
-  [[nodiscard]] const Shelf& models() const { return models_; }
+  [[nodiscard]] const SlotStore& settings() const { return settings_; }
+  [[nodiscard]] const SlotStore& models() const { return models_; }
   // Of the record by which the model that decides was chosen; 0: none was.
   [[nodiscard]] std::uint32_t model_sequence() const { return model_sequence_; }
   [[nodiscard]] Error unlock(std::string_view code);
@@ -167,8 +167,8 @@ class Console {
   void send_markers();
   void trace_line();
   void go_on();
-  [[nodiscard]] Error store_own(Shelf& shelf, std::span<std::uint8_t> record, std::size_t payload);
-  [[nodiscard]] Error begun(Shelf& shelf, Shelf::Put put);
+  [[nodiscard]] Error store_own(SlotStore& slots, std::span<std::uint8_t> record, std::size_t payload);
+  [[nodiscard]] Error begun(SlotStore& slots, SlotStore::Put put);
   [[nodiscard]] Error explain(const model_file::RefusalInfo& why);
   [[nodiscard]] bool idle() const { return running_ == nullptr; }
 
@@ -196,11 +196,11 @@ class Console {
   const model_file::RefusalInfo* why_ = nullptr;  // in place of the error's own words
 
   Params params_{};
-  Shelf settings_;
-  Shelf models_;
+  SlotStore settings_;
+  SlotStore models_;
   std::uint32_t model_sequence_;
-  Shelf* storing_ = &settings_;  // which of them is asked for stored()
-  bool saving_ = false;          // what is stored there are the parameters in force
+  SlotStore* storing_ = &settings_;  // which of them is asked for stored()
+  bool saving_ = false;              // what is stored there are the parameters in force
   settings::Found found_ = settings::Found::kNoPlace;
   bool held_ = false;  // in FAULT for that
   Loading loading_;

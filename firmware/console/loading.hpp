@@ -8,9 +8,9 @@
 #include <span>
 #include <string_view>
 
-#include "app/models.hpp"
-#include "app/sealed.hpp"
-#include "app/settings.hpp"
+#include "store/models.hpp"
+#include "store/sealed.hpp"
+#include "store/settings.hpp"
 
 namespace holdfast::console {
 

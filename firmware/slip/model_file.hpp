@@ -22,7 +22,7 @@
 //                    7  1  0 leaf hold, 1 leaf slip, 2 split, 3 leaf slip without a second frame; of a leaf
 //                       all else is zero
 //     5228     64  signature: all zero, the only form that this version reads. What goes onto a device is signed as a
-//                  whole, by the seal around these bytes (app/sealed.hpp), which covers number and kind as well;
+//                  whole, by the seal around these bytes (store/sealed.hpp), which covers number and kind as well;
 //                  a second signature here that nobody checks would only look like one
 //     5292      4  CRC-32 of all bytes before it
 //     5296

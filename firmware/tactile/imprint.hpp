@@ -133,7 +133,7 @@ inline constexpr int kKept = 7;        // times 35 ms: reaches back the lag and 
 inline constexpr int kEmptyMean = 64;  // frames that the learned empty gel is a mean of, in the long run
 inline constexpr int kNoiseAfter = 8;  // frames on the empty gel before its noise counts as known
 
-// What was learned of the empty gel: all that a restarted process needs to go on (app/keepsake.hpp).
+// What was learned of the empty gel: all that a restarted process needs to go on (store/checkpoint.hpp).
 struct Empty {
   std::array<std::array<std::uint16_t, kFree>, kMaxPatches> samples_q4{};  // of the patches, in Q4
   std::array<bool, kMaxPatches> learned{};                                 // the patch was seen on the empty gel

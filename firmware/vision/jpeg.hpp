@@ -11,7 +11,7 @@
 namespace holdfast {
 
 // Denominator of the decode scale. The decoded size is ceil(full size / denominator).
-// Price: performance of the whole pipeline; see the modes table (app/modes.hpp).
+// Price: performance of the whole pipeline; see the modes table (params/modes.hpp).
 enum class DecodeScale : std::uint8_t { kFull = 1, kHalf = 2, kQuarter = 4, kEighth = 8 };
 
 class JpegDecoder {

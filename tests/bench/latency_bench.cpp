@@ -22,11 +22,11 @@
 #include <string_view>
 #include <vector>
 
-#include "app/command_frame.hpp"
 #include "app/daemon.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/film.hpp"
 #include "drivers/sim/serial.hpp"
+#include "link/command_frame.hpp"
 #include "toolchain/play/rig.hpp"
 
 namespace {

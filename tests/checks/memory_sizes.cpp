@@ -22,6 +22,6 @@ int main(int argc, char** argv) {
        << "memory.jpeg_decoder_bytes " << sizeof(EighthDecoder) << '\n'
        << "memory.jpeg_worker_bytes " << sizeof(jpeg_fast::Worker) << '\n'
        << "memory.jpeg_library_bytes " << Turbo::kMemory.tables + Turbo::kMemory.picture << '\n'
-       << "memory.keepsake_bytes " << sizeof(keepsake::Contents) << '\n';
+       << "memory.checkpoint_bytes " << sizeof(checkpoint::Contents) << '\n';
   return file.flush() ? 0 : 1;
 }

@@ -25,7 +25,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 namespace {
 
-constexpr std::size_t kSize = 40'000;  // as large as a keepsake: no single page
+constexpr std::size_t kSize = 40'000;  // as large as a checkpoint: no single page
 
 Bytes read_of(hal::Keep& keep, std::size_t at, std::size_t count) {
   Bytes bytes(count, 0xEE);

@@ -9,11 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "app/settings.hpp"
-#include "app/shelf.hpp"
 #include "drivers/common/file_store.hpp"
 #include "drivers/common/slot_file.hpp"
 #include "slip/model_file.hpp"
+#include "store/settings.hpp"
+#include "store/slot_store.hpp"
 #include "tests/support/power_disk.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -64,23 +64,23 @@ constexpr What kModel{sealed::Kind::kModel, model_file::kBytes + sealed::kAround
 // A process that uses the disk.
 struct Process {
   Process(PowerDisk& disk, const What& what)
-      : kind(what.kind), store(disk, what.slot_bytes), shelf(what.kind, anything, &store, nullptr) {}
+      : kind(what.kind), store(disk, what.slot_bytes), slots(what.kind, anything, &store, nullptr) {}
   // What a start would say of its settings.
   [[nodiscard]] settings::Found found() const {
     Params ignored;
-    return settings::take(shelf, ignored);
+    return settings::take(slots, ignored);
   }
-  [[nodiscard]] Bytes read() const { return {shelf.payload().begin(), shelf.payload().end()}; }
+  [[nodiscard]] Bytes read() const { return {slots.payload().begin(), slots.payload().end()}; }
   // Whether it said that the bytes are durable.
-  bool save(const Bytes& payload) { return save(shelf.next_sequence(), payload); }
+  bool save(const Bytes& payload) { return save(slots.next_sequence(), payload); }
   bool save(std::uint32_t sequence, const Bytes& payload) {
     Bytes record(payload.size() + sealed::kAround);
     (void)sealed::write(kind, sequence, payload, record);
-    return shelf.put(record, anything) == Shelf::Put::kBegun && shelf.settle() == hal::Store::State::kDone;
+    return slots.put(record, anything) == SlotStore::Put::kBegun && slots.settle() == hal::Store::State::kDone;
   }
   sealed::Kind kind;
   Direct store;
-  Shelf shelf;
+  SlotStore slots;
 };
 
 Bytes settings_with(std::int32_t hold_ms, bool many) {
@@ -129,7 +129,7 @@ TEST_GROUP(PowerCut) {
       if (found == settings::Found::kFirst && std::find(allowed.begin(), allowed.end(), Bytes{}) == allowed.end()) {
         ++silent;
       }
-      const bool damaged = next.shelf.slot(0).damaged() || next.shelf.slot(1).damaged();
+      const bool damaged = next.slots.slot(0).damaged() || next.slots.slot(1).damaged();
       if (damaged != settings::lost(found)) ++silent;
     });
   }
@@ -190,7 +190,7 @@ TEST(PowerCut, LeavesOldOrNewSettingsBehindTheLastNumber) {
     }
     allowed = {before};
     save_all(disk, kSettings, payloads, true, 0);
-    LONGS_EQUAL(first == 0xFFFFFFFEU ? 3 : 4, Process(disk, kSettings).shelf.sequence());
+    LONGS_EQUAL(first == 0xFFFFFFFEU ? 3 : 4, Process(disk, kSettings).slots.sequence());
   }
   CHECK(images >= 1000);
   print("settings behind the last number");
@@ -311,7 +311,7 @@ TEST(PowerCut, AFailedCallLosesNothing) {
         allowed = {first, second};
         disk.boundary = [&] { check(disk, kSettings); };
         CHECK_FALSE(process.save(second));
-        LONGS_EQUAL(error, process.shelf.error());
+        LONGS_EQUAL(error, process.slots.error());
         disk.boundary = {};
         allowed = {first, second, third};
         CHECK(process.save(third));

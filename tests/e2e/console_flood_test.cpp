@@ -19,7 +19,7 @@
 #include <string>
 #include <string_view>
 
-#include "app/status_frame.hpp"
+#include "link/status_frame.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new

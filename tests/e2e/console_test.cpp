@@ -19,7 +19,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/command_frame.hpp"
+#include "link/command_frame.hpp"
 #include "slip/tree_io.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/pty.hpp"

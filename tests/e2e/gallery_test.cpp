@@ -16,10 +16,10 @@
 #include <string>
 #include <vector>
 
-#include "app/params.hpp"
 #include "drivers/sim/scene/layer.hpp"
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
+#include "params/params.hpp"
 #include "toolchain/play/play.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>

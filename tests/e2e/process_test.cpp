@@ -273,7 +273,7 @@ TEST(Process, AKilledProcessIsNeverFineAndTheNextOneResumes) {
   check(empty, wanted);
 }
 
-// A keepsake that cannot be kept is a line in the log; every start died of it (SIGBUS) when the file was mapped.
+// A checkpoint that cannot be kept is a line in the log; every start died of it (SIGBUS) when the file was mapped.
 TEST(Process, AFullFileSystemKeepsNothingAndEverythingElseGoesOn) {
   if (test::run({"unshare", "-Urm", "true"}).status != 0) {
     return test::skip("no name spaces for a file system of its own");
@@ -292,16 +292,16 @@ TEST(Process, AFullFileSystemKeepsNothingAndEverythingElseGoesOn) {
   LONGS_EQUAL(1, std::ranges::count(finished.err, '\n'));
 }
 
-TEST(Process, AKeepsakeThatIsCutUnderItIsWrittenAnew) {
+TEST(Process, ACheckpointThatIsCutUnderItIsWrittenAnew) {
   CHECK_TEXT(tape.has_value(), error.c_str());
   Receiver receiver(*tape);
-  const auto state = std::make_unique<keepsake::State>();
+  const auto state = std::make_unique<checkpoint::State>();
   // Whole, not as far as it has come.
   const auto is_kept = [&] {
     const std::string bytes = test::read_file(dir / "keep");
-    sim::Keep kept(keepsake::kBytes);
-    std::copy_n(bytes.begin(), std::min(bytes.size(), keepsake::kBytes), kept.bytes().begin());
-    return keepsake::load(*state, kept);
+    sim::Keep kept(checkpoint::kBytes);
+    std::copy_n(bytes.begin(), std::min(bytes.size(), checkpoint::kBytes), kept.bytes().begin());
+    return checkpoint::load(*state, kept);
   };
   start(kept("--empty"));
   CHECK(receiver.look_until(is_kept, now() + 60s));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/command_frame.hpp"
+#include "link/command_frame.hpp"
 
 #include <array>
 #include <cstddef>

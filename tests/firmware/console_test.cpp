@@ -13,10 +13,10 @@
 #include <string_view>
 #include <vector>
 
-#include "app/marker_frame.hpp"
-#include "app/mode_prices.gen.hpp"
-#include "app/shelf.hpp"
 #include "base/crc32.hpp"
+#include "link/marker_frame.hpp"
+#include "params/mode_prices.gen.hpp"
+#include "store/slot_store.hpp"
 #include "tests/fuzz/model_check.hpp"
 #include "tests/support/console_desk.hpp"
 #include "tests/support/spread_tree.hpp"
@@ -181,9 +181,9 @@ TEST_GROUP(Console) {
   }
   // What the next start would read.
   Params stored() {
-    const Shelf shelf(sealed::Kind::kSettings, settings::good, &desk.stored, desk.place.owner);
+    const SlotStore slots(sealed::Kind::kSettings, settings::good, &desk.stored, desk.place.owner);
     Params params;
-    (void)settings::read(shelf.payload(), params);
+    (void)settings::read(slots.payload(), params);
     return params;
   }
 };
@@ -376,12 +376,12 @@ TEST(Console, StoresForTheNextStart) {
   check_ok("save");
   check_ok("set hold_ms 500");
   check_ok("save");
-  const Shelf shelf(sealed::Kind::kSettings, settings::good, &desk.stored, nullptr);
+  const SlotStore slots(sealed::Kind::kSettings, settings::good, &desk.stored, nullptr);
   Params read;
-  CHECK(settings::read(shelf.payload(), read) == settings::Loaded::kAll);
+  CHECK(settings::read(slots.payload(), read) == settings::Loaded::kAll);
   LONGS_EQUAL(3, read.raise_frames);
   LONGS_EQUAL(500, read.hold_ms);
-  LONGS_EQUAL(2, shelf.sequence());
+  LONGS_EQUAL(2, slots.sequence());
   check_says("version json", R"("takes":"anything: development mode","settings_sequence":2})");
   check_says("status json", R"("development":true})");
 }
@@ -420,8 +420,8 @@ TEST(Console, SaysWhyNothingWasWritten) {
     check_error("save", Error::kWriteFailed);
     check_says("save", "ERR 25 write_failed: error 28 of the system: ");
     Params read;
-    const Shelf shelf(sealed::Kind::kSettings, settings::good, &desk.stored, nullptr);
-    (void)settings::read(shelf.payload(), read);
+    const SlotStore slots(sealed::Kind::kSettings, settings::good, &desk.stored, nullptr);
+    (void)settings::read(slots.payload(), read);
     LONGS_EQUAL(500, read.hold_ms);
   }
   desk.stored.set_failure(0);

@@ -123,7 +123,7 @@ TEST_GROUP(Daemon) {
   sim::Clock clock;
   sim::Gpio gpio{clock};
   sim::Serial link;
-  sim::Keep keep{keepsake::kBytes};
+  sim::Keep keep{checkpoint::kBytes};
   NoJpeg jpeg;
   std::unique_ptr<sim::HandE> hand;
   std::vector<Picture> pictures;

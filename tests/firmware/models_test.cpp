@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Models as a device stores them: which one a start decides by, and every change of a signed one.
-#include "app/models.hpp"
+#include "store/models.hpp"
 
 #include <algorithm>
 #include <array>
@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
-#include "app/shelf.hpp"
 #include "base/crc32.hpp"
 #include "base/little_endian.hpp"
 #include "drivers/sim/store.hpp"
+#include "store/slot_store.hpp"
 #include "tests/fuzz/model_check.hpp"
 #include "tests/support/owner.hpp"
 
@@ -61,15 +61,15 @@ TEST_GROUP(Models) {
     owner.sign(record);
     return record;
   }
-  void put(const Bytes& record, Shelf::Put expected = Shelf::Put::kBegun) {
-    Shelf shelf(sealed::Kind::kModel, models::good, &store, &verifier);
-    CHECK(shelf.put(record, models::good) == expected);
-    (void)shelf.settle();
+  void put(const Bytes& record, SlotStore::Put expected = SlotStore::Put::kBegun) {
+    SlotStore slots(sealed::Kind::kModel, models::good, &store, &verifier);
+    CHECK(slots.put(record, models::good) == expected);
+    (void)slots.settle();
   }
   // By name; empty: the tree that is compiled in.
   std::string decides(const hal::Verifier* who) {
-    const Shelf shelf(sealed::Kind::kModel, models::good, &store, who);
-    const model::Tree* const found = models::in_force(shelf, tree);
+    const SlotStore slots(sealed::Kind::kModel, models::good, &store, who);
+    const model::Tree* const found = models::in_force(slots, tree);
     CHECK(found == nullptr || found == &tree);
     return found == nullptr ? std::string{} : std::string(model::name_of(*found));
   }
@@ -84,16 +84,16 @@ TEST(Models, AreWhatWasStored) {
   CHECK(tree.nodes == read.nodes);
   put(signed_record(6, model_named("second", 2)));
   STRCMP_EQUAL("second", decides(&verifier).c_str());
-  put(signed_record(6, model_named("third", 3)), Shelf::Put::kOld);
-  put(record_of(7, model_named("third", 3)), Shelf::Put::kRefused);
+  put(signed_record(6, model_named("third", 3)), SlotStore::Put::kOld);
+  put(record_of(7, model_named("third", 3)), SlotStore::Put::kRefused);
   STRCMP_EQUAL("second", decides(&verifier).c_str());
 }
 
 // Back to the tree that is compiled in, by a record like any other, and on to another model.
 TEST(Models, MayBeNone) {
   put(signed_record(5, model_named("first")));
-  put(record_of(6, {}), Shelf::Put::kRefused);
-  put(signed_record(5, {}), Shelf::Put::kOld);
+  put(record_of(6, {}), SlotStore::Put::kRefused);
+  put(signed_record(5, {}), SlotStore::Put::kOld);
   STRCMP_EQUAL("first", decides(&verifier).c_str());
   put(signed_record(6, {}));
   STRCMP_EQUAL("", decides(&verifier).c_str());
@@ -141,7 +141,7 @@ TEST(Models, OfAnotherFirmwareArePassedOver) {
   test::put_name(other, 52, "later");
   other = test::repaired(other);
   CHECK(models::refusal_of(other) == Refusal::kSetUnknown);
-  put(signed_record(6, other), Shelf::Put::kNotGood);
+  put(signed_record(6, other), SlotStore::Put::kNotGood);
   const Bytes record = signed_record(6, other);
   std::copy(record.begin(), record.end(), store.slot(1).begin());
   STRCMP_EQUAL("first", decides(&verifier).c_str());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/params.hpp"
+#include "params/params.hpp"
 
 #include <algorithm>
 #include <cstdint>
@@ -8,7 +8,7 @@
 #include <string>
 #include <string_view>
 
-#include "app/modes.hpp"
+#include "params/modes.hpp"
 
 #include <CppUTest/TestHarness.h>
 

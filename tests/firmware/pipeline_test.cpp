@@ -421,10 +421,10 @@ TEST(Pipeline, LetsTheRestPositionFollowAnEmptyGel) {
 TEST(Pipeline, ResumesWithWhatFitsTheFirstPicture) {
   learn();
   const std::vector<Point> all = truth;
-  const auto kept = std::make_unique<keepsake::Contents>();
+  const auto kept = std::make_unique<checkpoint::Contents>();
   pipeline::remember(*state, config, *kept);
-  const auto resumes = [&](const std::function<void(keepsake::Contents&)>& change, const Picture& shown) {
-    const auto changed = std::make_unique<keepsake::Contents>(*kept);
+  const auto resumes = [&](const std::function<void(checkpoint::Contents&)>& change, const Picture& shown) {
+    const auto changed = std::make_unique<checkpoint::Contents>(*kept);
     change(*changed);
     state = std::make_unique<pipeline::State>();
     pipeline::resume(*state, *changed);
@@ -434,25 +434,25 @@ TEST(Pipeline, ResumesWithWhatFitsTheFirstPicture) {
     return result.referenced;
   };
   const Picture shown = picture();
-  const auto moved = [&](keepsake::Contents& c, double pitches) {
+  const auto moved = [&](checkpoint::Contents& c, double pitches) {
     Marker& marker = c.rest.markers[31];
     marker.x = PixelsQ8::from_raw(marker.x.raw() + static_cast<std::int32_t>(pitches * c.pitch.raw()));
   };
-  CHECK_TRUE(resumes([](keepsake::Contents&) {}, shown));
-  CHECK_TRUE(resumes([&](keepsake::Contents& c) { moved(c, 1.4); }, shown));
-  CHECK_FALSE(resumes([&](keepsake::Contents& c) { moved(c, 1.6); }, shown));
+  CHECK_TRUE(resumes([](checkpoint::Contents&) {}, shown));
+  CHECK_TRUE(resumes([&](checkpoint::Contents& c) { moved(c, 1.4); }, shown));
+  CHECK_FALSE(resumes([&](checkpoint::Contents& c) { moved(c, 1.6); }, shown));
   CHECK_TRUE(resumes(
-      [&](keepsake::Contents& c) {
+      [&](checkpoint::Contents& c) {
         moved(c, 1.6);
         c.rest.markers[31].valid = false;
       },
       shown));
   std::vector<Point> fewer = all;
   fewer.erase(fewer.begin() + 31);
-  CHECK_TRUE(resumes([&](keepsake::Contents& c) { moved(c, 1.6); }, picture_of(view, fewer, 1)));
-  CHECK_FALSE(resumes([](keepsake::Contents& c) { c.rest.grid = {9, 7}; }, shown));
-  CHECK_FALSE(resumes([](keepsake::Contents& c) { c.width = 640; }, shown));
-  CHECK_FALSE(resumes([](keepsake::Contents& c) { c.height = 200; }, shown));
+  CHECK_TRUE(resumes([&](checkpoint::Contents& c) { moved(c, 1.6); }, picture_of(view, fewer, 1)));
+  CHECK_FALSE(resumes([](checkpoint::Contents& c) { c.rest.grid = {9, 7}; }, shown));
+  CHECK_FALSE(resumes([](checkpoint::Contents& c) { c.width = 640; }, shown));
+  CHECK_FALSE(resumes([](checkpoint::Contents& c) { c.height = 200; }, shown));
   // Markers alone have no picture whose size could differ.
   kept->width = 640;
   const MarkerField field = state->tracker.field;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Records, their two slots, and the owner's signature (Ed25519 by libsodium; its oracle is RFC 8032).
-#include "app/sealed.hpp"
+#include "store/sealed.hpp"
 
 #include <algorithm>
 #include <array>
@@ -14,11 +14,11 @@
 
 #include <sodium.h>
 
-#include "app/shelf.hpp"
 #include "base/crc32.hpp"
 #include "base/little_endian.hpp"
 #include "drivers/common/ed25519.hpp"
 #include "drivers/sim/store.hpp"
+#include "store/slot_store.hpp"
 #include "tests/support/owner.hpp"
 #include "tests/support/temp_dir.hpp"
 
@@ -200,7 +200,7 @@ TEST(Sealed, AKeyIsReadFromItsFile) {
   STRCMP_CONTAINS("is no Ed25519 key", wrong(std::string(64, '0') + "\n").c_str());
 }
 
-TEST_GROUP(Shelf) {
+TEST_GROUP(SlotStore) {
   Owner owner{1};
   drivers::Ed25519 verifier{owner.key};
   sim::Store store{200};
@@ -210,95 +210,95 @@ TEST_GROUP(Shelf) {
     if (is_signed) owner.sign(bytes);
     return bytes;
   }
-  [[nodiscard]] Shelf of(const hal::Verifier* who) {
+  [[nodiscard]] SlotStore of(const hal::Verifier* who) {
     return {Kind::kSettings, anything, &store, who};
   }
-  static Shelf::Put put(Shelf & shelf, const Bytes& bytes) {
-    const Shelf::Put result = shelf.put(bytes, anything);
-    (void)shelf.settle();
+  static SlotStore::Put put(SlotStore & slots, const Bytes& bytes) {
+    const SlotStore::Put result = slots.put(bytes, anything);
+    (void)slots.settle();
     return result;
   }
 };
 
-TEST(Shelf, TakesOnlyWhatIsSignedAndNewer) {
-  Shelf shelf = of(&verifier);
-  CHECK_FALSE(shelf.development());
-  LONGS_EQUAL(0, shelf.next_sequence());
-  CHECK(put(shelf, record(10, false)) == Shelf::Put::kRefused);
-  CHECK(shelf.refusal() == Refusal::kUnsigned);
-  CHECK(put(shelf, record(10, true)) == Shelf::Put::kBegun);
-  LONGS_EQUAL(10, shelf.sequence());
-  for (const std::uint32_t old : {1U, 9U, 10U}) CHECK(put(shelf, record(old, true)) == Shelf::Put::kOld);
-  CHECK(put(shelf, record(11, true)) == Shelf::Put::kBegun);
-  CHECK(put(shelf, record(10, true)) == Shelf::Put::kOld);
-  Shelf next = of(&verifier);
+TEST(SlotStore, TakesOnlyWhatIsSignedAndNewer) {
+  SlotStore slots = of(&verifier);
+  CHECK_FALSE(slots.development());
+  LONGS_EQUAL(0, slots.next_sequence());
+  CHECK(put(slots, record(10, false)) == SlotStore::Put::kRefused);
+  CHECK(slots.refusal() == Refusal::kUnsigned);
+  CHECK(put(slots, record(10, true)) == SlotStore::Put::kBegun);
+  LONGS_EQUAL(10, slots.sequence());
+  for (const std::uint32_t old : {1U, 9U, 10U}) CHECK(put(slots, record(old, true)) == SlotStore::Put::kOld);
+  CHECK(put(slots, record(11, true)) == SlotStore::Put::kBegun);
+  CHECK(put(slots, record(10, true)) == SlotStore::Put::kOld);
+  SlotStore next = of(&verifier);
   LONGS_EQUAL(11, next.sequence());
-  CHECK(put(next, record(10, true)) == Shelf::Put::kOld);
+  CHECK(put(next, record(10, true)) == SlotStore::Put::kOld);
   LONGS_EQUAL(2, store.writes());
   Bytes longer = record(12, true);
   longer.push_back(0);
-  CHECK(put(next, longer) == Shelf::Put::kRefused);
+  CHECK(put(next, longer) == SlotStore::Put::kRefused);
   CHECK(next.refusal() == Refusal::kNoRecord);
-  CHECK(next.put(record(12, true), [](auto) { return false; }) == Shelf::Put::kNotGood);
-  CHECK(put(next, Bytes(201)) == Shelf::Put::kRefused);  // told for what it is before its length is
+  CHECK(next.put(record(12, true), [](auto) { return false; }) == SlotStore::Put::kNotGood);
+  CHECK(put(next, Bytes(201)) == SlotStore::Put::kRefused);  // told for what it is before its length is
   Bytes too_long = record_of(Kind::kSettings, 12, Bytes(200 - sealed::kAround + 1));
   owner.sign(too_long);
-  CHECK(put(next, too_long) == Shelf::Put::kNoPlace);
+  CHECK(put(next, too_long) == SlotStore::Put::kNoPlace);
   LONGS_EQUAL(2, store.writes());
 }
 
 // Of a time in development mode: what was not signed then is nothing afterwards, however new, and is written over.
-TEST(Shelf, ForgetsWhatWasNotSigned) {
-  Shelf shelf = of(nullptr);
-  CHECK(shelf.development());
-  CHECK(put(shelf, record(100, false)) == Shelf::Put::kBegun);
-  CHECK(put(shelf, record(101, true)) == Shelf::Put::kBegun);
-  CHECK(put(shelf, record(102, false)) == Shelf::Put::kBegun);
-  Shelf owned = of(&verifier);
+TEST(SlotStore, ForgetsWhatWasNotSigned) {
+  SlotStore slots = of(nullptr);
+  CHECK(slots.development());
+  CHECK(put(slots, record(100, false)) == SlotStore::Put::kBegun);
+  CHECK(put(slots, record(101, true)) == SlotStore::Put::kBegun);
+  CHECK(put(slots, record(102, false)) == SlotStore::Put::kBegun);
+  SlotStore owned = of(&verifier);
   LONGS_EQUAL(101, owned.sequence());
-  CHECK(put(owned, record(103, true)) == Shelf::Put::kBegun);
+  CHECK(put(owned, record(103, true)) == SlotStore::Put::kBegun);
   LONGS_EQUAL(103, of(nullptr).sequence());
   LONGS_EQUAL(101, owned.payload()[0]);
 }
 
-TEST(Shelf, NeverWritesTheSlotInForce) {
-  Shelf shelf = of(nullptr);
+TEST(SlotStore, NeverWritesTheSlotInForce) {
+  SlotStore slots = of(nullptr);
   for (std::uint32_t k = 1; k <= 6; ++k) {
     const std::size_t in_force = k % 2;  // the first goes into slot 0
     const Bytes before(store.slot(in_force).begin(), store.slot(in_force).end());
     store.set_failure(5, 30);
-    CHECK(put(shelf, record(k, false)) == Shelf::Put::kBegun);
-    CHECK(shelf.settle() == hal::Store::State::kFailed);
-    LONGS_EQUAL(k - 1, shelf.sequence());
-    LONGS_EQUAL(5, shelf.error());
+    CHECK(put(slots, record(k, false)) == SlotStore::Put::kBegun);
+    CHECK(slots.settle() == hal::Store::State::kFailed);
+    LONGS_EQUAL(k - 1, slots.sequence());
+    LONGS_EQUAL(5, slots.error());
     store.set_failure(0);
-    CHECK(put(shelf, record(k, false)) == Shelf::Put::kBegun);
+    CHECK(put(slots, record(k, false)) == SlotStore::Put::kBegun);
     CHECK(std::equal(before.begin(), before.end(), store.slot(in_force).begin()));
-    LONGS_EQUAL(k, shelf.sequence());
+    LONGS_EQUAL(k, slots.sequence());
   }
 }
 
-TEST(Shelf, WaitsForWhatIsUnderWay) {
-  Shelf shelf = of(nullptr);
+TEST(SlotStore, WaitsForWhatIsUnderWay) {
+  SlotStore slots = of(nullptr);
   store.set_slow(true);
-  CHECK(put(shelf, record(1, false)) == Shelf::Put::kBegun);
-  CHECK(shelf.settle() == hal::Store::State::kBusy);
-  CHECK(put(shelf, record(2, false)) == Shelf::Put::kStillBusy);
-  LONGS_EQUAL(0, shelf.sequence());
+  CHECK(put(slots, record(1, false)) == SlotStore::Put::kBegun);
+  CHECK(slots.settle() == hal::Store::State::kBusy);
+  CHECK(put(slots, record(2, false)) == SlotStore::Put::kStillBusy);
+  LONGS_EQUAL(0, slots.sequence());
   store.finish();
-  CHECK(put(shelf, record(2, false)) == Shelf::Put::kBegun);
-  LONGS_EQUAL(1, shelf.sequence());
+  CHECK(put(slots, record(2, false)) == SlotStore::Put::kBegun);
+  LONGS_EQUAL(1, slots.sequence());
   store.finish();
-  CHECK(shelf.settle() == hal::Store::State::kDone);
-  LONGS_EQUAL(2, shelf.sequence());
+  CHECK(slots.settle() == hal::Store::State::kDone);
+  LONGS_EQUAL(2, slots.sequence());
 }
 
-TEST(Shelf, NeedsAPlaceAndNumbersAnewBehindTheLast) {
-  Shelf none(Kind::kSettings, anything, nullptr, nullptr);
-  CHECK(put(none, record(1, false)) == Shelf::Put::kNoPlace);
+TEST(SlotStore, NeedsAPlaceAndNumbersAnewBehindTheLast) {
+  SlotStore none(Kind::kSettings, anything, nullptr, nullptr);
+  CHECK(put(none, record(1, false)) == SlotStore::Put::kNoPlace);
   CHECK(none.settle() == hal::Store::State::kIdle);
   LONGS_EQUAL(0, none.error());
-  Shelf shelf = of(nullptr);
-  CHECK(put(shelf, record(std::numeric_limits<std::uint32_t>::max(), false)) == Shelf::Put::kBegun);
-  LONGS_EQUAL(1, shelf.next_sequence());
+  SlotStore slots = of(nullptr);
+  CHECK(put(slots, record(std::numeric_limits<std::uint32_t>::max(), false)) == SlotStore::Put::kBegun);
+  LONGS_EQUAL(1, slots.next_sequence());
 }

@@ -8,23 +8,23 @@
 #include <random>
 #include <vector>
 
-#include "app/laps.hpp"
-#include "app/marker_frame.hpp"
 #include "app/recorder.hpp"
+#include "app/timing.hpp"
 #include "drivers/sim/clock.hpp"
+#include "link/marker_frame.hpp"
 
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast;
 using namespace std::chrono_literals;
 
-TEST_GROUP(Laps){};
+TEST_GROUP(Timing){};
 
 // Against the sorted list: never below the true percentile, and less than an eighth above it.
-TEST(Laps, TellsPercentilesWithinAnEighth) {
+TEST(Timing, TellsPercentilesWithinAnEighth) {
   std::mt19937 random(3);
   for (const int most_log2 : {3, 10, 17, 23}) {
-    laps::Histogram histogram;
+    timing::Histogram histogram;
     std::vector<std::int64_t> all;
     for (int k = 0; k < 5000; ++k) {
       const auto us = static_cast<std::int64_t>(random() >> (32 - most_log2));
@@ -42,8 +42,8 @@ TEST(Laps, TellsPercentilesWithinAnEighth) {
   }
 }
 
-TEST(Laps, TakesAnyTime) {
-  laps::Histogram histogram;
+TEST(Timing, TakesAnyTime) {
+  timing::Histogram histogram;
   LONGS_EQUAL(0, histogram.quantile(500).count());
   histogram.add(Micros{-5});
   histogram.add(Micros{INT64_MAX});
@@ -54,24 +54,24 @@ TEST(Laps, TakesAnyTime) {
   LONGS_EQUAL(0, histogram.count());
 }
 
-TEST(Laps, CountsWhatIsLate) {
-  laps::Laps laps;
-  laps.begin();
-  laps.lap(Task::kDecode);  // without a clock nothing is counted
-  LONGS_EQUAL(0, laps.of(Task::kDecode).count());
+TEST(Timing, CountsWhatIsLate) {
+  timing::Stopwatch stopwatch;
+  stopwatch.begin();
+  stopwatch.lap(Task::kDecode);  // without a clock nothing is counted
+  LONGS_EQUAL(0, stopwatch.of(Task::kDecode).count());
   sim::Clock clock;
-  laps.use(clock);
-  laps.begin();
+  stopwatch.use(clock);
+  stopwatch.begin();
   clock.advance(3ms);
-  laps.lap(Task::kDecode);
+  stopwatch.lap(Task::kDecode);
   clock.advance(7ms);
-  laps.lap(Task::kTrack);
-  LONGS_EQUAL(3000, laps.of(Task::kDecode).most().count());
-  LONGS_EQUAL(7000, laps.of(Task::kTrack).most().count());
-  LONGS_EQUAL(0, laps.late(Task::kDecode));
-  LONGS_EQUAL(1, laps.late(Task::kTrack));
-  laps.clear();
-  LONGS_EQUAL(0, laps.late(Task::kTrack));
+  stopwatch.lap(Task::kTrack);
+  LONGS_EQUAL(3000, stopwatch.of(Task::kDecode).most().count());
+  LONGS_EQUAL(7000, stopwatch.of(Task::kTrack).most().count());
+  LONGS_EQUAL(0, stopwatch.late(Task::kDecode));
+  LONGS_EQUAL(1, stopwatch.late(Task::kTrack));
+  stopwatch.clear();
+  LONGS_EQUAL(0, stopwatch.late(Task::kTrack));
   for (std::size_t k = 0; k < kTasks.size(); ++k) LONGS_EQUAL(k, static_cast<std::size_t>(kTasks[k].task));
 }
 

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/settings.hpp"
+#include "store/settings.hpp"
 
 #include <algorithm>
 #include <cstdint>
 #include <utility>
 #include <vector>
 
-#include "app/shelf.hpp"
 #include "base/crc32.hpp"
 #include "base/little_endian.hpp"
 #include "drivers/sim/store.hpp"
+#include "store/slot_store.hpp"
 #include "tests/support/owner.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -20,12 +20,12 @@ using settings::Loaded;
 TEST_GROUP(Settings) {
   sim::Store store{settings::kMostBytes};
 
-  [[nodiscard]] Shelf shelf() {
+  [[nodiscard]] SlotStore slots() {
     return {sealed::Kind::kSettings, settings::good, &store, nullptr};
   }
   Params load(Loaded expected) {
     Params params;
-    const Shelf reader = shelf();
+    const SlotStore reader = slots();
     if (expected == Loaded::kNothing) {
       CHECK(reader.payload().empty());
       LONGS_EQUAL(0, reader.sequence());
@@ -35,16 +35,16 @@ TEST_GROUP(Settings) {
     return params;
   }
   void save(const Params& params) {
-    Shelf writer = shelf();
+    SlotStore writer = slots();
     std::vector<std::uint8_t> payload(settings::kMostPayload);
     payload.resize(settings::write(params, payload));
     save(writer.next_sequence(), payload);
   }
   void save(std::uint32_t sequence, const std::vector<std::uint8_t>& payload) {
-    Shelf writer = shelf();
+    SlotStore writer = slots();
     std::vector<std::uint8_t> record(payload.size() + sealed::kAround);
     LONGS_EQUAL(record.size(), sealed::write(sealed::Kind::kSettings, sequence, payload, record));
-    CHECK(writer.put(record, [](auto) { return true; }) == Shelf::Put::kBegun);
+    CHECK(writer.put(record, [](auto) { return true; }) == SlotStore::Put::kBegun);
     CHECK(writer.settle() == hal::Store::State::kDone);
     LONGS_EQUAL(sequence, writer.sequence());
   }
@@ -60,7 +60,7 @@ TEST(Settings, AreWhatWasStored) {
   CHECK(load(Loaded::kAll) == params);
   save(Params{});
   CHECK(load(Loaded::kAll) == Params{});
-  LONGS_EQUAL(2, shelf().sequence());
+  LONGS_EQUAL(2, slots().sequence());
 }
 
 TEST(Settings, GoOnBehindTheNewerSlot) {
@@ -143,7 +143,7 @@ TEST(Settings, AreGoodTogetherOrNotAtAll) {
   CHECK_FALSE(settings::good(payload));
   save(2, payload);
   LONGS_EQUAL(300, load(Loaded::kAll).hold_ms);
-  LONGS_EQUAL(1, shelf().sequence());
+  LONGS_EQUAL(1, slots().sequence());
 }
 
 // The number behind the last one is 1: in either order of the slots, and on from there.
@@ -161,11 +161,11 @@ TEST(Settings, AreNumberedAnewBehindTheLastNumber) {
     if (swapped) save(kLast - 2, payload_of(1));
     save(kLast - 1, payload_of(2));
     save(kLast, payload_of(3));
-    LONGS_EQUAL(1, shelf().next_sequence());
+    LONGS_EQUAL(1, slots().next_sequence());
     for (std::uint32_t next = 1; next <= 3; ++next) {
       params.hold_ms = static_cast<std::int32_t>(10 + next);
       save(params);
-      LONGS_EQUAL(next, shelf().sequence());
+      LONGS_EQUAL(next, slots().sequence());
       LONGS_EQUAL(10 + next, load(Loaded::kAll).hold_ms);
     }
   }
@@ -173,13 +173,16 @@ TEST(Settings, AreNumberedAnewBehindTheLastNumber) {
   store = sim::Store{settings::kMostBytes};
   save(kLast, {});
   std::vector<std::uint8_t> record(sealed::kAround);
-  for (const auto& [sequence, expected] : std::vector<std::pair<std::uint32_t, Shelf::Put>>{
-           {kLast, Shelf::Put::kOld}, {2, Shelf::Put::kOld}, {1, Shelf::Put::kBegun}, {kLast, Shelf::Put::kOld}}) {
+  for (const auto& [sequence, expected] :
+       std::vector<std::pair<std::uint32_t, SlotStore::Put>>{{kLast, SlotStore::Put::kOld},
+                                                             {2, SlotStore::Put::kOld},
+                                                             {1, SlotStore::Put::kBegun},
+                                                             {kLast, SlotStore::Put::kOld}}) {
     (void)sealed::write(sealed::Kind::kSettings, sequence, {}, record);
-    CHECK(shelf().put(record, settings::fits) == expected);
+    CHECK(slots().put(record, settings::fits) == expected);
   }
   (void)sealed::write(sealed::Kind::kSettings, kLast - 1, {}, record);
-  CHECK(shelf().put(record, settings::fits) == Shelf::Put::kBegun);
+  CHECK(slots().put(record, settings::fits) == SlotStore::Put::kBegun);
 }
 
 // No smaller number passes for a newer one where an owner signs: it would open the way back to all that was signed.
@@ -188,12 +191,12 @@ TEST(Settings, OfAnOwnerEndWithTheLastNumber) {
   const test::Owner owner{1};
   const drivers::Ed25519 verifier{owner.key};
   for (const std::uint32_t sequence : {kLast, 1U}) {
-    Shelf writer(sealed::Kind::kSettings, settings::good, &store, &verifier);
+    SlotStore writer(sealed::Kind::kSettings, settings::good, &store, &verifier);
     LONGS_EQUAL(0, writer.next_sequence());
     std::vector<std::uint8_t> record(sealed::kAround);
     (void)sealed::write(sealed::Kind::kSettings, sequence, {}, record);
     owner.sign(record);
-    CHECK(writer.put(record, settings::fits) == (sequence == kLast ? Shelf::Put::kBegun : Shelf::Put::kOld));
+    CHECK(writer.put(record, settings::fits) == (sequence == kLast ? SlotStore::Put::kBegun : SlotStore::Put::kOld));
   }
 }
 
@@ -202,9 +205,9 @@ TEST(Settings, HaveWordsForWhatAStartFinds) {
     CHECK(!row.name.empty() && !row.from.empty());
     CHECK(&settings::info(row.found) == &row);
   }
-  for (int k = 0; k <= static_cast<int>(Shelf::State::kNotGood); ++k) {
-    Shelf::Slot slot;
-    slot.state = static_cast<Shelf::State>(k);
+  for (int k = 0; k <= static_cast<int>(SlotStore::State::kNotGood); ++k) {
+    SlotStore::Slot slot;
+    slot.state = static_cast<SlotStore::State>(k);
     slot.refusal = sealed::Refusal::kDamaged;
     CHECK(!words(slot).empty());
   }

@@ -11,9 +11,6 @@
 #include <string_view>
 #include <vector>
 
-#include "app/models.hpp"
-#include "app/settings.hpp"
-#include "app/shelf.hpp"
 #include "base/crc32.hpp"
 #include "base/little_endian.hpp"
 #include "console/console.hpp"
@@ -23,6 +20,9 @@
 #include "drivers/sim/keep.hpp"
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/store.hpp"
+#include "store/models.hpp"
+#include "store/settings.hpp"
+#include "store/slot_store.hpp"
 
 namespace holdfast::test {
 
@@ -58,7 +58,7 @@ struct FuzzedDevice {
   sim::Gpio gpio{clock};
   sim::Serial link, host{1 << 16};
   sim::HandE hand{clock};
-  sim::Keep keep{keepsake::kBytes};
+  sim::Keep keep{checkpoint::kBytes};
   sim::Store stored{settings::kMostBytes};
   sim::Store stored_models{models::kMostBytes};
   DarkCamera camera{clock};
@@ -145,12 +145,12 @@ inline void lay_into_slots(std::span<const std::uint8_t> bytes, sim::Store& stor
 inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
   sim::Store store(settings::kMostBytes);
   lay_into_slots(bytes, store);
-  Shelf shelf(sealed::Kind::kSettings, settings::good, &store, nullptr);
+  SlotStore slots(sealed::Kind::kSettings, settings::good, &store, nullptr);
   Params read;
-  (void)settings::read(shelf.payload(), read);
+  (void)settings::read(slots.payload(), read);
   if (!validate(read).ok()) return "parameters that contradict each other were read";
   const hal::NoOwner owner;
-  const Shelf owned(sealed::Kind::kSettings, settings::good, &store, &owner);
+  const SlotStore owned(sealed::Kind::kSettings, settings::good, &store, &owner);
   if (!owned.payload().empty()) return "nobody signed this";
   const auto blank = [&](std::size_t k) { return std::ranges::all_of(store.slot(k), [](auto b) { return b == 0; }); };
   Params none;
@@ -158,14 +158,14 @@ inline std::string check_settings_bytes(std::span<const std::uint8_t> bytes) {
   if (found != (blank(0) && blank(1) ? settings::Found::kFirst : settings::Found::kLost) || none != Params{}) {
     return "what nobody signed was lost without a word";
   }
-  if (shelf.next_sequence() == 0) return {};
+  if (slots.next_sequence() == 0) return {};
   std::vector<std::uint8_t> record(settings::kMostBytes);
   const std::size_t size = settings::write(read, std::span(record).subspan(sealed::kPayloadAt));
-  record.resize(sealed::write(sealed::Kind::kSettings, shelf.next_sequence(),
+  record.resize(sealed::write(sealed::Kind::kSettings, slots.next_sequence(),
                               std::span(record).subspan(sealed::kPayloadAt, size), record));
-  if (shelf.put(record, settings::fits) != Shelf::Put::kBegun) return "could not be stored";
+  if (slots.put(record, settings::fits) != SlotStore::Put::kBegun) return "could not be stored";
   Params again;
-  const Shelf reader(sealed::Kind::kSettings, settings::good, &store, nullptr);
+  const SlotStore reader(sealed::Kind::kSettings, settings::good, &store, nullptr);
   (void)settings::read(reader.payload(), again);
   return again == read ? std::string() : "what was stored is not what is read";
 }
@@ -183,19 +183,19 @@ inline std::string check_models_bytes(std::span<const std::uint8_t> bytes, bool 
     put_le32(model.last(4), crc32(model.first(model.size() - 4)));
     put_le32(slot.last(4), crc32(slot.first(slot.size() - 4)));
   }
-  Shelf shelf(sealed::Kind::kModel, models::good, &store, nullptr);
+  SlotStore slots(sealed::Kind::kModel, models::good, &store, nullptr);
   model::Tree tree;
-  if (models::in_force(shelf, tree) != nullptr && model_file::check(tree) != model_file::Refusal::kNone) {
+  if (models::in_force(slots, tree) != nullptr && model_file::check(tree) != model_file::Refusal::kNone) {
     return "decides by what is no tree";
   }
-  if (models::in_force(shelf, tree) == nullptr && !shelf.payload().empty()) return "in force, and does not decide";
+  if (models::in_force(slots, tree) == nullptr && !slots.payload().empty()) return "in force, and does not decide";
   const hal::NoOwner owner;
-  if (Shelf(sealed::Kind::kModel, models::good, &store, &owner).sequence() != 0) return "nobody signed this";
-  if (shelf.next_sequence() == 0) return {};
+  if (SlotStore(sealed::Kind::kModel, models::good, &store, &owner).sequence() != 0) return "nobody signed this";
+  if (slots.next_sequence() == 0) return {};
   std::array<std::uint8_t, sealed::kAround> none{};
-  (void)sealed::write(sealed::Kind::kModel, shelf.next_sequence(), {}, none);
-  if (shelf.put(none, models::good) != Shelf::Put::kBegun) return "there is no way back";
-  const Shelf next(sealed::Kind::kModel, models::good, &store, nullptr);
+  (void)sealed::write(sealed::Kind::kModel, slots.next_sequence(), {}, none);
+  if (slots.put(none, models::good) != SlotStore::Put::kBegun) return "there is no way back";
+  const SlotStore next(sealed::Kind::kModel, models::good, &store, nullptr);
   return models::in_force(next, tree) == nullptr ? std::string() : "the way back leads elsewhere";
 }
 

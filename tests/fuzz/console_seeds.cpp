@@ -9,11 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "app/command_frame.hpp"
-#include "app/models.hpp"
-#include "app/settings.hpp"
 #include "base/crc32.hpp"
 #include "console/console.hpp"
+#include "link/command_frame.hpp"
+#include "store/models.hpp"
+#include "store/settings.hpp"
 #include "tests/fuzz/model_check.hpp"
 #include "tests/fuzz/seed_file.hpp"
 

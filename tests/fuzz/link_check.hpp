@@ -13,9 +13,9 @@
 #include <string_view>
 #include <vector>
 
-#include "app/command_frame.hpp"
-#include "app/link.hpp"
-#include "app/status_frame.hpp"
+#include "link/command_frame.hpp"
+#include "link/link.hpp"
+#include "link/status_frame.hpp"
 #include "toolchain/robot/holdfast_link.h"
 
 namespace holdfast::test {

@@ -119,11 +119,11 @@ fuzzed scene_fuzz "$scene_seconds" scene_corpus scene_seeds "$build/scene.dict" 
   "drivers/sim/scene/scene_*.cpp"
 fuzzed model_fuzz "$tenth" model_corpus model_seeds "$build/model.dict" tests/fuzz/regressions/model \
   "firmware/slip/model_file.cpp"
-fuzzed link_fuzz "$tenth" link_corpus link_seeds "$build/link.dict" tests/fuzz/regressions/link "firmware/app/link.cpp"
+fuzzed link_fuzz "$tenth" link_corpus link_seeds "$build/link.dict" tests/fuzz/regressions/link "firmware/link/link.cpp"
 fuzzed modbus_fuzz "$tenth" modbus_corpus modbus_seeds "$build/modbus.dict" tests/fuzz/regressions/modbus \
   "firmware/grip/modbus_rtu.cpp"
 fuzzed console_fuzz "$tenth" console_corpus console_seeds "$build/console.dict" tests/fuzz/regressions/console \
-  "firmware/console/*.cpp firmware/app/settings.cpp firmware/app/models.cpp"
+  "firmware/console/*.cpp firmware/store/settings.cpp firmware/store/models.cpp"
 fuzzed mcap_fuzz "$tenth" mcap_corpus mcap_seeds "$build/mcap.dict" tests/fuzz/regressions/mcap \
   "toolchain/log/mcap_reader.cpp"
 fuzzed jpeg_fuzz $((rest > 0 ? rest : 1)) corpus seeds tests/fuzz/jpeg.dict \

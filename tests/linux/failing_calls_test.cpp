@@ -332,7 +332,7 @@ TEST(FailingCalls, AStoreLosesNothing) {
   CHECK_TRUE(calls >= 10);
 }
 
-TEST(FailingCalls, AKeepsakeIsKeptOrRefused) {
+TEST(FailingCalls, ACheckpointIsKeptOrRefused) {
   const Bytes old(40'000, 11), young(40'000, 22);
   const int calls = each_call_fails(kOfFiles, [&](const char* what) {
     const std::filesystem::path path = dir / "keep";

@@ -19,9 +19,6 @@
 #include <vector>
 
 #include "app/daemon.hpp"
-#include "app/link.hpp"
-#include "app/marker_frame.hpp"
-#include "app/status_frame.hpp"
 #include "base/math.hpp"
 #include "console/console.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
@@ -30,6 +27,9 @@
 #include "drivers/sim/hande.hpp"
 #include "drivers/sim/scene/scene_file.hpp"
 #include "drivers/sim/serial.hpp"
+#include "link/link.hpp"
+#include "link/marker_frame.hpp"
+#include "link/status_frame.hpp"
 #include "toolchain/play/play.hpp"
 
 namespace {

@@ -12,8 +12,6 @@
 #include <vector>
 
 #include "app/daemon.hpp"
-#include "app/models.hpp"
-#include "app/settings.hpp"
 #include "console/console.hpp"
 #include "drivers/sim/camera_memory.hpp"
 #include "drivers/sim/camera_switched.hpp"
@@ -23,6 +21,8 @@
 #include "drivers/sim/keep.hpp"
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/store.hpp"
+#include "store/models.hpp"
+#include "store/settings.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 
@@ -62,7 +62,7 @@ class ConsoleDesk {
   sim::Clock clock;
   sim::Gpio gpio{clock};
   sim::Serial link, host{1 << 20};
-  sim::Keep keep{keepsake::kBytes};
+  sim::Keep keep{checkpoint::kBytes};
   sim::Store stored{settings::kMostBytes};
   sim::Store stored_models{models::kMostBytes};
   sim::HandE hand{clock};

@@ -8,8 +8,8 @@
 
 #include <sodium.h>
 
-#include "app/sealed.hpp"
 #include "drivers/common/ed25519.hpp"
+#include "store/sealed.hpp"
 
 namespace holdfast::test {
 

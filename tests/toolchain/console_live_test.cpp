@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "app/status_frame.hpp"
 #include "base/math.hpp"
+#include "link/status_frame.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/console/canvas.hpp"
 // last: it redefines new

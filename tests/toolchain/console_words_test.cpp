@@ -3,8 +3,8 @@
 #include <cstdlib>
 #include <string>
 
-#include "app/params.hpp"
 #include "console/console.hpp"
+#include "params/params.hpp"
 #include "toolchain/console/line_input.hpp"
 #include "toolchain/console/vocabulary.hpp"
 // last: it redefines new

@@ -10,10 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "app/command_frame.hpp"
-#include "app/link.hpp"
-#include "app/status_frame.hpp"
 #include "app/supervisor.hpp"
+#include "link/command_frame.hpp"
+#include "link/link.hpp"
+#include "link/status_frame.hpp"
 #include "tests/fuzz/link_check.hpp"
 #include "tests/robot/link_c99.h"
 

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "app/sealed.hpp"
 #include "drivers/common/ed25519.hpp"
+#include "store/sealed.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/holdfast/owner_key.hpp"
 

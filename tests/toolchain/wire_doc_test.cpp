@@ -24,13 +24,13 @@ TEST(WireDoc, PricesOfAllModesOrNone) {
 }
 
 TEST(WireDoc, CommittedFilesAreWhatTheTablesSay) {
-  check_committed("firmware/app/LINK.md", holdfast::wire_doc::link_markdown());
+  check_committed("firmware/link/LINK.md", holdfast::wire_doc::link_markdown());
   check_committed("firmware/app/STATES.md", holdfast::wire_doc::states_markdown());
   check_committed("firmware/ERRORS.md", holdfast::wire_doc::errors_markdown());
-  check_committed("firmware/app/PARAMETERS.md", holdfast::wire_doc::parameters_markdown());
+  check_committed("firmware/params/PARAMETERS.md", holdfast::wire_doc::parameters_markdown());
   std::ifstream table(HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv");
   const std::string measured{std::istreambuf_iterator<char>(table), std::istreambuf_iterator<char>()};
-  check_committed("firmware/app/mode_prices.gen.hpp", holdfast::wire_doc::mode_prices(measured));
+  check_committed("firmware/params/mode_prices.gen.hpp", holdfast::wire_doc::mode_prices(measured));
   check_committed("toolchain/robot/holdfast_link.h", holdfast::wire_doc::link_header());
   check_committed("toolchain/page/tables.js", holdfast::wire_doc::page_tables());
 }

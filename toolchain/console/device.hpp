@@ -13,9 +13,9 @@
 #include <utility>
 #include <vector>
 
-#include "app/link.hpp"
-#include "app/marker_frame.hpp"
-#include "app/status_frame.hpp"
+#include "link/link.hpp"
+#include "link/marker_frame.hpp"
+#include "link/status_frame.hpp"
 #include "toolchain/console/port.hpp"
 #include "toolchain/console/signals.hpp"
 

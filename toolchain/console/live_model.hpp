@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-#include "app/status_frame.hpp"
+#include "link/status_frame.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/console/telemetry.hpp"
 

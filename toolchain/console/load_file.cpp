@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <fstream>
 
-#include "app/models.hpp"
-#include "app/sealed.hpp"
-#include "app/settings.hpp"
 #include "base/crc32.hpp"
+#include "store/models.hpp"
+#include "store/sealed.hpp"
+#include "store/settings.hpp"
 #include "toolchain/console/trouble.hpp"
 
 namespace holdfast::console_tool {

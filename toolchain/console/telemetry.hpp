@@ -9,8 +9,8 @@
 #include <cstdint>
 #include <optional>
 
-#include "app/marker_frame.hpp"
-#include "app/status_frame.hpp"
+#include "link/marker_frame.hpp"
+#include "link/status_frame.hpp"
 #include "tactile/types.hpp"
 
 namespace holdfast::console_tool {

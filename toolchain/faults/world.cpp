@@ -14,7 +14,6 @@
 #include <span>
 #include <utility>
 
-#include "app/command_frame.hpp"
 #include "app/daemon.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/film.hpp"
@@ -23,6 +22,7 @@
 #include "drivers/sim/scene/jpeg_encode.hpp"
 #include "drivers/sim/scene/random.hpp"
 #include "drivers/sim/serial.hpp"
+#include "link/command_frame.hpp"
 #include "toolchain/play/rig.hpp"
 
 namespace holdfast::faults {
@@ -548,12 +548,13 @@ class WorldLink final : public hal::Serial {
 
 class WorldKeep final : public hal::Keep {
  public:
-  explicit WorldKeep(Situation& situation) : situation_(situation), bytes_(keepsake::kBytes), lost_(keepsake::kBytes) {}
+  explicit WorldKeep(Situation& situation)
+      : situation_(situation), bytes_(checkpoint::kBytes), lost_(checkpoint::kBytes) {}
 
   // What the process that starts now will find.
   void before_start(std::uint64_t seed) {
     scene::Random random(seed);
-    keepsake::Slot newest, other;
+    checkpoint::Slot newest, other;
     std::memcpy(&newest, bytes_.data(), sizeof newest);
     std::memcpy(&other, bytes_.data() + sizeof newest, sizeof other);
     if (situation_.is(Trouble::kKeepGarbage)) {
@@ -562,10 +563,10 @@ class WorldKeep final : public hal::Keep {
       for (const std::size_t slot : {std::size_t{0}, sizeof newest}) bytes_[slot + 100] ^= 0x10;
     }
     if (situation_.is(Trouble::kKeepWrong)) {
-      for (keepsake::Slot* slot : {&newest, &other}) {
-        if (slot->magic != keepsake::kMagic) continue;
-        slot->contents.sensor = keepsake::identity_of("ABCD-1234");
-        slot->crc = keepsake::detail::crc_of(*slot);
+      for (checkpoint::Slot* slot : {&newest, &other}) {
+        if (slot->magic != checkpoint::kMagic) continue;
+        slot->contents.sensor = checkpoint::identity_of("ABCD-1234");
+        slot->crc = checkpoint::detail::crc_of(*slot);
       }
       std::memcpy(bytes_.data(), &newest, sizeof newest);
       std::memcpy(bytes_.data() + sizeof newest, &other, sizeof other);

@@ -10,8 +10,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "app/modes.hpp"
 #include "base/math.hpp"
+#include "params/modes.hpp"
 #include "slip/model_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/calibrate.hpp"

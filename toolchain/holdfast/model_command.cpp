@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// holdfast model: a compiled model to the record that a device takes (firmware/app/sealed.hpp), and what is in one.
+// holdfast model: a compiled model to the record that a device takes (firmware/store/sealed.hpp), and what is in one.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "app/models.hpp"
+#include "store/models.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/record_file.hpp"
 

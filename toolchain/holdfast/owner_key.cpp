@@ -14,7 +14,7 @@
 #include <string_view>
 #include <system_error>
 
-#include "app/sealed.hpp"
+#include "store/sealed.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -20,7 +20,7 @@ class OwnerKey {
 
   // Empty, or one line: what, likely cause, next step.
   [[nodiscard]] std::string read(const std::string& path);
-  // A record of write() (app/sealed.hpp).
+  // A record of write() (store/sealed.hpp).
   void sign(std::span<std::uint8_t> record) const;
 
  private:

@@ -29,7 +29,8 @@ void add_seal_options(CLI::App& command, SealOptions& options) {
   command
       .add_option("--sequence", options.sequence,
                   "its number, above that of what the device has; without it the seconds since 1970")
-      ->check(CLI::Range(std::uint32_t{1}, UINT32_MAX - 1));  // behind the last one there is none (app/shelf.hpp)
+      ->check(
+          CLI::Range(std::uint32_t{1}, UINT32_MAX - 1));  // behind the last one there is none (store/slot_store.hpp)
 }
 
 std::string read_small_file(const std::string& path, const char* what, const char* wanted, std::string& bytes) {

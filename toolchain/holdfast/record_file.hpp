@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that hold a record for a device (firmware/app/sealed.hpp): how `holdfast settings` and `holdfast model` write
+// Files that hold a record for a device (firmware/store/sealed.hpp): how `holdfast settings` and `holdfast model` write
 // and read them.
 #pragma once
 
@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "app/sealed.hpp"
+#include "store/sealed.hpp"
 
 namespace CLI {
 class App;

@@ -10,8 +10,8 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
-#include "app/modes.hpp"
 #include "base/math.hpp"
+#include "params/modes.hpp"
 #include "toolchain/log/csv_log.hpp"
 
 namespace holdfast::tool {

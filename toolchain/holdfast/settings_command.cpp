@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// holdfast settings: TOML to the record that a device takes (firmware/app/sealed.hpp), the owner's keys, and what is in
-// a record.
+// holdfast settings: TOML to the record that a device takes (firmware/store/sealed.hpp), the owner's keys, and what is
+// in a record.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "app/settings.hpp"
+#include "store/settings.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/owner_key.hpp"
 #include "toolchain/holdfast/record_file.hpp"

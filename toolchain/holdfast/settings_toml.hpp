@@ -10,7 +10,7 @@
 #include <string>
 #include <string_view>
 
-#include "app/params.hpp"
+#include "params/params.hpp"
 
 namespace holdfast::tool {
 

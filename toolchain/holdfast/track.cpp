@@ -11,7 +11,7 @@
 #include <string_view>
 #include <utility>
 
-#include "app/status_frame.hpp"
+#include "link/status_frame.hpp"
 #include "toolchain/holdfast/report.hpp"
 
 namespace holdfast::tool {

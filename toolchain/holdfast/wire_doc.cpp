@@ -13,15 +13,15 @@
 #include <string_view>
 #include <vector>
 
-#include "app/command_frame.hpp"
-#include "app/link.hpp"
-#include "app/marker_frame.hpp"
-#include "app/modes.hpp"
-#include "app/params.hpp"
-#include "app/status_frame.hpp"
 #include "app/supervisor.hpp"
 #include "base/status.hpp"
 #include "console/errors.hpp"
+#include "link/command_frame.hpp"
+#include "link/link.hpp"
+#include "link/marker_frame.hpp"
+#include "link/status_frame.hpp"
+#include "params/modes.hpp"
+#include "params/params.hpp"
 
 namespace holdfast::wire_doc {
 namespace {
@@ -287,7 +287,8 @@ std::string mode_prices(const std::string& trade_csv) {
   std::string out =
       "// SPDX-License-Identifier: Apache-2.0\n"
       "// Written by wire_doc from toolchain/trade/trade.csv, which `holdfast trade` measured; do not edit.\n"
-      "#pragma once\n\n#include <array>\n#include <cstdint>\n\n#include \"app/modes.hpp\"\n\nnamespace holdfast {\n\n"
+      "#pragma once\n\n#include <array>\n#include <cstdint>\n\n#include \"params/modes.hpp\"\n\nnamespace holdfast "
+      "{\n\n"
       "// What a mode costs and gains: CPU time of a frame on the machine that measured (compare, do not rely on it),\n"
       "// aarch64 instructions, memory it works on, and how well it sees filmed grasps.\n"
       "struct ModePrice {\n"
@@ -319,7 +320,7 @@ std::string errors_markdown() {
   std::string out =
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
       "<!-- Written by wire_doc from firmware/base/status.hpp, firmware/console/errors.hpp and "
-      "firmware/app/command_frame.hpp; do not edit. -->\n"
+      "firmware/link/command_frame.hpp; do not edit. -->\n"
       "# Errors\n\n"
       "## Reasons of a state\n\n"
       "In the status frame, behind the state on the console, and in the log. [STATES.md](app/STATES.md) says which of "
@@ -351,7 +352,7 @@ std::string errors_markdown() {
 std::string parameters_markdown() {
   std::string out =
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by wire_doc from firmware/app/params.hpp; do not edit. -->\n"
+      "<!-- Written by wire_doc from firmware/params/params.hpp; do not edit. -->\n"
       "# Parameters\n\n"
       "`get` and `help NAME` show them at the console, `holdfast settings list` on the host. A wrong value of class "
       "**safety** can make GRIP_OK HIGH where it should be LOW, or harm what is held: a device with its owner's key "

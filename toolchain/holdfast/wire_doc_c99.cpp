@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
-#include "app/command_frame.hpp"
-#include "app/link.hpp"
-#include "app/status_frame.hpp"
 #include "base/status.hpp"
+#include "link/command_frame.hpp"
+#include "link/link.hpp"
+#include "link/status_frame.hpp"
 #include "toolchain/holdfast/wire_doc.hpp"
 
 namespace holdfast::wire_doc {
@@ -133,7 +133,7 @@ std::string replaced(std::string text, std::string_view what, std::string_view b
 
 constexpr std::string_view kHead = R"(// SPDX-License-Identifier: Apache-2.0
 // clang-format off
-// Written by wire_doc from the tables that the firmware encodes with (firmware/app/LINK.md); do not edit.
+// Written by wire_doc from the tables that the firmware encodes with (firmware/link/LINK.md); do not edit.
 //
 // The robot's end of a serial line to holdfastd, for C99 and C++: no heap, no globals, nothing to link. Zeroed
 // structs are ready for use. README.md, beside this file, shows a program.

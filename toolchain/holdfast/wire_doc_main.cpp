@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// wire_doc: prints firmware/app/LINK.md (`doc`), firmware/app/STATES.md (`states`), firmware/ERRORS.md (`errors`),
-// firmware/app/PARAMETERS.md (`params`), toolchain/robot/holdfast_link.h (`c99`), toolchain/page/tables.js (`page`) or,
-// from the table named behind it, firmware/app/mode_prices.gen.hpp
+// wire_doc: prints firmware/link/LINK.md (`doc`), firmware/app/STATES.md (`states`), firmware/ERRORS.md (`errors`),
+// firmware/params/PARAMETERS.md (`params`), toolchain/robot/holdfast_link.h (`c99`), toolchain/page/tables.js (`page`)
+// or, from the table named behind it, firmware/params/mode_prices.gen.hpp
 // (`modes`) to stdout. The build target `wire_docs` writes all of them.
 #include <cstdio>
 #include <fstream>

@@ -5,11 +5,11 @@
 #include <string>
 #include <string_view>
 
-#include "app/link.hpp"
-#include "app/marker_frame.hpp"
-#include "app/params.hpp"
-#include "app/status_frame.hpp"
 #include "base/status.hpp"
+#include "link/link.hpp"
+#include "link/marker_frame.hpp"
+#include "link/status_frame.hpp"
+#include "params/params.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/holdfast/wire_doc.hpp"
 #include "vision/markers.hpp"

@@ -11,11 +11,11 @@
 #include <string_view>
 #include <vector>
 
-#include "app/params.hpp"
 #include "app/pipeline.hpp"
 #include "drivers/sim/recording.hpp"
 #include "drivers/sim/scene/contact.hpp"
 #include "drivers/sim/scene/scene.hpp"
+#include "params/params.hpp"
 #include "toolchain/learn/samples.hpp"
 
 namespace holdfast {

@@ -4,8 +4,8 @@
 
 #include <cstddef>
 
-#include "app/params.hpp"
 #include "app/pipeline.hpp"
+#include "params/params.hpp"
 #include "slip/classifier.hpp"
 #include "toolchain/learn/samples.hpp"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames and text out of a stream of bytes, as firmware/app/link.hpp finds them: COBS between 0x00, CRC-16 at the end.
+// Frames and text out of a stream of bytes, as firmware/link/link.hpp finds them: COBS between 0x00, CRC-16 at the end.
 // What is damaged is counted and dropped; it never becomes text or values.
 import { WIRE } from "./tables.js";
 

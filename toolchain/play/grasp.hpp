@@ -21,10 +21,10 @@
 #include <string>
 #include <vector>
 
-#include "app/params.hpp"
 #include "base/status.hpp"
 #include "drivers/sim/scene/scene.hpp"
 #include "grip/regulator.hpp"
+#include "params/params.hpp"
 
 namespace holdfast::tool {
 

@@ -25,8 +25,8 @@
 #include <string_view>
 #include <vector>
 
-#include "app/params.hpp"
 #include "drivers/sim/scene/scene.hpp"
+#include "params/params.hpp"
 #include "slip/model.hpp"
 
 namespace holdfast::tool {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // clang-format off
-// Written by wire_doc from the tables that the firmware encodes with (firmware/app/LINK.md); do not edit.
+// Written by wire_doc from the tables that the firmware encodes with (firmware/link/LINK.md); do not edit.
 //
 // The robot's end of a serial line to holdfastd, for C99 and C++: no heap, no globals, nothing to link. Zeroed
 // structs are ready for use. README.md, beside this file, shows a program.

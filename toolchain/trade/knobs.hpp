@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The settings whose price `holdfast trade` measures: mode fast, and what differs from it in one knob at a time.
 //
-// Most are parameters of the firmware (app/params.hpp). The others are choices that it has made: how many centrings and
-// how large a window, how fine a centre is kept, how many markers there are. They are swept all the same, because a
+// Most are parameters of the firmware (params/params.hpp). The others are choices that it has made: how many centrings
+// and how large a window, how fine a centre is kept, how many markers there are. They are swept all the same, because a
 // choice that nobody has priced is a guess; Tuning says how each is imposed from outside.
 #pragma once
 
@@ -12,8 +12,8 @@
 #include <string_view>
 #include <vector>
 
-#include "app/params.hpp"
 #include "app/pipeline.hpp"
+#include "params/params.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/trade/learned.hpp"
 

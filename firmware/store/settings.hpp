@@ -15,9 +15,9 @@
 #include <span>
 #include <string_view>
 
-#include "app/params.hpp"
-#include "app/sealed.hpp"
-#include "app/shelf.hpp"
+#include "params/params.hpp"
+#include "store/sealed.hpp"
+#include "store/slot_store.hpp"
 
 namespace holdfast::settings {
 
@@ -72,6 +72,6 @@ inline constexpr std::array<FoundInfo, 6> kFound{{
 
 // For a start: what is stored, over `params`. With a damaged slot nobody knows whether the other one is the newest:
 // development mode goes on with it; a device with an owner, whom an older record would roll back, takes neither.
-Found take(const Shelf& shelf, Params& params);
+Found take(const SlotStore& slots, Params& params);
 
 }  // namespace holdfast::settings

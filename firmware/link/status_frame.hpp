@@ -11,9 +11,9 @@
 #include <span>
 #include <string_view>
 
-#include "app/link.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
+#include "link/link.hpp"
 
 namespace holdfast::status_frame {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/marker_frame.hpp"
+#include "link/marker_frame.hpp"
 
 #include <algorithm>
 #include <limits>

@@ -5,7 +5,7 @@
 #include <array>
 #include <cstdint>
 
-#include "app/modes.hpp"
+#include "params/modes.hpp"
 
 namespace holdfast {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/status_frame.hpp"
+#include "link/status_frame.hpp"
 
 namespace holdfast::status_frame {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/link.hpp"
+#include "link/link.hpp"
 
 #include "base/crc16.hpp"
 

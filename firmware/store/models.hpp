@@ -13,10 +13,10 @@
 #include <cstdint>
 #include <span>
 
-#include "app/sealed.hpp"
-#include "app/shelf.hpp"
 #include "slip/model.hpp"
 #include "slip/model_file.hpp"
+#include "store/sealed.hpp"
+#include "store/slot_store.hpp"
 
 namespace holdfast::models {
 
@@ -28,8 +28,8 @@ static_assert(kMostBytes == 5380);
 [[nodiscard]] model_file::Refusal refusal_of(std::span<const std::uint8_t> payload);
 [[nodiscard]] bool good(std::span<const std::uint8_t> payload);
 
-// What decides by a shelf of such records: `tree`, which is filled then, or null: the tree that is compiled in.
+// What decides by a store of such records: `tree`, which is filled then, or null: the tree that is compiled in.
 // For a start.
-[[nodiscard]] const model::Tree* in_force(const Shelf& shelf, model::Tree& tree);
+[[nodiscard]] const model::Tree* in_force(const SlotStore& slots, model::Tree& tree);
 
 }  // namespace holdfast::models

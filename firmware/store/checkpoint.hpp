@@ -25,7 +25,7 @@
 #include "tactile/imprint.hpp"
 #include "vision/markers.hpp"
 
-namespace holdfast::keepsake {
+namespace holdfast::checkpoint {
 
 inline constexpr std::uint32_t kMagic = 0x464B4448;  // "HDKF", little endian
 inline constexpr std::uint32_t kVersion = 2;
@@ -175,4 +175,4 @@ inline void forget(State& state, hal::Keep& keep) {
   state.next = 0;
 }
 
-}  // namespace holdfast::keepsake
+}  // namespace holdfast::checkpoint

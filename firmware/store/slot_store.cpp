@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/shelf.hpp"
+#include "store/slot_store.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -11,7 +11,7 @@ constexpr std::uint32_t kLast = std::numeric_limits<std::uint32_t>::max();
 
 }  // namespace
 
-Shelf::Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifier* owner)
+SlotStore::SlotStore(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifier* owner)
     : kind_(kind), store_(store), owner_(owner) {
   if (store_ == nullptr) return;
   for (std::size_t k = 0; k < slots_.size(); ++k) {
@@ -26,7 +26,7 @@ Shelf::Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifie
   if (slots_[0].state == State::kEmpty && slots_[1].state != State::kEmpty) slots_[0].state = State::kErased;
 }
 
-Shelf::Slot Shelf::look_at(std::size_t slot, Good good, std::span<const std::uint8_t>& payload) const {
+SlotStore::Slot SlotStore::look_at(std::size_t slot, Good good, std::span<const std::uint8_t>& payload) const {
   if (!store_->readable(slot)) return {.state = State::kUnknown};
   const std::span<const std::uint8_t> bytes = store_->found(slot);
   if (std::ranges::all_of(bytes, [](std::uint8_t byte) { return byte == 0; })) return {};
@@ -37,13 +37,13 @@ Shelf::Slot Shelf::look_at(std::size_t slot, Good good, std::span<const std::uin
   return {.state = good(payload) ? State::kOlder : State::kNotGood, .sequence = record.sequence};
 }
 
-bool Shelf::follows(std::uint32_t next, std::uint32_t now) const {
+bool SlotStore::follows(std::uint32_t next, std::uint32_t now) const {
   if (development() && now == kLast) return next == 1;
   if (development() && next == kLast && now == 1) return false;
   return next > now;
 }
 
-Shelf::Put Shelf::put(std::span<const std::uint8_t> record, Good good) {
+SlotStore::Put SlotStore::put(std::span<const std::uint8_t> record, Good good) {
   refusal_ = sealed::Refusal::kNone;
   if (store_ == nullptr) return Put::kNoPlace;
   if (settle() == hal::Store::State::kBusy) return Put::kStillBusy;
@@ -60,12 +60,12 @@ Shelf::Put Shelf::put(std::span<const std::uint8_t> record, Good good) {
   return Put::kBegun;
 }
 
-std::uint32_t Shelf::next_sequence() const {
+std::uint32_t SlotStore::next_sequence() const {
   if (!development()) return 0;
   return sequence_ == kLast ? 1 : sequence_ + 1;
 }
 
-hal::Store::State Shelf::settle() {
+hal::Store::State SlotStore::settle() {
   if (store_ == nullptr) return hal::Store::State::kIdle;
   const hal::Store::State state = store_->state();
   if (state == hal::Store::State::kBusy || !writing_) return state;
@@ -82,7 +82,7 @@ hal::Store::State Shelf::settle() {
   return state;
 }
 
-std::string_view words(const Shelf::Slot& slot) {
+std::string_view words(const SlotStore::Slot& slot) {
   constexpr std::array<std::string_view, 7> kWords{
       "empty: never written to",
       "whole, the newest",
@@ -91,7 +91,7 @@ std::string_view words(const Shelf::Slot& slot) {
       "erased: the second slot is never written before this one",
       "",
       "whole, but this firmware cannot use it: its values contradict each other, or are of another version"};
-  if (slot.state == Shelf::State::kRefused) return sealed::info(slot.refusal).what;
+  if (slot.state == SlotStore::State::kRefused) return sealed::info(slot.refusal).what;
   return kWords[static_cast<std::size_t>(slot.state)];
 }
 

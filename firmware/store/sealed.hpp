@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A record that a device takes from outside or from its own store: settings, or a model, behind a sequence that only
-// grows, the owner's signature and a check sum. A slot of the store (shelf.hpp), the file that `holdfast settings
+// grows, the owner's signature and a check sum. A slot of the store (slot_store.hpp), the file that `holdfast settings
 // compile` writes and what the console's `load` takes are the same bytes.
 //
 // All numbers are little-endian.
@@ -10,7 +10,8 @@
 //        4      1  version of this table: 1
 //        5      1  kind: 1 settings (settings.hpp), 2 model (models.hpp)
 //        6      2  zero
-//        8      4  sequence, 1 to 2^32 - 1; the larger is the newer (shelf.hpp: and what follows the last one). The
+//        8      4  sequence, 1 to 2^32 - 1; the larger is the newer (slot_store.hpp: and what follows the last one).
+//        The
 //                  host takes the seconds since 1970, a device that stores by itself the next number
 //       12      4  n: bytes of the payload
 //       16      n  payload

@@ -18,7 +18,7 @@
 
 namespace holdfast {
 
-enum class Task : std::uint8_t { kDecode, kTrack, kFeel, kJudge, kSignal, kFrame, kAge, kServe, kConsole };
+enum class Task : std::uint8_t { kDecode, kTrack, kFeatures, kClassify, kSignal, kFrame, kAge, kServe, kConsole };
 
 struct TaskInfo {
   Task task;
@@ -30,8 +30,8 @@ struct TaskInfo {
 inline constexpr std::array<TaskInfo, 9> kTasks{{
     {Task::kDecode, "decode", Micros{20'000}, "camera's JPEG to luma"},
     {Task::kTrack, "track", Micros{5'000}, "luma to markers"},
-    {Task::kFeel, "feel", Micros{5'000}, "markers and imprint to features"},
-    {Task::kJudge, "judge", Micros{1'000}, "features to request"},
+    {Task::kFeatures, "features", Micros{5'000}, "markers and imprint to features"},
+    {Task::kClassify, "judge", Micros{1'000}, "features to request"},
     {Task::kSignal, "signal", Micros{2'000}, "request to lines and link"},
     {Task::kFrame, "frame", Micros{33'000}, "arrival to edge, all of the above"},
     {Task::kAge, "age", Micros{95'000}, "start of exposure to edge"},
@@ -39,7 +39,7 @@ inline constexpr std::array<TaskInfo, 9> kTasks{{
     {Task::kConsole, "console", Micros{5'000}, "this console, each time around"},
 }};
 
-namespace laps {
+namespace timing {
 
 class Histogram {
  public:
@@ -89,7 +89,7 @@ class Histogram {
 
 // One frame's way through the stages: begin(), then a lap at the end of each. A frame that is refused halfway has no
 // laps of the stages that it did not reach.
-class Laps {
+class Stopwatch {
  public:
   void use(const hal::Clock& clock) { clock_ = &clock; }
   void begin() {
@@ -120,5 +120,5 @@ class Laps {
   std::array<std::uint32_t, kTasks.size()> late_{};
 };
 
-}  // namespace laps
+}  // namespace timing
 }  // namespace holdfast

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/sealed.hpp"
+#include "store/sealed.hpp"
 
 #include <algorithm>
 #include <cstring>

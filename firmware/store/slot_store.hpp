@@ -14,12 +14,12 @@
 #include <span>
 #include <string_view>
 
-#include "app/sealed.hpp"
 #include "hal/store.hpp"
+#include "store/sealed.hpp"
 
 namespace holdfast {
 
-class Shelf {
+class SlotStore {
  public:
   enum class Put : std::uint8_t {
     kBegun,
@@ -49,7 +49,7 @@ class Shelf {
   using Good = bool (*)(std::span<const std::uint8_t> payload);
 
   // `store` null: there is no place. `owner` null: development mode (sealed.hpp). Both outlive it.
-  Shelf(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifier* owner);
+  SlotStore(sealed::Kind kind, Good good, hal::Store* store, const hal::Verifier* owner);
 
   [[nodiscard]] sealed::Kind kind() const { return kind_; }
   [[nodiscard]] bool has_place() const { return store_ != nullptr; }
@@ -91,6 +91,6 @@ class Shelf {
 };
 
 // What lies in a slot, for people.
-[[nodiscard]] std::string_view words(const Shelf::Slot& slot);
+[[nodiscard]] std::string_view words(const SlotStore::Slot& slot);
 
 }  // namespace holdfast

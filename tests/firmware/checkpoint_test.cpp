@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kept reference: two slots in memory that anything may have happened to.
-#include "app/keepsake.hpp"
+#include "store/checkpoint.hpp"
 
 #include <algorithm>
 #include <cstdint>
@@ -41,11 +41,11 @@ class Fickle final : public hal::Keep {
 
 }  // namespace
 
-TEST_GROUP(Keepsake) {
-  sim::Keep keep{keepsake::kBytes};
+TEST_GROUP(Checkpoint) {
+  sim::Keep keep{checkpoint::kBytes};
   std::span<std::uint8_t> memory = keep.bytes();
-  std::unique_ptr<keepsake::State> writer = std::make_unique<keepsake::State>();
-  std::unique_ptr<keepsake::State> reader = std::make_unique<keepsake::State>();
+  std::unique_ptr<checkpoint::State> writer = std::make_unique<checkpoint::State>();
+  std::unique_ptr<checkpoint::State> reader = std::make_unique<checkpoint::State>();
 
   void teardown() override {
     writer.reset();
@@ -54,8 +54,8 @@ TEST_GROUP(Keepsake) {
   }
 
   void fill(int number) {
-    keepsake::Contents& contents = writer->slot.contents;
-    contents.sensor = keepsake::identity_of("28D1-D7C6");
+    checkpoint::Contents& contents = writer->slot.contents;
+    contents.sensor = checkpoint::identity_of("28D1-D7C6");
     contents.width = 410;
     contents.height = 308;
     contents.pitch_um = 2020;
@@ -70,46 +70,46 @@ TEST_GROUP(Keepsake) {
   }
   void save(int number) {
     fill(number);
-    CHECK_TRUE(keepsake::save(*writer, keep));
+    CHECK_TRUE(checkpoint::save(*writer, keep));
   }
   // Which save() is found; 0: none.
   int found() {
-    return keepsake::load(*reader, keep) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
+    return checkpoint::load(*reader, keep) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
   }
 };
 
-TEST(Keepsake, FindsNothingInBlankMemoryAndWithoutMemory) {
+TEST(Checkpoint, FindsNothingInBlankMemoryAndWithoutMemory) {
   LONGS_EQUAL(0, found());
   LONGS_EQUAL(0, reader->discarded);
   hal::NoKeep none;
-  CHECK_FALSE(keepsake::load(*reader, none));
+  CHECK_FALSE(checkpoint::load(*reader, none));
   fill(1);
-  CHECK_FALSE(keepsake::save(*writer, none));
-  keepsake::forget(*writer, none);
+  CHECK_FALSE(checkpoint::save(*writer, none));
+  checkpoint::forget(*writer, none);
 }
 
-// A board that has less than both slots take: not a byte of it is the keepsake's.
-TEST(Keepsake, LeavesMemoryThatIsTooSmallAlone) {
+// A board that has less than both slots take: not a byte of it is the checkpoint's.
+TEST(Checkpoint, LeavesMemoryThatIsTooSmallAlone) {
   fill(1);
-  sim::Keep small(keepsake::kBytes - 1);
+  sim::Keep small(checkpoint::kBytes - 1);
   std::ranges::fill(small.bytes(), std::uint8_t{0xA5});
-  CHECK_FALSE(keepsake::save(*writer, small));
-  CHECK_FALSE(keepsake::load(*reader, small));
-  keepsake::forget(*writer, small);
+  CHECK_FALSE(checkpoint::save(*writer, small));
+  CHECK_FALSE(checkpoint::load(*reader, small));
+  checkpoint::forget(*writer, small);
   CHECK_TRUE(std::ranges::all_of(small.bytes(), [](std::uint8_t byte) { return byte == 0xA5; }));
 }
 
-TEST(Keepsake, GivesBackTheNewestOfMany) {
+TEST(Checkpoint, GivesBackTheNewestOfMany) {
   for (int k = 1; k <= 9; ++k) {
     save(k);
     LONGS_EQUAL(k, found());
     LONGS_EQUAL(k, reader->slot.contents.empty.samples_q4[5][7]);
-    CHECK_TRUE(reader->slot.contents.sensor == keepsake::identity_of("28D1-D7C6"));
+    CHECK_TRUE(reader->slot.contents.sensor == checkpoint::identity_of("28D1-D7C6"));
   }
 }
 
 // A process killed at any byte of a write leaves the save before, or this one whole.
-TEST(Keepsake, SurvivesAWriteTornAtAnyByte) {
+TEST(Checkpoint, SurvivesAWriteTornAtAnyByte) {
   save(1);
   save(2);
   const std::vector<std::uint8_t> before(memory.begin(), memory.end());
@@ -128,14 +128,14 @@ TEST(Keepsake, SurvivesAWriteTornAtAnyByte) {
 }
 
 // load() reads both slots, and the newer one again.
-TEST(Keepsake, ASlotThatCannotBeReadIsNone) {
+TEST(Checkpoint, ASlotThatCannotBeReadIsNone) {
   save(1);
   save(2);
   const auto found_with = [&](int fails, int changes) {
     Fickle fickle(keep);
     fickle.fails = fails;
     fickle.changes = changes;
-    return keepsake::load(*reader, fickle) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
+    return checkpoint::load(*reader, fickle) ? reader->slot.contents.rest.markers[0].y.raw() : 0;
   };
   LONGS_EQUAL(2, found_with(-1, -1));
   LONGS_EQUAL(2, found_with(0, -1));
@@ -144,53 +144,53 @@ TEST(Keepsake, ASlotThatCannotBeReadIsNone) {
   LONGS_EQUAL(0, found_with(-1, 2));
 }
 
-TEST(Keepsake, BelievesNoSlotWithAFlippedBit) {
+TEST(Checkpoint, BelievesNoSlotWithAFlippedBit) {
   save(1);
   save(2);
   const std::vector<std::uint8_t> sound(memory.begin(), memory.end());
-  for (std::size_t byte = 0; byte < keepsake::kReferenceBytes; byte += byte < 64 ? 1 : 101) {
+  for (std::size_t byte = 0; byte < checkpoint::kReferenceBytes; byte += byte < 64 ? 1 : 101) {
     memory[byte] = static_cast<std::uint8_t>(sound[byte] ^ (1U << (byte % 8)));
     const int got = found();
-    LONGS_EQUAL(byte < sizeof(keepsake::Slot) ? 2 : 1, got);
+    LONGS_EQUAL(byte < sizeof(checkpoint::Slot) ? 2 : 1, got);
     memory[byte] = sound[byte];
   }
   memory[100] ^= 1;
-  memory[sizeof(keepsake::Slot) + 100] ^= 1;
+  memory[sizeof(checkpoint::Slot) + 100] ^= 1;
   LONGS_EQUAL(0, found());
   CHECK_TRUE(reader->discarded >= 2);
 }
 
-TEST(Keepsake, RefusesWhatAnotherBuildMayHaveWritten) {
+TEST(Checkpoint, RefusesWhatAnotherBuildMayHaveWritten) {
   const auto spoiled = [&](auto&& spoil) {
     std::ranges::fill(memory, std::uint8_t{0});
     *writer = {};
     save(1);
-    keepsake::Slot slot;
+    checkpoint::Slot slot;
     std::memcpy(&slot, memory.data(), sizeof slot);
     spoil(slot);
-    slot.crc = keepsake::detail::crc_of(slot);
+    slot.crc = checkpoint::detail::crc_of(slot);
     std::memcpy(memory.data(), &slot, sizeof slot);
     return found();
   };
-  LONGS_EQUAL(1, spoiled([](keepsake::Slot&) {}));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.version = keepsake::kVersion + 1; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.bytes -= 8; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.rest.grid = {0, 9}; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.rest.grid = {16, 16}; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.empty.frames = -1; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.empty.frames = imprint::kEmptyMean + 1; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) {
+  LONGS_EQUAL(1, spoiled([](checkpoint::Slot&) {}));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.version = checkpoint::kVersion + 1; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.bytes -= 8; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {0, 9}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {16, 16}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = -1; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = imprint::kEmptyMean + 1; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
                 const std::int32_t far = PixelsQ8::kMax + 1;
                 static_assert(sizeof far == sizeof s.contents.rest.markers[3].x);
                 std::memcpy(static_cast<void*>(&s.contents.rest.markers[3].x), &far, sizeof far);
               }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.pitch = {}; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) { s.contents.rest.grid = {7, 0}; }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) {
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.pitch = {}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {7, 0}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
                 const std::int32_t far = PixelsQ8::kMin - 1;
                 std::memcpy(static_cast<void*>(&s.contents.rest.markers[127].y), &far, sizeof far);
               }));
-  LONGS_EQUAL(0, spoiled([](keepsake::Slot& s) {
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
                 const std::int32_t wide = PixelsQ8::kMax + 1;
                 std::memcpy(static_cast<void*>(&s.contents.pitch), &wide, sizeof wide);
               }));
@@ -198,9 +198,9 @@ TEST(Keepsake, RefusesWhatAnotherBuildMayHaveWritten) {
 
 // The file system is full at any byte of a write: the save before is found, also after another try, which goes over the
 // same slot; and once there is room again, the newest.
-TEST(Keepsake, SurvivesAWriteThatIsRefusedAtAnyByte) {
+TEST(Checkpoint, SurvivesAWriteThatIsRefusedAtAnyByte) {
   for (const std::size_t room : {std::size_t{0}, std::size_t{20}, std::size_t{400}, std::size_t{1000}}) {
-    keep = sim::Keep(keepsake::kBytes);
+    keep = sim::Keep(checkpoint::kBytes);
     memory = keep.bytes();
     *writer = {};
     save(1);
@@ -208,7 +208,7 @@ TEST(Keepsake, SurvivesAWriteThatIsRefusedAtAnyByte) {
     for (const int number : {3, 4}) {
       keep.set_room(room);
       fill(number);
-      CHECK_FALSE(keepsake::save(*writer, keep));
+      CHECK_FALSE(checkpoint::save(*writer, keep));
       LONGS_EQUAL(2, found());
     }
     keep.set_room(SIZE_MAX);
@@ -217,10 +217,10 @@ TEST(Keepsake, SurvivesAWriteThatIsRefusedAtAnyByte) {
   }
 }
 
-TEST(Keepsake, IsGoneAfterForget) {
+TEST(Checkpoint, IsGoneAfterForget) {
   save(1);
   save(2);
-  keepsake::forget(*writer, keep);
+  checkpoint::forget(*writer, keep);
   LONGS_EQUAL(0, found());
   LONGS_EQUAL(0, reader->discarded);
   save(3);
@@ -228,28 +228,28 @@ TEST(Keepsake, IsGoneAfterForget) {
 }
 
 // The grip lies beside the reference: neither write touches the other, and TARE forgets the reference alone.
-TEST(Keepsake, KeepsTheGripBesideTheReference) {
-  keepsake::GripState grip;
+TEST(Checkpoint, KeepsTheGripBesideTheReference) {
+  checkpoint::GripState grip;
   save(1);
   for (std::uint8_t force = 1; force < 10; ++force) {
     grip.slot.contents = {1, force, 255};
-    CHECK_TRUE(keepsake::save(grip, keep));
+    CHECK_TRUE(checkpoint::save(grip, keep));
   }
-  keepsake::GripState other;
-  CHECK_TRUE(keepsake::load(other, keep));
+  checkpoint::GripState other;
+  CHECK_TRUE(checkpoint::load(other, keep));
   LONGS_EQUAL(9, other.slot.contents.force);
   LONGS_EQUAL(1, found());
-  keepsake::forget(*writer, keep);
+  checkpoint::forget(*writer, keep);
   LONGS_EQUAL(0, found());
-  CHECK_TRUE(keepsake::load(other, keep));
-  memory[keepsake::kBytes - 1] ^= 0xFF;
-  memory[keepsake::kReferenceBytes + 8] ^= 0xFF;
-  (void)keepsake::load(other, keep);
+  CHECK_TRUE(checkpoint::load(other, keep));
+  memory[checkpoint::kBytes - 1] ^= 0xFF;
+  memory[checkpoint::kReferenceBytes + 8] ^= 0xFF;
+  (void)checkpoint::load(other, keep);
   CHECK_TRUE(other.slot.contents.gripping <= 1 || other.discarded > 0);
 }
 
-TEST(Keepsake, CutsIdentitiesThatAreTooLong) {
-  const std::string longer(keepsake::kMaxIdentity + 10, 'x');
-  CHECK_TRUE(keepsake::identity_of(longer) == keepsake::identity_of(longer.substr(0, keepsake::kMaxIdentity)));
-  CHECK_FALSE(keepsake::identity_of("a") == keepsake::identity_of("b"));
+TEST(Checkpoint, CutsIdentitiesThatAreTooLong) {
+  const std::string longer(checkpoint::kMaxIdentity + 10, 'x');
+  CHECK_TRUE(checkpoint::identity_of(longer) == checkpoint::identity_of(longer.substr(0, checkpoint::kMaxIdentity)));
+  CHECK_FALSE(checkpoint::identity_of("a") == checkpoint::identity_of("b"));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/settings.hpp"
+#include "store/settings.hpp"
 
 #include <string_view>
 
@@ -50,15 +50,15 @@ bool fits(std::span<const std::uint8_t> payload) {
   return read(payload, params) == Loaded::kAll;
 }
 
-Found take(const Shelf& shelf, Params& params) {
-  if (!shelf.has_place()) return Found::kNoPlace;
-  if (shelf.slot(0).damaged() || shelf.slot(1).damaged()) {
-    if (shelf.sequence() == 0 || !shelf.development()) return Found::kLost;
-    (void)read(shelf.payload(), params);
+Found take(const SlotStore& slots, Params& params) {
+  if (!slots.has_place()) return Found::kNoPlace;
+  if (slots.slot(0).damaged() || slots.slot(1).damaged()) {
+    if (slots.sequence() == 0 || !slots.development()) return Found::kLost;
+    (void)read(slots.payload(), params);
     return Found::kEither;
   }
-  if (shelf.sequence() == 0) return Found::kFirst;
-  return read(shelf.payload(), params) == Loaded::kSome ? Found::kPartly : Found::kWhole;
+  if (slots.sequence() == 0) return Found::kFirst;
+  return read(slots.payload(), params) == Loaded::kSome ? Found::kPartly : Found::kWhole;
 }
 
 std::size_t write(const Params& params, std::span<std::uint8_t> out) {

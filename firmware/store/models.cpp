@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "app/models.hpp"
+#include "store/models.hpp"
 
 namespace holdfast::models {
 
@@ -12,8 +12,8 @@ bool good(std::span<const std::uint8_t> payload) {
   return refusal_of(payload) == model_file::Refusal::kNone;
 }
 
-const model::Tree* in_force(const Shelf& shelf, model::Tree& tree) {
-  const bool loaded = model_file::read(shelf.payload(), tree) == model_file::Refusal::kNone;
+const model::Tree* in_force(const SlotStore& slots, model::Tree& tree) {
+  const bool loaded = model_file::read(slots.payload(), tree) == model_file::Refusal::kNone;
   return loaded ? &tree : nullptr;
 }
 

@@ -14,9 +14,9 @@
 #include <string_view>
 #include <system_error>
 
-#include "app/modes.hpp"
 #include "base/status.hpp"
 #include "hal/crew.hpp"
+#include "params/modes.hpp"
 #include "slip/tree_io.hpp"
 #include "vision/jpeg_fast.hpp"
 #include "vision/markers.hpp"

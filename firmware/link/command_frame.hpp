@@ -12,8 +12,8 @@
 #include <span>
 #include <string_view>
 
-#include "app/link.hpp"
 #include "base/units.hpp"
+#include "link/link.hpp"
 
 namespace holdfast::command_frame {
 

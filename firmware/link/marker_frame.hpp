@@ -12,8 +12,8 @@
 #include <optional>
 #include <span>
 
-#include "app/link.hpp"
 #include "base/units.hpp"
+#include "link/link.hpp"
 #include "tactile/types.hpp"
 #include "vision/markers.hpp"
 
