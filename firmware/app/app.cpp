@@ -43,7 +43,6 @@ EighthDecoder::Config jpeg_config(const Params& params) {
   EighthDecoder::Config config{};
   config.walk = params.jpeg_lanes == 0 ? EighthDecoder::Walk::kPlain : EighthDecoder::Walk::kFast;
   config.fast.lanes = params.jpeg_lanes;
-  config.limits.rows_pct = params.jpeg_rows_pct;
   return config;
 }
 

@@ -37,7 +37,6 @@ struct Params {
   std::int32_t mode = 0;
   std::int32_t jpeg_threads = 1;
   std::int32_t jpeg_lanes = 3;
-  std::int32_t jpeg_rows_pct = 100;
   std::int32_t all_features = 0;
   std::int32_t latch = 0;
   std::int32_t opening_max_ms = 5000;
@@ -82,7 +81,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 25> kParams{{
+inline constexpr std::array<ParamInfo, 24> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000, ParamClass::kSafety,
      "larger: a slip stays in one bin, and its entropy shows nothing",
      "displacement at which the last of the 15 histogram bins begins to overflow",
@@ -123,10 +122,6 @@ inline constexpr std::array<ParamInfo, 25> kParams{{
      "the same bytes; what comes late is rejected",
      "places of the picture that a core decodes by turns (mode fast); 0: the plain walk",
      "3 suits x86-64, 2 Cortex-A72; 0 takes about twice as long and no memory of its own", Applies::kAtRestart},
-    {&Params::jpeg_rows_pct, "jpeg_rows_pct", "%", 50, 100, ParamClass::kSafety,
-     "less: damaged pictures are no longer refused", "rows of the picture that are decoded, from the top (mode fast)",
-     "below 100: saves its share of the time, and two in three pictures that lost data above are no longer refused",
-     Applies::kAtRestart},
     {&Params::all_features, "all_features", "", 0, 1, ParamClass::kDisplay, "the model decides by the same features",
      "1: compute every feature, also those that the model does not read", "instructions only; for recording data"},
     {&Params::latch, "latch", "", 0, 1, ParamClass::kSafety,

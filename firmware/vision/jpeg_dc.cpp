@@ -249,7 +249,6 @@ Error read_mcus(Scan& scan, LumaBuffer& out) {
       if (bits.left() < 0) return shortage(bits);
     }
   }
-  if (!scan.to_end) return Error::kNone;
   std::uint8_t marker = 0;
   if (const Error error = take_marker(bits, cursor, marker); error != Error::kNone) return error;
   return marker == kEoi ? Error::kNone : Error::kNoEnd;
@@ -266,12 +265,6 @@ Error open(State& state, Bytes bytes, const Limits& limits, LumaBuffer& out, Sca
   if (const Error error = prepare_scan(state, headers, scan); error != Error::kNone) return error;
   scan.mcus_across = (out.width + scan.across - 1) / scan.across;
   scan.mcus_down = (out.height + scan.down - 1) / scan.down;
-  if (limits.rows_pct < 100) {
-    const std::int32_t mcus = scan.mcus_down;
-    out.height = std::max(1, (out.height * limits.rows_pct + 99) / 100);
-    scan.mcus_down = (out.height + scan.down - 1) / scan.down;
-    scan.to_end = scan.mcus_down == mcus;
-  }
   return Error::kNone;
 }
 

@@ -77,14 +77,9 @@ struct State {
 struct Limits {
   std::int32_t min_width = kMinLumaWidth;
   std::int32_t min_height = kMinLumaHeight;
-  // Percent of the rows that are wanted, from the top. Below 100 the walk ends there, which saves its share of the
-  // time (85: 15 %). Price: lost payload shows as too few blocks at the end, and the end is not looked at. Measured at
-  // 85 without restart markers: of pictures that lost 512 bytes, 87 % (640x480) and 85 % (3280x2464) were accepted with
-  // shifted rows; with a restart marker per row of MCUs 0.2 to 1.7 %; at 100, none at all.
-  std::int32_t rows_pct = 100;
 };
 
-// Result: ceil(width / 8) x ceil(height / 8) pixels, or the rows asked for of them. `out` is undefined unless ok();
+// Result: ceil(width / 8) x ceil(height / 8) pixels. `out` is undefined unless ok();
 // state.error says why. The state serves the next picture after any error. kJpegDamaged, kFrameFormat,
 // kPictureTooSmall, kPictureTooLarge.
 [[nodiscard]] Status decode(State& state, std::span<const std::uint8_t> bytes, LumaBuffer& out, Limits limits = {});
@@ -117,7 +112,6 @@ struct Scan {
   std::int32_t mcus_down = 0;
   std::int32_t luma_quant = 1;        // divisor of DC, 1..32767
   std::int32_t restart_interval = 0;  // MCUs; 0: none
-  bool to_end = true;                 // false: the picture has more MCUs, which are not wanted
 };
 
 // Reads the headers, sizes `out`, makes the tables that are not those of the picture before.

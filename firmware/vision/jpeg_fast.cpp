@@ -248,21 +248,15 @@ const std::uint8_t* last_end(const std::uint8_t* begin, const std::uint8_t* end)
   return end;
 }
 
-// `bytes`: of the data that are needed, as far as one knows; 0: all.
-Error cut(State& state, const Config& config, const Scan& scan, std::size_t lanes, std::size_t bytes) {
+Error cut(State& state, const Config& config, const Scan& scan, std::size_t lanes) {
   state.slices = 0;
   std::size_t guesses = 0;
   const std::uint8_t* at = scan.data.at;
   const std::uint8_t* end = scan.data.end;
   if (scan.restart_interval == 0) {
-    if (bytes != 0 && bytes < static_cast<std::size_t>(end - at)) {
-      end = at + bytes;
-    } else {
-      const std::uint8_t* const eoi = last_end(at, end);
-      if (eoi == end) return kUnsure;
-      end = eoi;
-    }
-    return cut(state, at, end, lanes, config, guesses) ? Error::kNone : kUnsure;
+    const std::uint8_t* const eoi = last_end(at, end);
+    if (eoi == end) return kUnsure;
+    return cut(state, at, eoi, lanes, config, guesses) ? Error::kNone : kUnsure;
   }
   const std::int32_t mcus = scan.mcus_across * scan.mcus_down;
   const std::int32_t intervals = (mcus + scan.restart_interval - 1) / scan.restart_interval;
@@ -273,9 +267,7 @@ Error cut(State& state, const Config& config, const Scan& scan, std::size_t lane
     std::uint8_t code = 0;
     if (read_marker(cursor, code) != Error::kNone) return kUnsure;
     const bool last = i + 1 == intervals;
-    const std::uint8_t expected =
-        last && scan.to_end ? jpeg_dc::kEoi : static_cast<std::uint8_t>(jpeg_dc::kRst0 + i % 8);
-    if (code != expected && !(last && !scan.to_end && code == jpeg_dc::kEoi)) return kUnsure;
+    if (code != (last ? jpeg_dc::kEoi : static_cast<std::uint8_t>(jpeg_dc::kRst0 + i % 8))) return kUnsure;
     at = cursor.at;
   }
   return Error::kNone;
@@ -285,14 +277,10 @@ Error cut(State& state, const Config& config, const Scan& scan, std::size_t lane
 
 class Stitcher {
  public:
-  // About where the last block ended, if there were more than wanted.
-  [[nodiscard]] const std::uint8_t* end() const { return end_; }
-
   explicit Stitcher(State& state) : state_(state), per_mcu_(state.luma_blocks) {}
 
-  // The slices [first, end), which hold `blocks` luma blocks, and no more if `to_end`.
-  Error stitch(std::size_t first, std::size_t end, std::uint32_t blocks, bool to_end) {
-    to_end_ = to_end;
+  // The slices [first, end), which hold `blocks` luma blocks and no more.
+  Error stitch(std::size_t first, std::size_t end, std::uint32_t blocks) {
     level_ = 0;
     std::uint32_t from = 0;   // first block of the slice that counts
     std::uint32_t valid = 0;  // its position
@@ -300,8 +288,7 @@ class Stitcher {
       const Slice& slice = state_.slice[i];
       if (!slice.whole) return kUnsure;
       const std::uint32_t count = slice.listed - from;
-      if (!to_end && count > blocks) return last_wanted(slice, from, valid, blocks);
-      if (i + 1 == end) return to_end ? last(slice, from, valid, blocks) : kUnsure;
+      if (i + 1 == end) return last(slice, from, valid, blocks);
       if (count > blocks) return kUnsure;
       if (slice.left.bad > valid) return Error::kBadCode;
       add(slice.first_value, from, count);
@@ -369,11 +356,10 @@ class Stitcher {
   // The seam's blocks before the match, then `next` from its MCU `start` on.
   Error join(const Slice& next, const Walk& walk, std::span<const std::uint32_t> seam, std::uint32_t start,
              std::uint32_t& blocks, std::uint32_t& from, std::uint32_t& valid) {
-    if (walk.bad != 0) return to_end_ ? Error::kBadCode : kUnsure;  // it may stand after the last block wanted
-    const auto listed = static_cast<std::uint32_t>(seam.size());
-    const std::uint32_t count = to_end_ ? listed : std::min(listed, blocks);
+    if (walk.bad != 0) return Error::kBadCode;
+    const auto count = static_cast<std::uint32_t>(seam.size());
     std::uint32_t first = 0;
-    if (count > blocks || !take_values(state_, listed, first)) return kUnsure;
+    if (count > blocks || !take_values(state_, count, first)) return kUnsure;
     sum_differences(state_, walk.bytes, seam, state_.value.data() + first);
     add(first, 0, count);
     blocks -= count;
@@ -397,23 +383,9 @@ class Stitcher {
     return Error::kNone;
   }
 
-  // The last slice when blocks after those are not wanted.
-  Error last_wanted(const Slice& slice, std::uint32_t from, std::uint32_t valid, std::uint32_t blocks) {
-    const std::uint32_t beyond = from + blocks;
-    const bool near_end = slice.listed - beyond <= Slice::kTail;
-    if (near_end && slice.tail[beyond % Slice::kTail] > slice.bits) return kUnsure;
-    if (slice.left.bad > valid) return kUnsure;  // before the last wanted block, or after it
-    add(slice.first_value, from, blocks);
-    const auto bytes = static_cast<std::size_t>(slice.end - slice.begin);
-    end_ = slice.begin + bytes * beyond / slice.listed;
-    return Error::kNone;
-  }
-
   State& state_;
   std::uint32_t per_mcu_;
-  bool to_end_ = true;
   std::int32_t level_ = 0;
-  const std::uint8_t* end_ = nullptr;
 };
 
 Error stitch(State& state, const Scan& scan) {
@@ -425,14 +397,10 @@ Error stitch(State& state, const Scan& scan) {
     while (end < state.slices && !state.slice[end].exact) ++end;
     const std::int32_t taken = scan.restart_interval == 0 ? mcus : std::min(mcus, scan.restart_interval);
     const auto blocks = static_cast<std::uint32_t>(taken) * state.luma_blocks;
-    const bool whole = scan.to_end || taken < mcus;
-    if (const Error error = stitcher.stitch(first, end, blocks, whole); error != Error::kNone) return error;
+    if (const Error error = stitcher.stitch(first, end, blocks); error != Error::kNone) return error;
     mcus -= taken;
     first = end;
   }
-  const std::uint8_t* const wanted = stitcher.end();
-  const auto bytes = static_cast<std::size_t>(wanted == nullptr ? 0 : wanted - scan.data.at);
-  state.bytes_wanted = bytes == 0 ? 0 : bytes + bytes / 50 + 1024;  // pictures of a stream differ by less
   return Error::kNone;
 }
 
@@ -485,11 +453,10 @@ void arrange(const State& state, const Scan& scan, LumaBuffer& out) {
   }
 }
 
-// Everything up to the pieces of the picture, looking at `bytes` of the data or at all (0).
-Error find_pieces(State& state, const Config& config, std::span<Worker> workers, hal::Crew& crew, const Scan& scan,
-                  std::size_t bytes) {
+// Everything up to the pieces of the picture.
+Error find_pieces(State& state, const Config& config, std::span<Worker> workers, hal::Crew& crew, const Scan& scan) {
   const auto lanes = static_cast<std::size_t>(config.lanes) * crew.size();
-  const Error error = cut(state, config, scan, lanes, bytes);
+  const Error error = cut(state, config, scan, lanes);
   if (error != Error::kNone) return error;
   state.claimed.store(0, std::memory_order_relaxed);
   state.valued.store(0, std::memory_order_relaxed);
@@ -503,9 +470,7 @@ Error decode_scan(State& state, const Config& config, std::span<Worker> workers,
   const std::int64_t blocks = std::int64_t{scan.mcus_across} * scan.mcus_down * scan.across * scan.down;
   if (blocks > static_cast<std::int64_t>(kMaxBlocksOfPicture)) return kUnsure;
   prepare(state, scan);
-  const std::size_t bytes = scan.to_end ? 0 : state.bytes_wanted;
-  Error error = find_pieces(state, config, workers, crew, scan, bytes);
-  if (error != Error::kNone && bytes != 0) error = find_pieces(state, config, workers, crew, scan, 0);
+  Error error = find_pieces(state, config, workers, crew, scan);
   if (error != Error::kNone) return error;
   error = make_samples(state, scan.luma_quant);
   if (error != Error::kNone) return error;

@@ -155,7 +155,6 @@ struct State {
   std::array<std::array<std::uint16_t, kMaxStarts>, kMaxGuesses> starts;
   std::array<Piece, 2 * kMaxSlices> piece;
   std::size_t pieces = 0;
-  std::size_t bytes_wanted = 0;  // of the data, expected by the picture before, when rows are left out; 0: all
   std::array<std::int16_t, kMaxValues> value;              // DC level of a block, from 0 at the start of its slice
   std::array<std::uint8_t, kMaxBlocksOfPicture> in_order;  // samples in the order of sending
   std::array<std::uint8_t, 4096 + LaneMemory::kOverrun> seam_bytes;

@@ -46,7 +46,6 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"mode", 0},
                       {"jpeg_threads", 1},
                       {"jpeg_lanes", 3},
-                      {"jpeg_rows_pct", 100},
                       {"all_features", 0},
                       {"latch", 0},
                       {"opening_max_ms", 5000},

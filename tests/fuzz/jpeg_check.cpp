@@ -37,7 +37,6 @@ bool is_stricter(Error error, std::span<const std::uint8_t> bytes) {
 }
 
 constexpr jpeg_dc::Limits kWhole{1, 1};
-constexpr jpeg_dc::Limits kUpperRows{1, 1, 60};
 
 // Without threads, which would make findings hard to repeat; the slices do not know.
 class OneAfterTheOther final : public hal::Crew {
@@ -72,20 +71,15 @@ std::string JpegCheck::check(std::span<const std::uint8_t> bytes) {
   if (!finding.empty() && check_plain(bytes, *std::make_unique<jpeg_dc::State>()).empty()) {
     finding += "; not with a fresh state: something stayed from the inputs before";
   }
-  if (finding.empty()) finding = check_fast(bytes, kWhole);
-  if (finding.empty()) {
-    (void)jpeg_dc::decode(*state_, bytes, *out_, kUpperRows);
-    finding = check_fast(bytes, kUpperRows);
-  }
-  return finding;
+  return finding.empty() ? check_fast(bytes) : finding;
 }
 
-std::string JpegCheck::check_fast(std::span<const std::uint8_t> bytes, const jpeg_dc::Limits& limits) {
+std::string JpegCheck::check_fast(std::span<const std::uint8_t> bytes) {
   const jpeg_dc::ErrorInfo& plain = jpeg_dc::info(state_->error);
   for (const Shape& shape : kShapes) {
     OneAfterTheOther crew(shape.workers);
     const jpeg_fast::Config config{shape.lanes, shape.slice, shape.slice};
-    const Status status = jpeg_fast::decode(*fast_state_, config, workers_, crew, bytes, *fast_out_, limits);
+    const Status status = jpeg_fast::decode(*fast_state_, config, workers_, crew, bytes, *fast_out_, kWhole);
     const std::size_t size = static_cast<std::size_t>(out_->width) * static_cast<std::size_t>(out_->height);
     const bool same =
         status.reason == plain.reason &&
@@ -100,7 +94,7 @@ std::string JpegCheck::check_fast(std::span<const std::uint8_t> bytes, const jpe
 }
 
 std::string JpegCheck::check_plain(std::span<const std::uint8_t> bytes, jpeg_dc::State& state) {
-  const Status status = jpeg_dc::decode(state, bytes, *out_, {.min_width = 1, .min_height = 1});
+  const Status status = jpeg_dc::decode(state, bytes, *out_, kWhole);
   if (state.error >= Error{jpeg_dc::kErrors.size()}) return "an error that is not in the list";
   const jpeg_dc::ErrorInfo& said = jpeg_dc::info(state.error);
   if (status.reason != said.reason) return "status and error contradict each other";

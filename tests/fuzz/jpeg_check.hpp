@@ -29,7 +29,7 @@ class JpegCheck {
  private:
   [[nodiscard]] std::string check_plain(std::span<const std::uint8_t> bytes, jpeg_dc::State& state);
   // `out_` and `state_` hold the plain walk's answer.
-  [[nodiscard]] std::string check_fast(std::span<const std::uint8_t> bytes, const jpeg_dc::Limits& limits);
+  [[nodiscard]] std::string check_fast(std::span<const std::uint8_t> bytes);
 
   std::unique_ptr<jpeg_dc::State> state_ = std::make_unique<jpeg_dc::State>();
   std::unique_ptr<jpeg_fast::State> fast_state_ = std::make_unique<jpeg_fast::State>();

@@ -80,22 +80,20 @@ TEST_GROUP(JpegFast) {
     const auto size = static_cast<std::ptrdiff_t>(out->width) * out->height;
     return {error, out->width, out->height, {out->pixels.begin(), out->pixels.begin() + size}};
   }
-  Decoded plain(const Bytes& bytes, const jpeg_dc::Limits& limits = kAnySize) {
-    (void)jpeg_dc::decode(*plain_state, bytes, *out, limits);
+  Decoded plain(const Bytes& bytes) {
+    (void)jpeg_dc::decode(*plain_state, bytes, *out, kAnySize);
     return result(plain_state->error);
   }
-  Decoded fast(const Bytes& bytes, Shape shape = {1, 3}, std::int32_t slice = kWhole,
-               const jpeg_dc::Limits& limits = kAnySize) {
+  Decoded fast(const Bytes& bytes, Shape shape = {1, 3}, std::int32_t slice = kWhole) {
     const jpeg_fast::Config config{shape.lanes, slice, std::min(slice, 1024)};
-    const Status status = jpeg_fast::decode(*state, config, workers, crew(shape.threads), bytes, *out, limits);
+    const Status status = jpeg_fast::decode(*state, config, workers, crew(shape.threads), bytes, *out, kAnySize);
     CHECK(status.reason == jpeg_dc::info(state->plain.error).reason);
     return result(state->plain.error);
   }
   // Same samples, or refused by both for the same reason of the seam.
-  void check_as_plain(const Bytes& bytes, Shape shape, std::int32_t slice, unsigned seed = 0,
-                      const jpeg_dc::Limits& limits = kAnySize) {
-    const Decoded wanted = plain(bytes, limits);
-    const Decoded got = fast(bytes, shape, slice, limits);
+  void check_as_plain(const Bytes& bytes, Shape shape, std::int32_t slice, unsigned seed = 0) {
+    const Decoded wanted = plain(bytes);
+    const Decoded got = fast(bytes, shape, slice);
     const bool refused =
         wanted.error != Error::kNone && jpeg_dc::info(got.error).reason == jpeg_dc::info(wanted.error).reason;
     if (refused || got == wanted) return;
@@ -173,20 +171,6 @@ TEST(JpegFast, RefusesWhatThePlainWalkRefuses) {
     const Shape shape = kShapes[seed % kShapes.size()];
     const std::int32_t slice = std::array{50, 200, kWhole}[seed % 3];
     for (int round = 0; round < 8; ++round) check_as_plain(damaged(whole, random, round), shape, slice, seed);
-  }
-}
-
-// When the last rows are not wanted, nobody looks at what is wrong with them: neither walk, and both take the same for
-// the end of the others.
-TEST(JpegFast, RefusesWhatThePlainWalkRefusesInTheRowsThatAreWanted) {
-  for (unsigned seed = 1; seed <= 1500; ++seed) {
-    Random random(seed);
-    const Bytes whole = test::any_stream(seed);
-    const Shape shape = kShapes[seed % kShapes.size()];
-    const std::int32_t slice = std::array{16, 50, 200}[seed % 3];
-    const jpeg_dc::Limits limits{1, 1, test::in_range(random, 50, 90)};
-    check_as_plain(whole, shape, slice, seed, limits);
-    for (int round = 0; round < 8; ++round) check_as_plain(damaged(whole, random, round), shape, slice, seed, limits);
   }
 }
 
@@ -308,68 +292,6 @@ TEST(JpegFast, LeavesAMarkerInThePaddingToThePlainWalk) {
   bytes.insert(bytes.end(), {0xFF, 0xD9});
   CHECK(fast(bytes) == wanted);
   LONGS_EQUAL(1, state->counts.by_plain_walk);
-}
-
-TEST(JpegFast, StopsAfterTheRowsThatAreWanted) {
-  const scene::PictureConfig config = scene::camera_3280x2464();
-  Bytes rgb;
-  for (const int interval : {0, 100, 205, 30'000, 65'000}) {  // the last: one interval, and EOI behind it
-    for (std::uint64_t noise = 1; noise <= 2; ++noise) {
-      scene::render_rgb(config, {}, nullptr, noise, rgb);
-      const Bytes bytes = test::encode_rgb(rgb, config.width, config.height, 85, interval);
-      Decoded wanted = plain(bytes);
-      wanted.height = 262;  // 85 % of 308, whole rows
-      wanted.pixels.resize(static_cast<std::size_t>(wanted.width) * 262);
-      const jpeg_dc::Limits limits{1, 1, 85};
-      CHECK(plain(bytes, limits) == wanted);
-      for (const Shape shape : kShapes) CHECK(fast(bytes, shape, kWhole, limits) == wanted);
-      // The second picture and later ones are expected to end where the one before did.
-      if (interval == 0) CHECK(state->bytes_wanted < bytes.size() * 88 / 100);
-    }
-  }
-  LONGS_EQUAL(0, state->counts.by_plain_walk);
-}
-
-TEST(JpegFast, LooksFartherWhenAPictureIsLongerThanExpected) {
-  const jpeg_dc::Limits limits{1, 1, 50};
-  Recipe recipe;
-  recipe.width = recipe.height = 800;
-  const Bytes simple = test::encode(recipe);
-  recipe.content = test::Content::kNoise;
-  const Bytes rich = test::encode(recipe);
-  const auto check = [&](const Bytes& bytes) { CHECK(fast(bytes, {1, 3}, kWhole, limits) == plain(bytes, limits)); };
-  check(simple);
-  check(simple);
-  check(rich);
-  check(rich);
-  check(simple);
-  LONGS_EQUAL(0, state->counts.by_plain_walk);
-  recipe.content = test::Content::kFlat;
-  check(rich);
-  check(test::encode(recipe));  // all of it is less than was expected
-  LONGS_EQUAL(0, state->counts.by_plain_walk);
-}
-
-// The marker behind the last interval that is wanted is looked at: the plain walk, which stops before it, decides.
-TEST(JpegFast, LeavesAWrongMarkerBehindTheWantedRowsToThePlainWalk) {
-  const jpeg_dc::Limits limits{1, 1, 50};
-  Recipe recipe;
-  recipe.width = 160;  // 10 MCUs
-  recipe.height = 160;
-  recipe.restart_interval = 10;
-  const Bytes whole = test::encode(recipe);
-  CHECK(fast(whole, {1, 3}, kWhole, limits) == plain(whole, limits));
-  LONGS_EQUAL(0, state->counts.by_plain_walk);
-  int markers = 0;
-  for (std::size_t i = test::data_begin(whole); i + 1 < whole.size(); ++i) {
-    if (whole[i] != 0xFF || whole[i + 1] == 0) continue;
-    const Bytes bytes = test::changed(whole, i + 1, whole[i + 1] ^ 1);
-    check_as_plain(bytes, {1, 3}, kWhole, 0, limits);
-    LONGS_EQUAL(markers < 10 ? 1 : 0, state->counts.by_plain_walk);
-    state->counts.by_plain_walk = 0;
-    ++markers;
-  }
-  LONGS_EQUAL(20, markers);
 }
 
 TEST(JpegFast, MakesTablesOfItsOwnForEveryPairOfCodes) {

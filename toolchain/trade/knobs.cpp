@@ -56,7 +56,6 @@ std::vector<Point> points() {
   }
   list.sweep(&Params::jpeg_lanes, {0, 1, 2});
   list.add("jpeg_decoder", "libjpeg-turbo").tuning.library_jpeg = true;
-  list.sweep(&Params::jpeg_rows_pct, {95, 85, 70});
   list.sweep(&Params::jpeg_threads, {2});
   for (const int passes : {1, 2, 3}) {
     list.add("passes", fmt::format("{}", passes)).tuning.passes = passes;
