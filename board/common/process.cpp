@@ -93,7 +93,7 @@ void tell_of_settings(Settings& settings, const SlotStore& slots, settings::Foun
   settings.told.push_back(settings::lost(found) ? from + ": FAULT is held. " + words(info(Reason::kConfig)) : from);
 }
 
-// The newest model that is good; whatever is wrong with the others, or with all of them, the device starts.
+// The newest model that is good; the device starts without one, too, and holds FAULT where one is damaged.
 void read_models(Settings& settings) {
   if (settings.models_path.empty()) return;
   settings.models = std::make_unique<drivers::FileStore>(settings.models_path, models::kMostBytes);
@@ -114,6 +114,8 @@ void read_models(Settings& settings) {
   } else if (told || slots.sequence() != 0) {
     settings.told.emplace_back("the model that is compiled in decides");
   }
+  if (slots.damaged())
+    settings.told.push_back("a stored model is damaged: FAULT is held. " + words(info(Reason::kConfig)));
 }
 
 }  // namespace

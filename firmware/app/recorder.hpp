@@ -43,7 +43,8 @@ enum class EventKind : std::uint8_t {
   kUnlocked,
   kWrongCode,
   kFault,
-  kSettings
+  kSettings,
+  kModel
 };
 
 struct EventInfo {
@@ -52,7 +53,7 @@ struct EventInfo {
   std::string_view a, b;  // what its two numbers are; empty: nothing
 };
 
-inline constexpr std::array<EventInfo, 9> kEvents{{
+inline constexpr std::array<EventInfo, 10> kEvents{{
     {EventKind::kState, "state", "state", "reason"},
     {EventKind::kCameraStarted, "camera_started", "starts", ""},
     {EventKind::kCameraGone, "camera_gone", "reason", ""},
@@ -62,6 +63,7 @@ inline constexpr std::array<EventInfo, 9> kEvents{{
     {EventKind::kWrongCode, "wrong_code", "tries", ""},
     {EventKind::kFault, "fault_injected", "fault", ""},
     {EventKind::kSettings, "settings", "found", "accepted"},  // settings::Found; 1: gone on with
+    {EventKind::kModel, "model", "", "accepted"},             // a slot is damaged
 }};
 
 struct FlightEvent {

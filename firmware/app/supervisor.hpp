@@ -42,7 +42,7 @@ inline constexpr int kHistory = 10;
 
 // Who else has a say, beside the frames: each with the state that a reason of its own leads to. Of several reasons the
 // first counts.
-enum class Source : std::uint8_t { kSettings, kGripper, kStream, kGripperHeat, kCameraSettings };
+enum class Source : std::uint8_t { kSettings, kModel, kGripper, kStream, kGripperHeat, kCameraSettings };
 
 struct SourceInfo {
   Source source;
@@ -50,8 +50,9 @@ struct SourceInfo {
   std::string_view what;
 };
 
-inline constexpr std::array<SourceInfo, 5> kSources{{
+inline constexpr std::array<SourceInfo, 6> kSources{{
     {Source::kSettings, DeviceState::kFault, "stored settings"},
+    {Source::kModel, DeviceState::kFault, "stored model"},
     {Source::kGripper, DeviceState::kFault, "gripper or its lines"},
     {Source::kStream, DeviceState::kDegraded, "frame rate and deadlines"},
     {Source::kGripperHeat, DeviceState::kDegraded, "gripper's temperature"},

@@ -168,7 +168,7 @@ inline constexpr std::array<ReasonInfo, 49> kReasons{{
      "the lattice of the markers is bent: it was not taken for the rest position",
      "something pressed on the gel while its rest position was being learned",
      "open the gripper and wait; if the gel is empty all the same, send TARE once more"},
-    {Reason::kConfig, "config", "settings are lost, damaged or out of their range",
+    {Reason::kConfig, "config", "settings or the model are lost, damaged or out of range",
      "the power was cut while they were written, the card wears, or they are of another version",
      "say stored at the console: it shows each record; then load or save them again, or say stored accept"},
     {Reason::kModel, "model", "the slip model does not fit", "built for another feature set",

@@ -116,9 +116,19 @@ struct Decider {
 
 Decider decider(Console& console) {
   const model::Tree* const tree = console.daemon().app().tree();
-  if (tree == nullptr) return {};
-  return {model::name_of(*tree),  tree->set->name,  tree->set->size(), tree->count,
-          model::depth_of(*tree), tree->text_crc32, "loaded"};
+  const bool damaged = console.model_damaged();
+  if (tree == nullptr) {
+    Decider compiled;
+    if (damaged) compiled.from = "compiled in: what was stored is lost or damaged";
+    return compiled;
+  }
+  return {model::name_of(*tree),
+          tree->set->name,
+          tree->set->size(),
+          tree->count,
+          model::depth_of(*tree),
+          tree->text_crc32,
+          damaged ? "loaded: the other record, maybe the newer one, is damaged" : "loaded"};
 }
 
 // Records begin at 1.
@@ -500,7 +510,7 @@ Answer save(Console& console, const Words& words, std::int32_t step) {
 
 constexpr std::array<Column, 4> kSlotColumns{{{"record", 10}, {"slot", 6}, {"number", 12}, {"is", 0}}};
 
-// What lies in the slots of both places; and the word by which the device goes on with what is left of its settings.
+// What lies in the slots of both places; and the word by which the device goes on with what is left.
 Answer stored(Console& console, const Words& words, std::int32_t step) {
   if (words.count == 2 && words[1] == "accept" && !words.json) {
     if (!console.unlocked()) return error(Error::kLocked);
@@ -631,7 +641,8 @@ Answer model(Console& console, const Words& words, std::int32_t step) {
   page.integer("crc32", model.text_crc32);
   page.text("from", model.from);
   sequence(page, "sequence", console.model_sequence());
-  const bool stays = console.models().sequence() == console.model_sequence();
+  const SlotStore& slots = console.models();
+  const bool stays = (slots.counts() ? slots.sequence() : 0) == console.model_sequence();
   page.text("next_start", stays ? "the same" : "what was stored since: reboot");
   page.close();
   return kDone;
@@ -750,6 +761,10 @@ void event_cells(Page& page, const FlightEvent& event) {
       break;
     case EventKind::kSettings:
       what = settings::kFound[idx(event.a)].name;
+      if (event.b != 0) value << "accepted";
+      break;
+    case EventKind::kModel:
+      what = "damaged";
       if (event.b != 0) value << "accepted";
       break;
     case EventKind::kUnlocked:

@@ -110,9 +110,12 @@ void Console::start(const Params& params) {
   for (int k = 0; k < 2; ++k) (void)frames_.push('\n');
   Params ignored;  // the board has taken them
   found_ = settings::take(settings_, ignored);
-  held_ = settings::lost(found_);
+  settings_held_ = settings::lost(found_);
+  model_held_ = model_damaged_;
   if (settings_.has_place()) daemon_.recorder().note(EventKind::kSettings, started_, static_cast<std::int32_t>(found_));
-  if (held_) daemon_.app().report(supervisor::Source::kSettings, Reason::kConfig);
+  if (model_held_) daemon_.recorder().note(EventKind::kModel, started_);
+  hold(supervisor::Source::kSettings, settings_held_);
+  hold(supervisor::Source::kModel, model_held_);
   say_state();
 }
 
@@ -519,17 +522,24 @@ Error Console::store_own(SlotStore& slots, std::span<std::uint8_t> record, std::
   return begun(slots, slots.put(record.first(bytes), [](auto) { return true; }));
 }
 
-void Console::go_on() {
-  if (!held_) return;
-  held_ = false;
-  daemon_.recorder().note(EventKind::kSettings, clock_.now(), static_cast<std::int32_t>(found_), 1);
-  daemon_.app().report(supervisor::Source::kSettings, Reason::kNone);
+void Console::hold(supervisor::Source source, bool lost) {
+  daemon_.app().report(source, lost ? Reason::kConfig : Reason::kNone);
 }
 
-// Without what its owner signed such a device goes by values that nobody signed.
+void Console::go_on_with_settings() {
+  if (!settings_held_) return;
+  settings_held_ = false;
+  daemon_.recorder().note(EventKind::kSettings, clock_.now(), static_cast<std::int32_t>(found_), 1);
+  hold(supervisor::Source::kSettings, false);
+}
+
+// Without what its owner signed such a device goes by values, or a model, that nobody signed.
 Error Console::accept() {
-  if (held_ && !settings_.development()) return Error::kOwnersAlone;
-  go_on();
+  if ((settings_held_ || model_held_) && !settings_.development()) return Error::kOwnersAlone;
+  go_on_with_settings();
+  if (model_held_) daemon_.recorder().note(EventKind::kModel, clock_.now(), 0, 1);
+  model_held_ = false;
+  hold(supervisor::Source::kModel, false);
   return Error::kNone;
 }
 
@@ -600,7 +610,7 @@ std::optional<Error> Console::stored() {
       return Error::kWriteFailed;
     default:
       if (saving_) {
-        go_on();
+        go_on_with_settings();
         found_ = settings::Found::kWhole;
       }
       return Error::kNone;

@@ -89,7 +89,8 @@ class Console {
         place_(place),
         settings_(sealed::Kind::kSettings, settings::good, place.settings, place.owner),
         models_(sealed::Kind::kModel, models::good, place.models, place.owner),
-        model_sequence_(models_.sequence()) {}
+        model_sequence_(models_.counts() ? models_.sequence() : 0),
+        model_damaged_(models_.damaged()) {}
 
   // After Daemon::start().
   void start(const Params& params);
@@ -127,7 +128,7 @@ class Console {
   [[nodiscard]] Error store_loaded();
   [[nodiscard]] Error store_default_model();
   [[nodiscard]] std::optional<Error> stored();
-  // Goes on with the settings in force though others were stored: until the next start, or what is saved.
+  // Goes on with the settings and the model in force though others were stored: until the next start, or what is saved.
   [[nodiscard]] Error accept();
   // What this start found of its settings, or has saved since.
   [[nodiscard]] settings::Found found() const { return found_; }
@@ -136,6 +137,8 @@ class Console {
   [[nodiscard]] const SlotStore& models() const { return models_; }
   // Of the record by which the model that decides was chosen; 0: none was.
   [[nodiscard]] std::uint32_t model_sequence() const { return model_sequence_; }
+  // Whether this start found a damaged one.
+  [[nodiscard]] bool model_damaged() const { return model_damaged_; }
   [[nodiscard]] Error unlock(std::string_view code);
   void lock();
   [[nodiscard]] bool unlocked() const { return unlocked_; }
@@ -166,7 +169,8 @@ class Console {
   void send_frame(std::span<const std::uint8_t> wire);
   void send_markers();
   void trace_line();
-  void go_on();
+  void go_on_with_settings();
+  void hold(supervisor::Source source, bool lost);
   [[nodiscard]] Error store_own(SlotStore& slots, std::span<std::uint8_t> record, std::size_t payload);
   [[nodiscard]] Error begun(SlotStore& slots, SlotStore::Put put);
   [[nodiscard]] Error explain(const model_file::RefusalInfo& why);
@@ -199,10 +203,11 @@ class Console {
   SlotStore settings_;
   SlotStore models_;
   std::uint32_t model_sequence_;
+  bool model_damaged_;
   SlotStore* storing_ = &settings_;  // which of them is asked for stored()
   bool saving_ = false;              // what is stored there are the parameters in force
   settings::Found found_ = settings::Found::kNoPlace;
-  bool held_ = false;  // in FAULT for that
+  bool settings_held_ = false, model_held_ = false;  // in FAULT for that
   Loading loading_;
   bool unlocked_ = false;
   int wrong_codes_ = 0;

@@ -13,7 +13,7 @@ bool good(std::span<const std::uint8_t> payload) {
 }
 
 const model::Tree* in_force(const SlotStore& slots, model::Tree& tree) {
-  const bool loaded = model_file::read(slots.payload(), tree) == model_file::Refusal::kNone;
+  const bool loaded = slots.counts() && model_file::read(slots.payload(), tree) == model_file::Refusal::kNone;
   return loaded ? &tree : nullptr;
 }
 

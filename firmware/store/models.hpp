@@ -29,7 +29,7 @@ static_assert(kMostBytes == 5380);
 [[nodiscard]] bool good(std::span<const std::uint8_t> payload);
 
 // What decides by a store of such records: `tree`, which is filled then, or null: the tree that is compiled in.
-// For a start.
+// For a start. With a damaged slot (SlotStore::damaged, counts) either is to be held in FAULT.
 [[nodiscard]] const model::Tree* in_force(const SlotStore& slots, model::Tree& tree);
 
 }  // namespace holdfast::models

@@ -52,8 +52,8 @@ bool fits(std::span<const std::uint8_t> payload) {
 
 Found take(const SlotStore& slots, Params& params) {
   if (!slots.has_place()) return Found::kNoPlace;
-  if (slots.slot(0).damaged() || slots.slot(1).damaged()) {
-    if (slots.sequence() == 0 || !slots.development()) return Found::kLost;
+  if (slots.damaged()) {
+    if (!slots.counts()) return Found::kLost;
     (void)read(slots.payload(), params);
     return Found::kEither;
   }

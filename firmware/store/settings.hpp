@@ -70,8 +70,7 @@ inline constexpr std::array<FoundInfo, 6> kFound{{
   return found == Found::kPartly || found == Found::kEither || found == Found::kLost;
 }
 
-// For a start: what is stored, over `params`. With a damaged slot nobody knows whether the other one is the newest:
-// development mode goes on with it; a device with an owner, whom an older record would roll back, takes neither.
+// For a start: what is stored and counts (SlotStore::counts), over `params`.
 Found take(const SlotStore& slots, Params& params);
 
 }  // namespace holdfast::settings

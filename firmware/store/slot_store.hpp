@@ -57,6 +57,11 @@ class SlotStore {
   [[nodiscard]] std::span<const std::uint8_t> payload() const { return payload_; }
   // Of the record in force now; 0: there is none.
   [[nodiscard]] std::uint32_t sequence() const { return sequence_; }
+  // Nobody knows whether the newest record lay in a slot that is.
+  [[nodiscard]] bool damaged() const { return slots_[0].damaged() || slots_[1].damaged(); }
+  // Whether a start may go by payload(). Beside a damaged slot it may be an older one: development mode goes on with
+  // it, a device with an owner, whom that would roll back, does not.
+  [[nodiscard]] bool counts() const { return sequence_ != 0 && (development() || !damaged()); }
   // As the start found it, or as it was written since. Range: below hal::Store::kSlots.
   [[nodiscard]] const Slot& slot(std::size_t k) const { return slots_[k]; }
   // No signature is looked at, and the device may store by itself.

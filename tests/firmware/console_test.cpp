@@ -157,6 +157,11 @@ TEST_GROUP(Console) {
   void lay(std::size_t slot, const std::vector<std::uint8_t>& bytes) {
     std::copy(bytes.begin(), bytes.end(), desk.stored.slot(slot).begin());
   }
+  void lay_model(std::size_t slot, std::uint32_t sequence, bool as_owner) {
+    std::vector<std::uint8_t> bytes = model_record(sequence, kLoaded);
+    if (as_owner) sealed::put_signature(bytes, std::array<std::uint8_t, sealed::kSignatureBytes>{0x5A});
+    std::copy(bytes.begin(), bytes.end(), desk.stored_models.slot(slot).begin());
+  }
   void damage(std::size_t slot) {
     desk.stored.slot(slot)[sealed::kPayloadAt] ^= 1;
   }
@@ -170,14 +175,15 @@ TEST_GROUP(Console) {
   void check_held() {
     CHECK_FALSE(grip_ok());
     const std::string status = desk.say("status json");
-    STRCMP_CONTAINS(R"("state":"FAULT","reason":"config","what":"settings are lost, damaged or out of their range")",
-                    status.c_str());
+    STRCMP_CONTAINS(
+        R"("state":"FAULT","reason":"config","what":"settings or the model are lost, damaged or out of range")",
+        status.c_str());
     STRCMP_CONTAINS("say stored at the console", status.c_str());
   }
   void check_fine() {
     desk.run(400ms);
-    CHECK(grip_ok());
     check_says("status json", R"("state":"OK","reason":"none")");
+    CHECK(grip_ok());
   }
   // What the next start would read.
   Params stored() {
@@ -597,7 +603,9 @@ TEST(Console, SaysWhyAModelWasNotWritten) {
   check_says(load_model(model_record(7, kLoaded)).c_str(), "ERR 25 write_failed: error 28 of the system: ");
   desk.end();
   start();
-  check_says("model json", R"("from":"compiled in","sequence":null)");
+  // What was torn is damaged, and a start says so.
+  check_says("model json", R"("from":"compiled in: what was stored is lost or damaged","sequence":null)");
+  check_held();
 }
 
 // Each in the words of who looked at it.
@@ -896,6 +904,55 @@ TEST(Console, IsNotRolledBack) {
   restart();
   check_held();
   check_says("stored", "the record is not signed, and this device has an owner");
+}
+
+// Nor does another model than the newest one decide in silence: whichever slot is damaged, or both, FAULT is held until
+// somebody who may says so, or another one was loaded. A device with an owner then goes by none of them.
+TEST(Console, HoldsFaultWhenItsModelIsLost) {
+  const Owner owner;
+  for (const bool owned : {false, true}) {
+    desk.place.owner = owned ? &owner : nullptr;
+    for (const auto& damaged : std::vector<std::vector<std::size_t>>{{0}, {1}, {0, 1}}) {
+      lay_model(0, 6, owned);
+      lay_model(1, 7, owned);
+      for (const std::size_t slot : damaged) desk.stored_models.slot(slot)[sealed::kPayloadAt + 100] ^= 1;
+      start();
+      check_held();
+      const bool falls_back = !owned && damaged.size() == 1;
+      const std::string number = falls_back ? std::to_string(7 - damaged[0]) : "null";
+      const std::string from = falls_back ? "loaded: the other record, maybe the newer one, is damaged"
+                                          : "compiled in: what was stored is lost or damaged";
+      check_says("model json",
+                 ("\"from\":\"" + from + "\",\"sequence\":" + number + ",\"next_start\":\"the same\"").c_str());
+      check_says("version json", ("\"model_from\":\"" + from + "\",\"model_sequence\":" + number).c_str());
+      check_says("log json", R"("event":"model","what":"damaged","value":"")");
+      (void)desk.unlock();
+      if (owned) {
+        check_error("stored accept", Error::kOwnersAlone);
+        check_error("model default", Error::kNotSigned);
+      } else {
+        check_ok("save");  // its settings are not what is lost
+      }
+      check_held();
+      if (!owned) {
+        check_ok("stored accept");
+        check_fine();
+        check_says("log json", R"("event":"model","what":"damaged","value":"accepted")");
+        restart();
+        check_held();
+        (void)desk.unlock();
+      }
+      std::vector<std::uint8_t> newer = model_record(8, kLoaded);
+      sealed::put_signature(newer, std::array<std::uint8_t, sealed::kSignatureBytes>{0x5A});
+      check_ok(load_model(newer).c_str());
+      check_held();  // it counts from the next start
+      restart();
+      check_fine();
+      check_says("model json", R"("from":"loaded","sequence":8,"next_start":"the same")");
+      desk.end();
+    }
+    desk.stored = sim::Store{settings::kMostBytes};  // what was saved is not signed
+  }
 }
 
 // A change that can make GRIP_OK HIGH where it should be LOW needs the owner's signature; the rest needs the code.

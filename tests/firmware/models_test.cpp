@@ -101,7 +101,8 @@ TEST(Models, MayBeNone) {
   STRCMP_EQUAL("second", decides(&verifier).c_str());
 }
 
-// The newer slot damaged anywhere: the older model. That one as well: the tree that is compiled in.
+// A slot damaged anywhere: nobody knows whether it was the newer one. A device with an owner goes by none of the two,
+// development mode by the other one. Both damaged: the tree that is compiled in.
 TEST(Models, FallBack) {
   put(signed_record(5, model_named("first")));
   put(signed_record(6, model_named("second", 2)));
@@ -110,31 +111,39 @@ TEST(Models, FallBack) {
   const auto lay = [&](std::size_t slot, const Bytes& bytes) {
     std::copy(bytes.begin(), bytes.end(), store.slot(slot).begin());
   };
+  const auto check = [&](const char* developed) {
+    STRCMP_EQUAL("", decides(&verifier).c_str());
+    CHECK(SlotStore(sealed::Kind::kModel, models::good, &store, &verifier).damaged());
+    STRCMP_EQUAL(developed, decides(nullptr).c_str());
+    CHECK(SlotStore(sealed::Kind::kModel, models::good, &store, nullptr).damaged());
+  };
   for (std::size_t at = 0; at < newer.size(); at += 31) {
     Bytes damaged = newer;
     damaged[at] ^= 4;
     lay(1, damaged);
-    STRCMP_EQUAL("first", decides(&verifier).c_str());
+    check("first");
     // Torn there, over what stood there before.
+    if (at == 0) continue;  // nothing of it: an empty slot
     Bytes torn = nothing;
     std::copy_n(newer.begin(), at, torn.begin());
     lay(1, torn);
-    STRCMP_EQUAL("first", decides(&verifier).c_str());
+    check("first");
   }
   for (std::size_t at = 0; at < older.size(); at += 31) {
     Bytes damaged = older;
     damaged[at] ^= 8;
     lay(0, damaged);
-    STRCMP_EQUAL("", decides(&verifier).c_str());
-    STRCMP_EQUAL("", decides(nullptr).c_str());
+    check("");
   }
   lay(0, nothing);
   lay(1, newer);
+  check("second");  // the second slot is never written before the first
+  lay(0, older);
   STRCMP_EQUAL("second", decides(&verifier).c_str());
 }
 
-// A firmware that another one follows finds models that it cannot use: signed and whole, they are passed over.
-TEST(Models, OfAnotherFirmwareArePassedOver) {
+// A firmware that another one follows finds models that it cannot use: signed and whole, they count as damaged.
+TEST(Models, OfAnotherFirmwareCountAsDamaged) {
   put(signed_record(5, model_named("first")));
   Bytes other = model_named("second", 2);
   std::fill_n(other.begin() + 52, 32, std::uint8_t{0});
@@ -144,7 +153,9 @@ TEST(Models, OfAnotherFirmwareArePassedOver) {
   put(signed_record(6, other), SlotStore::Put::kNotGood);
   const Bytes record = signed_record(6, other);
   std::copy(record.begin(), record.end(), store.slot(1).begin());
-  STRCMP_EQUAL("first", decides(&verifier).c_str());
+  STRCMP_EQUAL("", decides(&verifier).c_str());
+  STRCMP_EQUAL("first", decides(nullptr).c_str());
+  CHECK(SlotStore(sealed::Kind::kModel, models::good, &store, &verifier).damaged());
 }
 
 TEST(Models, AreRefusedForWhatIsWrongWithThem) {

@@ -83,7 +83,7 @@ enum holdfast_reason {
   HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended without OPENING
   HOLDFAST_REASON_LIGHT_CHANGED = 105,  // the light changed while the rest position was being learned: that begins anew
   HOLDFAST_REASON_REFERENCE_LOADED = 106,  // the lattice of the markers is bent: it was not taken for the rest position
-  HOLDFAST_REASON_CONFIG = 128,  // settings are lost, damaged or out of their range
+  HOLDFAST_REASON_CONFIG = 128,  // settings or the model are lost, damaged or out of range
   HOLDFAST_REASON_MODEL = 129,  // the slip model does not fit
   HOLDFAST_REASON_GRIPPER_SILENT = 160,  // the gripper does not answer
   HOLDFAST_REASON_GRIPPER_REPLY = 161,  // the gripper's replies are damaged
