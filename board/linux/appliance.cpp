@@ -22,6 +22,7 @@
 #include "drivers/common/crew.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
+#include "drivers/common/sysfs_supply.hpp"
 #include "drivers/common/watchdog_thread.hpp"
 #include "drivers/linux/bridge_mcp2221.hpp"
 #include "drivers/linux/camera_libcamera.hpp"
@@ -65,6 +66,7 @@ class Appliance {
       problem = usb_.open(drivers::kMcp2221Vendor, drivers::kMcp2221Product, {});
       if (problem.empty()) problem = bridge_.open({.wiring = drivers::kMcp2221Desk});
     }
+    if (supply_) supply_->start();
   }
 
   [[nodiscard]] bool watch(OutputWatchdog& watchdog) {
@@ -80,6 +82,7 @@ class Appliance {
   void tell(const App& app) {
     prove(app);
     tell_of_first_frame(app);
+    tell_of_supply();
     kept_.tell();
   }
   // Whoever has to know that this release works on this board - an update is kept by it - looks for the file.
@@ -100,6 +103,15 @@ class Appliance {
     drivers::FixedText<120> line;
     line << "holdfastd: first frame fine " << tenths / 10 << "." << tenths % 10 << " s after the kernel started\n";
     (void)(::write(STDERR_FILENO, line.c_str(), line.view().size()) >= 0);
+  }
+  // Once: its driver may come later than this program, but not by ten seconds.
+  void tell_of_supply() {
+    if (told_supply_ || !supply_ || supply_->missed() < 10) return;
+    told_supply_ = true;
+    constexpr std::string_view kLine =
+        "holdfastd: under-voltage of the board is not reported: its kernel has no sensor for it "
+        "(raspberrypi-hwmon)\n";
+    (void)(::write(STDERR_FILENO, kLine.data(), kLine.size()) >= 0);
   }
   [[nodiscard]] hal::Serial& host() { return host_ ? static_cast<hal::Serial&>(*host_) : standard_output_; }
 
@@ -127,6 +139,11 @@ class Appliance {
     if (options.backend == "libcamera") return std::make_unique<drivers::LibcameraCamera>(config);
     return std::make_unique<drivers::V4l2Camera>(config);
   }
+  [[nodiscard]] static std::unique_ptr<drivers::SysfsSupply> supply_of() {
+    if (hardware().supply.empty()) return nullptr;
+    return std::make_unique<drivers::SysfsSupply>(
+        drivers::SysfsSupply::Config{.sensor = std::string(hardware().supply)});
+  }
   // Into the log, once each, without memory. (A camera that is missing is looked for again several times a second.)
   void tell_of_camera() {
     const std::string_view now = camera_->problem().empty() ? camera_->unset() : camera_->problem();
@@ -141,7 +158,7 @@ class Appliance {
   drivers::MonotonicClock clock_{options.time_scale};
   std::unique_ptr<hal::Camera> camera_ = camera_of();
   drivers::FixedText<511> told_;  // of the camera
-  bool told_first_ = false, proved_ = false;
+  bool told_first_ = false, proved_ = false, told_supply_ = false;
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};
@@ -152,6 +169,7 @@ class Appliance {
   Port host_ = port_of(options.host, kWhenever);
   Port link_ = port_of(options.link, kFresh), gripper_ = port_of(options.gripper, kFresh);
   KeptFile kept_{options.keep};
+  std::unique_ptr<drivers::SysfsSupply> supply_ = supply_of();
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
   drivers::Threads crew_{{.workers = static_cast<std::size_t>(options.settings.params.jpeg_threads)}};
@@ -160,7 +178,7 @@ class Appliance {
 
  public:
   Devices devices{*camera_, gpio_, port_or_none(link_), clock_, jpeg_};
-  Periphery periphery{port_or_none(gripper_), kept_.keep()};
+  Periphery periphery{port_or_none(gripper_), kept_.keep(), supply_.get()};
 };
 
 std::unique_ptr<Appliance> appliance;

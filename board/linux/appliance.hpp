@@ -16,6 +16,8 @@ struct Hardware {
   std::span<const drivers::Wiring> wiring;
   // Seconds of the world in one of the firmware's: every deadline stretches alike.
   std::int32_t time_scale = 1;
+  // The kernel's sensor of the supply's voltage (drivers/common/sysfs_supply.hpp); empty: the board has none.
+  std::string_view supply{};
 };
 
 // Of board/<name>/board.cpp.

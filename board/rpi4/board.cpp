@@ -22,7 +22,7 @@ const Hardware& hardware() {
       {.role = Input::kRelease, .line = "GPIO12", .chip = {}},  // pin 32
       {.role = Input::kArm, .line = "GPIO16", .chip = {}},      // pin 36
   }};
-  static constexpr Hardware kHardware{"rpi4", kWiring};
+  static constexpr Hardware kHardware{.name = "rpi4", .wiring = kWiring, .supply = "rpi_volt"};
   return kHardware;
 }
 

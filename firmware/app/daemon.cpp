@@ -61,6 +61,7 @@ Status Daemon::start(const Params& params, bool auto_size) {
 
 void Daemon::poll() {
   mind_the_clock();
+  mind_the_supply();
   const bool streamed = streaming();
   take_frame();
   if (app_.keep_camera()) camera_started();
@@ -97,6 +98,14 @@ void Daemon::mind_the_clock() {
     app_.clock_stepped_back();
   }
   seen_now_ = now;
+}
+
+void Daemon::mind_the_supply() {
+  const hal::Supply::State state = periphery_.supply == nullptr ? supply_ : periphery_.supply->state();
+  if (state == supply_) return;
+  supply_ = state;
+  recorder_.note(EventKind::kSupply, devices_.clock.now(), static_cast<std::int32_t>(state));
+  app_.report(Source::kSupply, state == hal::Supply::State::kLow ? Reason::kBoardUndervoltage : Reason::kNone);
 }
 
 void Daemon::stop() {

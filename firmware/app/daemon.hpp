@@ -6,6 +6,7 @@
 //   commands TARE, OPENING, RELEASE, ARM and GRIP as frames on the link, the first four also by wire, where wired;
 //            OPENING and RELEASE mask slip for opening_max_ms from the first one on, however often they are said
 //   gripper  the regulator's force, by Modbus RTU or as pulses on two lines; its faults are FAULTs
+//   supply   low: DEGRADED and an event, for as long as it is
 //   keep     rest position and empty gel, written when learned and every few seconds on an empty gel
 //
 // One thread calls poll(); each call waits for the camera for kSlice at most and does a bounded amount of work beside
@@ -22,6 +23,7 @@
 #include "grip/regulator.hpp"
 #include "grip/step_lines.hpp"
 #include "hal/keep.hpp"
+#include "hal/supply.hpp"
 #include "link/command_frame.hpp"
 #include "link/link.hpp"
 #include "store/checkpoint.hpp"
@@ -32,6 +34,7 @@ namespace holdfast {
 struct Periphery {
   hal::Serial& gripper;  // DESIGN.md, port `gripper`; unused without `gripper` 1
   hal::Keep& keep;
+  const hal::Supply* supply = nullptr;  // null: the board does not report it
 };
 
 enum class Gripper : std::uint8_t { kNone, kHandE, kStepLines };
@@ -67,6 +70,7 @@ class Daemon {
   [[nodiscard]] const Devices& devices() const { return devices_; }
   [[nodiscard]] const Params& params() const { return params_; }
   [[nodiscard]] bool is_opening() const { return opening_; }
+  [[nodiscard]] hal::Supply::State supply() const { return supply_; }
 
   static constexpr Micros kSlice{5'000};
   // Of the link, per poll(): 115200 baud bring 58 in kSlice.
@@ -75,6 +79,7 @@ class Daemon {
  private:
   void mind_the_clock();
   void take_frame();
+  void mind_the_supply();
   void camera_started();
   void regulate();
   void serve_link();
@@ -97,6 +102,7 @@ class Daemon {
   bool looked_for_kept_ = false;  // a reference, once a camera said which sensor it is
   bool resumed_ = false;
   Micros seen_now_{};
+  hal::Supply::State supply_ = hal::Supply::State::kUnknown;
 
   link::Receiver receiver_;
   command_frame::Once once_;

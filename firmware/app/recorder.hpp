@@ -44,7 +44,8 @@ enum class EventKind : std::uint8_t {
   kWrongCode,
   kFault,
   kSettings,
-  kModel
+  kModel,
+  kSupply
 };
 
 struct EventInfo {
@@ -53,7 +54,7 @@ struct EventInfo {
   std::string_view a, b;  // what its two numbers are; empty: nothing
 };
 
-inline constexpr std::array<EventInfo, 10> kEvents{{
+inline constexpr std::array<EventInfo, 11> kEvents{{
     {EventKind::kState, "state", "state", "reason"},
     {EventKind::kCameraStarted, "camera_started", "starts", ""},
     {EventKind::kCameraGone, "camera_gone", "reason", ""},
@@ -64,6 +65,7 @@ inline constexpr std::array<EventInfo, 10> kEvents{{
     {EventKind::kFault, "fault_injected", "fault", ""},
     {EventKind::kSettings, "settings", "found", "accepted"},  // settings::Found; 1: gone on with
     {EventKind::kModel, "model", "", "accepted"},             // a slot is damaged
+    {EventKind::kSupply, "supply", "state", ""},              // hal::Supply::State
 }};
 
 struct FlightEvent {

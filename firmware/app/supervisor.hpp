@@ -42,7 +42,7 @@ inline constexpr int kHistory = 10;
 
 // Who else has a say, beside the frames: each with the state that a reason of its own leads to. Of several reasons the
 // first counts.
-enum class Source : std::uint8_t { kSettings, kModel, kGripper, kStream, kGripperHeat, kCameraSettings };
+enum class Source : std::uint8_t { kSettings, kModel, kGripper, kStream, kGripperHeat, kCameraSettings, kSupply };
 
 struct SourceInfo {
   Source source;
@@ -50,13 +50,14 @@ struct SourceInfo {
   std::string_view what;
 };
 
-inline constexpr std::array<SourceInfo, 6> kSources{{
+inline constexpr std::array<SourceInfo, 7> kSources{{
     {Source::kSettings, DeviceState::kFault, "stored settings"},
     {Source::kModel, DeviceState::kFault, "stored model"},
     {Source::kGripper, DeviceState::kFault, "gripper or its lines"},
     {Source::kStream, DeviceState::kDegraded, "frame rate and deadlines"},
     {Source::kGripperHeat, DeviceState::kDegraded, "gripper's temperature"},
     {Source::kCameraSettings, DeviceState::kDegraded, "exposure, gain and rate as the driver set them"},
+    {Source::kSupply, DeviceState::kDegraded, "the board's supply"},
 }};
 
 struct Inputs {
@@ -155,7 +156,7 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Seen::slip, false, false, DeviceState::kSlip, Why::kRow, Reason::kSlipDetected},
     {"the contact was lost in the last 200 ms, without OPENING",
      &Seen::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
-    {"frame rate, deadlines or the camera's settings are not kept",
+    {"frame rate, deadlines or the camera's settings are not kept, or the board's supply is low",
      &Seen::strained, false, false, DeviceState::kDegraded, Why::kStrain, Reason::kNone},
     {"more than 3 of the last 10 frames were rejected",
      &Seen::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},

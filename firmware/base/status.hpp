@@ -29,7 +29,7 @@ inline constexpr std::array<StateInfo, 6> kStates{{
 
 // Why the state is what it is. Numbers are sent on the wire and never re-used:
 // 0 none, 1-31 transport, 32-63 sensor picture, 64-95 timing, 96-127 limits that act without being a fault,
-// 128-159 configuration, 160-191 gripper.
+// 128-159 configuration, 160-191 gripper, 192-223 board.
 enum class Reason : std::uint8_t {
   kNone = 0,
   kNoFrame = 1,
@@ -80,6 +80,7 @@ enum class Reason : std::uint8_t {
   kGripperActivation = 168,
   kGripperOvercurrent = 169,
   kGripperReleased = 170,
+  kBoardUndervoltage = 192,
 };
 
 struct ReasonInfo {
@@ -90,7 +91,7 @@ struct ReasonInfo {
   std::string_view next;   // what to do next
 };
 
-inline constexpr std::array<ReasonInfo, 49> kReasons{{
+inline constexpr std::array<ReasonInfo, 50> kReasons{{
     {Reason::kNone, "none", "nothing to report", "-", "-"},
     {Reason::kNoFrame, "no_frame", "no frame arrived in time", "the camera stalls or the USB bus is overloaded",
      "check the cable and give the sensor a USB port of its own"},
@@ -196,6 +197,9 @@ inline constexpr std::array<ReasonInfo, 49> kReasons{{
      "fingers blocked or object too stiff at this speed", "free the fingers, then send ARM"},
     {Reason::kGripperReleased, "gripper_released", "the gripper's automatic release has ended",
      "someone commanded the emergency release", "send ARM: the gripper is activated anew"},
+    {Reason::kBoardUndervoltage, "board_undervoltage", "the board's supply voltage is too low",
+     "weak supply, long thin cable, or too much on its USB ports",
+     "use the board's own supply (Raspberry Pi 4: 5.1 V, 3 A) and a short cable"},
 }};
 
 [[nodiscard]] constexpr const ReasonInfo& info(Reason reason) {

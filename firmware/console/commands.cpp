@@ -255,8 +255,11 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   page.integer("grip_force_counts", console.daemon().grip().force);
   page.integer("faults_since_start", app.supervisor().faults);
   page.decimal("uptime_s", (console.now() - console.started()).count(), 1'000'000, 0);
-  page.yes_no("unlocked", console.unlocked());
-  if (words.json) page.yes_no("development", console.settings().development());  // a screen has no line left
+  page.text("supply", hal::Supply::kNames[static_cast<std::size_t>(console.daemon().supply())]);
+  if (words.json) {  // a screen has no line left, and its prompt says the first
+    page.yes_no("unlocked", console.unlocked());
+    page.yes_no("development", console.settings().development());
+  }
   page.close();
   return kDone;
 }
@@ -766,6 +769,9 @@ void event_cells(Page& page, const FlightEvent& event) {
     case EventKind::kModel:
       what = "damaged";
       if (event.b != 0) value << "accepted";
+      break;
+    case EventKind::kSupply:
+      what = hal::Supply::kNames[idx(event.a)];
       break;
     case EventKind::kUnlocked:
       break;

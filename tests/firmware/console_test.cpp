@@ -1146,7 +1146,7 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   const std::string status = desk.say("status");
   for (const char* const part :
        {"state                 OK\r\n", "fps                   25.00\r\n", "markers               63\r\n",
-        "grip_ok               yes\r\n", "last_slip_s_ago       -\r\n"}) {
+        "grip_ok               yes\r\n", "last_slip_s_ago       -\r\n", "supply                good\r\n"}) {
     STRCMP_CONTAINS(part, status.c_str());
   }
   CHECK(std::count(status.begin(), status.end(), '\n') <= 23);  // one screen
@@ -1348,6 +1348,22 @@ TEST(Console, LogsSettingsAndCodes) {
     STRCMP_CONTAINS(part, log.c_str());
   }
   STRCMP_CONTAINS("\"well\":\"no\"", desk.say("devices json").c_str());
+}
+
+TEST(Console, TellsOfALowSupplyAndOfItsEnd) {
+  start();
+  desk.run(4s);
+  desk.supply.now = hal::Supply::State::kLow;
+  desk.run(1s);
+  const std::string status = desk.say("status json");
+  STRCMP_CONTAINS("\"state\":\"DEGRADED\",\"reason\":\"board_undervoltage\"", status.c_str());
+  STRCMP_CONTAINS("\"supply\":\"low\"", status.c_str());
+  desk.supply.now = hal::Supply::State::kGood;
+  desk.run(1s);
+  check_says("status json", "\"state\":\"OK\"");
+  const std::string log = desk.say("log");
+  STRCMP_CONTAINS("supply          low", log.c_str());
+  STRCMP_CONTAINS("supply          good", log.c_str());
 }
 
 TEST(Console, AsksForARestart) {

@@ -21,6 +21,7 @@
 #include "drivers/sim/keep.hpp"
 #include "drivers/sim/noise.hpp"
 #include "drivers/sim/serial.hpp"
+#include "drivers/sim/supply.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 #include "tests/support/spread_tree.hpp"
@@ -124,6 +125,7 @@ TEST_GROUP(Daemon) {
   sim::Gpio gpio{clock};
   sim::Serial link;
   sim::Keep keep{checkpoint::kBytes};
+  sim::Supply supply;
   NoJpeg jpeg;
   std::unique_ptr<sim::HandE> hand;
   std::vector<Picture> pictures;
@@ -189,7 +191,7 @@ TEST_GROUP(Daemon) {
   // The gripper outlives the process.
   void start() {
     if (!hand) hand = std::make_unique<sim::HandE>(clock);
-    daemon = std::make_unique<Daemon>(Devices{*socket, gpio, link, clock, jpeg}, Periphery{*hand, keep}, tree);
+    daemon = std::make_unique<Daemon>(Devices{*socket, gpio, link, clock, jpeg}, Periphery{*hand, keep, &supply}, tree);
     CHECK_TRUE(daemon->start(params).ok());
   }
   void use(Gripper gripper) {
@@ -948,6 +950,44 @@ TEST(Daemon, TellsWhatTheGripperSays) {
   hand->remove_object();
   run(500ms);
   CHECK_TRUE(state() == DeviceState::kFault && reason() == Reason::kGripperLost);
+}
+
+// Under-voltage of the board, with and without a gripper, and beside what else it says; each change is one event.
+TEST(Daemon, IsDegradedWhileTheBoardsSupplyIsLow) {
+  using State = hal::Supply::State;
+  const auto events = [&] {
+    std::string all;
+    const Recorder::Events& events = daemon->recorder().events();
+    for (std::size_t k = 0; k < events.size(); ++k) {
+      if (events[k].kind == EventKind::kSupply) all += static_cast<char>('0' + events[k].a);
+    }
+    return all;
+  };
+  film();
+  for (const Gripper gripper : {Gripper::kNone, Gripper::kHandE, Gripper::kStepLines}) {
+    use(gripper);
+    supply.now = State::kUnknown;
+    build();
+    run(4s);
+    CHECK_TRUE(fine());
+    for (const State now : {State::kGood, State::kLow, State::kGood, State::kLow, State::kUnknown}) {
+      supply.now = now;
+      run(1s);
+      CHECK_EQUAL(now != State::kLow, fine());
+      CHECK_EQUAL(now == State::kLow, state() == DeviceState::kDegraded && reason() == Reason::kBoardUndervoltage);
+    }
+    STRCMP_EQUAL("12120", events().c_str());
+  }
+  use(Gripper::kHandE);
+  build();
+  run(4s);
+  supply.now = State::kLow;
+  hand->set_fault(0x8);
+  run(200ms);
+  CHECK_TRUE(reason() == Reason::kGripperHot);
+  hand->set_fault(0);
+  run(200ms);
+  CHECK_TRUE(reason() == Reason::kBoardUndervoltage);
 }
 
 // From the picture to the fingers: what slips is held harder, up to the limit, and the limit is told.

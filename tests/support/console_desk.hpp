@@ -21,6 +21,7 @@
 #include "drivers/sim/keep.hpp"
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/store.hpp"
+#include "drivers/sim/supply.hpp"
 #include "store/models.hpp"
 #include "store/settings.hpp"
 #include "tests/support/frames.hpp"
@@ -66,6 +67,7 @@ class ConsoleDesk {
   sim::Store stored{settings::kMostBytes};
   sim::Store stored_models{models::kMostBytes};
   sim::HandE hand{clock};
+  sim::Supply supply;
   NotedFaults faults;
   ToldNotes notes;
   Params params;
@@ -93,7 +95,7 @@ class ConsoleDesk {
     memory_ = std::make_unique<sim::CameraMemory>(
         clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
     camera = std::make_unique<sim::SwitchedCamera>(*memory_, std::size_t{320 * 240});
-    daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep},
+    daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep, &supply},
                                       tree != nullptr ? tree : stored_tree());
     console = std::make_unique<console::Console>(host, *daemon, clock, place);
     Params in_force = params;
