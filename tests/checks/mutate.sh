@@ -120,8 +120,8 @@ try() {
   local stem own=() status=0
   stem=$(basename "${file%.*}")
   case $stem in
-    reference) own=(tests/firmware/reference_stage_test.cpp) ;;
-    model) own=(tests/firmware/model_file_test.cpp tests/firmware/classifier_test.cpp) ;;
+    reference) own=(tests/firmware/tactile/reference_stage_test.cpp) ;;
+    model) own=(tests/firmware/slip/model_file_test.cpp tests/firmware/slip/classifier_test.cpp) ;;
     jpeg_*) own=(tests/jpeg/*_test.cpp tests/support/host_jpeg_streams.cpp) ;;
     *) [[ ! -f tests/firmware/${stem}_test.cpp ]] || own=("tests/firmware/${stem}_test.cpp") ;;
   esac

@@ -98,7 +98,7 @@ const std::array<Cell, 49>& cells() {
       {C::kStorage, T::kIntermittent, B::kKeepTorn, ""},
       {C::kModel, T::kOff, {}, "without a file the compiled tree decides; it is code"},
       {C::kModel, T::kStuck, {}, "a tree is read-only; its features are the camera's to be stuck"},
-      {C::kModel, T::kGarbage, {}, "refused when it is loaded: every flipped bit (tests/firmware/model_file_test.cpp)"},
+      {C::kModel, T::kGarbage, {}, "refused when it is loaded: every flipped bit (tests/firmware/slip/model_file_test.cpp)"},
       {C::kModel, T::kWrong, {}, "refused when it is loaded: version, set, features, formats (model_file_test.cpp)"},
       {C::kModel, T::kSlow, {}, "at most kMaxDepth comparisons, whatever the tree (model_file_test.cpp)"},
       {C::kModel, T::kDelayed, {}, "it is loaded before the start, and never again"},
@@ -135,7 +135,7 @@ const std::array<Row, 26>& rows() {
       {21, "chips of GPIO lines are renumbered", {}, "met at the start only: tests/drivers/gpio_wiring_test.cpp"},
       {22, "an output line refuses or is stolen", B::kLinesRefuse, ""},
       {23, "the process is killed and started again", B::kKilled, ""},
-      {24, "model or settings damaged", {}, "FAULT (config) from the start on: HoldsFault... in tests/firmware/console_test.cpp, model_file_test.cpp"},
+      {24, "model or settings damaged", {}, "FAULT (config) from the start on: HoldsFault... in tests/firmware/console/console_test.cpp, model_file_test.cpp"},
       {25, "the USB controller dies for good", {}, "the same as 8 here; switching its power is the USB helper's business"},
       {26, "two faults at once", {}, "all pairs of the others"},
   }};
