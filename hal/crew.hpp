@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Several workers on one task: the caller and, on boards with cores to spare, helpers that wait for it.
+// Several workers on one job: the caller and, on boards with cores to spare, helpers that wait for it.
 #pragma once
 
 #include <cstddef>
@@ -8,11 +8,11 @@ namespace holdfast::hal {
 
 inline constexpr std::size_t kMaxWorkers = 4;
 
-// A task that hands its work out piece by piece. It is done when the caller alone has worked on it, too: a helper
+// A job that hands its work out piece by piece. It is done when the caller alone has worked on it, too: a helper
 // that wakes late finds nothing left.
-class Task {
+class Job {
  public:
-  virtual ~Task() = default;
+  virtual ~Job() = default;
   // At most once per worker and run; worker 0 is the caller, the others come at the same time from other threads.
   void work(std::size_t worker) { do_work(worker); }
 
@@ -25,21 +25,21 @@ class Crew {
   virtual ~Crew() = default;
   // Workers, the caller included: 1 to kMaxWorkers.
   [[nodiscard]] std::size_t size() const { return do_size(); }
-  // Works on the task and lets helpers that are awake in time work on it as well; returns when all who began have
+  // Works on the job and lets helpers that are awake in time work on it as well; returns when all who began have
   // returned. It never waits for a helper that has not begun: on a busy core that would cost a time slice
   // (measured: 0.4 ms became 4 to 8 ms).
-  void run(Task& task) { do_run(task); }
+  void run(Job& job) { do_run(job); }
 
  private:
   [[nodiscard]] virtual std::size_t do_size() const = 0;
-  virtual void do_run(Task& task) = 0;
+  virtual void do_run(Job& job) = 0;
 };
 
 // The caller alone.
 class Alone final : public Crew {
  private:
   [[nodiscard]] std::size_t do_size() const override { return 1; }
-  void do_run(Task& task) override { task.work(0); }
+  void do_run(Job& job) override { job.work(0); }
 };
 
 }  // namespace holdfast::hal

@@ -122,7 +122,7 @@ std::size_t Threads::asleep() const {
   return asleep_in(word_.load(std::memory_order_relaxed));
 }
 
-void Threads::do_run(hal::Task& task) {
+void Threads::do_run(hal::Job& task) {
   ++counts_.runs;
   if (helpers_made_ == 0) {
     ++counts_.alone;

@@ -65,13 +65,13 @@ class Threads final : public hal::Crew {
   };
 
   [[nodiscard]] std::size_t do_size() const override { return 1 + helpers_made_; }
-  void do_run(hal::Task& task) override;
+  void do_run(hal::Job& task) override;
   void serve(std::size_t worker);
   [[nodiscard]] std::uint32_t await(std::uint32_t served);
 
   // In one cache line, as a helper needs both at once. task_ is written only while nobody is inside.
   alignas(64) std::atomic<std::uint32_t> word_{0};
-  hal::Task* task_ = nullptr;
+  hal::Job* task_ = nullptr;
 
   alignas(64) std::array<Helper, kMaxHelpers> helpers_{};
   std::size_t helpers_made_ = 0;

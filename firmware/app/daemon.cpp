@@ -11,7 +11,7 @@ namespace {
 
 using command_frame::Command;
 using command_frame::CommandFrame;
-using command_frame::Result;
+using command_frame::Outcome;
 using supervisor::Source;
 
 // Contacts bounce, and a robot controller holds a level for two of its cycles of 8 ms.
@@ -200,47 +200,47 @@ void Daemon::serve_link() {
   }
 }
 
-Result Daemon::obey(const CommandFrame& frame) {
-  const Result wrong = command_frame::check(frame);
-  const Result result = wrong == Result::kDone ? execute(frame) : wrong;
+Outcome Daemon::obey(const CommandFrame& frame) {
+  const Outcome wrong = command_frame::check(frame);
+  const Outcome result = wrong == Outcome::kDone ? execute(frame) : wrong;
   recorder_.note(EventKind::kCommand, devices_.clock.now(), static_cast<std::int32_t>(frame.command),
                  static_cast<std::int32_t>(result));
   return result;
 }
 
-Result Daemon::execute(const CommandFrame& frame) {
+Outcome Daemon::execute(const CommandFrame& frame) {
   switch (frame.command) {
     case Command::kTare:
       return tare(frame.argument == 1);
     case Command::kOpening:
-      if (frame.argument == 1) return begin_opening() ? Result::kDone : Result::kOverdue;
+      if (frame.argument == 1) return begin_opening() ? Outcome::kDone : Outcome::kOverdue;
       end_opening();
-      return Result::kDone;
+      return Outcome::kDone;
     case Command::kRelease:
       return release();
     case Command::kArm:
       arm();
-      return Result::kDone;
+      return Outcome::kDone;
     case Command::kGrip:
-      if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Result::kState;
+      if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Outcome::kState;
       if (frame.argument == 0) return release();
       grip_asked_ = true;
       release_asked_ = false;
       end_opening();
-      return Result::kDone;
+      return Outcome::kDone;
   }
-  return Result::kUnknown;
+  return Outcome::kUnknown;
 }
 
-Result Daemon::tare(bool even_if_touched) {
+Outcome Daemon::tare(bool even_if_touched) {
   const pipeline::Result& result = app_.result();
   if (!even_if_touched && result.referenced && result.contact.judged && result.contact.touching) {
-    return Result::kTouching;
+    return Outcome::kTouching;
   }
   app_.tare();
   kept_ = false;
   checkpoint::forget(checkpoint_, periphery_.keep);
-  return Result::kDone;
+  return Outcome::kDone;
 }
 
 void Daemon::arm() {
@@ -251,12 +251,12 @@ void Daemon::arm() {
   }
 }
 
-Result Daemon::release() {
-  if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Result::kState;
+Outcome Daemon::release() {
+  if (static_cast<Gripper>(params_.gripper) == Gripper::kNone) return Outcome::kState;
   release_asked_ = true;
   grip_asked_ = false;
   (void)begin_opening();  // the fingers open all the same; what slips then is told
-  return Result::kDone;
+  return Outcome::kDone;
 }
 
 // Said again it is the same one, and its time runs on. When that is over, another one begins only after this one was

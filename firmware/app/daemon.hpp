@@ -53,7 +53,7 @@ class Daemon {
   // Range: validate(params) is ok.
   void reconfigure(const Params& params);
   // A command that came some other way than on the link.
-  [[nodiscard]] command_frame::Result obey(const command_frame::CommandFrame& frame);
+  [[nodiscard]] command_frame::Outcome obey(const command_frame::CommandFrame& frame);
   // Once around. Range: called again at once; every call returns within kSlice and what one frame costs.
   void poll();
   void stop();
@@ -61,7 +61,7 @@ class Daemon {
   [[nodiscard]] App& app() { return app_; }
   [[nodiscard]] const App& app() const { return app_; }
   [[nodiscard]] const regulator::Command& grip() const { return grip_; }
-  [[nodiscard]] const hande::Seen& gripper() const { return seen_; }
+  [[nodiscard]] const hande::Feedback& gripper() const { return seen_; }
   [[nodiscard]] std::uint32_t camera_starts() const { return app_.camera().starts; }
   [[nodiscard]] const link::Receiver& commands() const { return receiver_; }
   [[nodiscard]] bool streaming() const { return app_.camera().streaming; }
@@ -88,10 +88,10 @@ class Daemon {
   void keep_reference();
   void keep_grip();
   void resume_grip();
-  [[nodiscard]] command_frame::Result execute(const command_frame::CommandFrame& frame);
-  [[nodiscard]] command_frame::Result tare(bool even_if_touched);
+  [[nodiscard]] command_frame::Outcome execute(const command_frame::CommandFrame& frame);
+  [[nodiscard]] command_frame::Outcome tare(bool even_if_touched);
   void arm();
-  [[nodiscard]] command_frame::Result release();
+  [[nodiscard]] command_frame::Outcome release();
   [[nodiscard]] bool begin_opening();
   void end_opening();
 
@@ -124,7 +124,7 @@ class Daemon {
   bool opened_ = false;  // by RELEASE: the fingers open when no force is left
   hande::Config hande_config_{};
   hande::State hande_{};
-  hande::Seen seen_{};
+  hande::Feedback seen_{};
   bool reactivate_ = false;
   step_lines::Config lines_config_{};
   step_lines::State lines_{};

@@ -99,7 +99,7 @@ struct Outputs {
 };
 
 // What one frame, or its absence, comes to.
-struct Seen {
+struct Findings {
   bool silent = false;
   bool rejected = false;
   bool fault = false;
@@ -124,7 +124,7 @@ enum class Why : std::uint8_t { kRow, kRejection, kFault, kStrain };
 
 struct Rule {
   std::string_view when;  // in words, for STATES.md
-  bool Seen::*seen;
+  bool Findings::*seen;
   bool only_in_fault;  // false: from any state
   bool stays;          // true: the state remains what it was, and `to` says nothing
   DeviceState to;
@@ -135,39 +135,39 @@ struct Rule {
 // clang-format off
 inline constexpr std::array<Rule, 17> kRules{{
     {"the stored settings, the gripper, an output line or the sensor's identity is at fault",
-     &Seen::fault, false, false, DeviceState::kFault, Why::kFault, Reason::kNone},
+     &Findings::fault, false, false, DeviceState::kFault, Why::kFault, Reason::kNone},
     {"no frame was accepted for 150 ms or ever, or the camera is gone",
-     &Seen::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
+     &Findings::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
     {"this frame was rejected, or none came",
-     &Seen::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},
+     &Findings::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},
     {"the setting `latch` is on and ARM has not come since the fault",
-     &Seen::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
+     &Findings::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
     {"fewer than `recover_frames` accepted frames in a row since the fault",
-     &Seen::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
+     &Findings::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
     {"no rest position is known, and the light changed while it was being learned",
-     &Seen::light_changed, false, false, DeviceState::kReference, Why::kRow, Reason::kLightChanged},
+     &Findings::light_changed, false, false, DeviceState::kReference, Why::kRow, Reason::kLightChanged},
     {"the rest position was refused, and none has been learned since",
-     &Seen::bent, false, false, DeviceState::kReference, Why::kRow, Reason::kReferenceLoaded},
+     &Findings::bent, false, false, DeviceState::kReference, Why::kRow, Reason::kReferenceLoaded},
     {"no rest position is known",
-     &Seen::learning, false, false, DeviceState::kReference, Why::kRow, Reason::kLearning},
+     &Findings::learning, false, false, DeviceState::kReference, Why::kRow, Reason::kLearning},
     {"the object slips and the grip force is at its limit",
-     &Seen::force_limit, false, false, DeviceState::kSlip, Why::kRow, Reason::kForceLimit},
+     &Findings::force_limit, false, false, DeviceState::kSlip, Why::kRow, Reason::kForceLimit},
     {"the object slips",
-     &Seen::slip, false, false, DeviceState::kSlip, Why::kRow, Reason::kSlipDetected},
+     &Findings::slip, false, false, DeviceState::kSlip, Why::kRow, Reason::kSlipDetected},
     {"the contact was lost in the last 200 ms, without OPENING",
-     &Seen::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
+     &Findings::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
     {"frame rate, deadlines or the camera's settings are not kept, or the board's supply is low",
-     &Seen::strained, false, false, DeviceState::kDegraded, Why::kStrain, Reason::kNone},
+     &Findings::strained, false, false, DeviceState::kDegraded, Why::kStrain, Reason::kNone},
     {"more than 3 of the last 10 frames were rejected",
-     &Seen::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},
+     &Findings::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},
     {"fewer markers than `degraded_markers_pct`",
-     &Seen::few_markers, false, false, DeviceState::kDegraded, Why::kRow, Reason::kFewMarkers},
+     &Findings::few_markers, false, false, DeviceState::kDegraded, Why::kRow, Reason::kFewMarkers},
     {"OPENING is in force",
-     &Seen::opening, false, false, DeviceState::kOk, Why::kRow, Reason::kOpening},
+     &Findings::opening, false, false, DeviceState::kOk, Why::kRow, Reason::kOpening},
     {"too long since the frame before",
-     &Seen::gap, false, false, DeviceState::kOk, Why::kRow, Reason::kTimeGap},
+     &Findings::gap, false, false, DeviceState::kOk, Why::kRow, Reason::kTimeGap},
     {"otherwise",
-     &Seen::always, false, false, DeviceState::kOk, Why::kRow, Reason::kNone},
+     &Findings::always, false, false, DeviceState::kOk, Why::kRow, Reason::kNone},
 }};
 // clang-format on
 
@@ -177,7 +177,7 @@ inline constexpr std::array<Rule, 17> kRules{{
 
 namespace detail {
 
-inline void follow_rules(State& state, const Seen& seen, Reason rejection, Reason fault, Reason strain) {
+inline void follow_rules(State& state, const Findings& seen, Reason rejection, Reason fault, Reason strain) {
   for (const Rule& rule : kRules) {
     if (!(seen.*rule.seen) || (rule.only_in_fault && state.device != DeviceState::kFault)) continue;
     state.reason = rule.why == Why::kRejection ? rejection
@@ -205,7 +205,7 @@ inline void remember(State& state, bool rejected) {
 
 // A device beside the camera failed between frames: `why` until update() says otherwise.
 inline void fail(State& state, Reason why) {
-  Seen seen;
+  Findings seen;
   seen.fault = true;
   state.good_frames = 0;
   detail::follow_rules(state, seen, Reason::kNone, why, Reason::kNone);
@@ -230,7 +230,7 @@ inline void arm(State& state) {
     state.last_accepted = now;
   }
   detail::remember(state, true);
-  Seen seen;
+  Findings seen;
   const Reason fault = first(inputs, DeviceState::kFault);
   seen.fault = fault != Reason::kNone;
   seen.rejected = true;
@@ -253,7 +253,7 @@ inline void arm(State& state) {
   state.any_accepted = true;
   state.last_accepted = now;
   detail::remember(state, false);
-  Seen seen;
+  Findings seen;
   seen.fault = fault != Reason::kNone;
   if (seen.fault) state.good_frames = 0;
   seen.needs_arm = config.latch && !state.armed && state.faults > 0;

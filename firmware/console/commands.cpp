@@ -353,7 +353,7 @@ constexpr std::array<DeviceRow, 5> kDevices{{
      [](Console& console, Page& page) {
        constexpr std::array<std::string_view, 3> kNames{"none", "Robotiq Hand-E", "step lines"};
        const std::int32_t kind = console.daemon().params().gripper;
-       const hande::Seen& seen = console.daemon().gripper();
+       const hande::Feedback& seen = console.daemon().gripper();
        page.cell(kNames[idx(kind)]);
        page.cell(kind != 1 || (seen.fresh && seen.fault_reason == Reason::kNone) ? "yes" : "no");
        Text<100> more;
@@ -655,7 +655,7 @@ Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
   if (words.count == 2 && words[1] == "learn") {
     if (!console.unlocked()) return error(Error::kLocked);
     const auto result = console.daemon().obey({.command = command_frame::Command::kTare});
-    return result == command_frame::Result::kDone ? kDone : error(Error::kRefused);
+    return result == command_frame::Outcome::kDone ? kDone : error(Error::kRefused);
   }
   if (words.count != 1) return error(Error::kArguments);
   const reference::State& state = console.daemon().app().state().reference;
@@ -861,9 +861,9 @@ Answer tell(Console& console, const Words& words, std::int32_t /*step*/) {
     std::uint8_t argument = 0;
     if (words.count == 3 && !is_number(words[2], argument)) return error(Error::kArguments);
     const auto result = console.daemon().obey({.command = row.command, .argument = argument});
-    if (result == command_frame::Result::kDone) return kDone;
+    if (result == command_frame::Outcome::kDone) return kDone;
     console.detail() << command_frame::kResults[static_cast<std::size_t>(result)].meaning;
-    return error(result == command_frame::Result::kArgument ? Error::kArguments : Error::kRefused);
+    return error(result == command_frame::Outcome::kArgument ? Error::kArguments : Error::kRefused);
   }
   return error(Error::kArguments);
 }

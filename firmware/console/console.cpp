@@ -236,16 +236,16 @@ void Console::take(std::uint8_t byte) {
 
 // A refusal is counted each time and noted once for each command, until the lock or whoever is there changes: a sender
 // without authority must not push out of the log what happened before.
-command_frame::Result Console::obey(const command_frame::CommandFrame& frame) {
+command_frame::Outcome Console::obey(const command_frame::CommandFrame& frame) {
   if (stale_ == 0 && (unlocked_ || place_.host_commands)) return daemon_.obey(frame);
   count_up(refused_);
   const std::uint32_t bit = std::uint32_t{1} << static_cast<unsigned>(frame.command);
   if ((refusals_noted_ & bit) == 0) {
     daemon_.recorder().note(EventKind::kCommand, clock_.now(), static_cast<std::int32_t>(frame.command),
-                            static_cast<std::int32_t>(command_frame::Result::kLocked));
+                            static_cast<std::int32_t>(command_frame::Outcome::kLocked));
   }
   refusals_noted_ |= bit;
-  return command_frame::Result::kLocked;
+  return command_frame::Outcome::kLocked;
 }
 
 void Console::take_text() {

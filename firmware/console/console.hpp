@@ -156,7 +156,7 @@ class Console {
   void end_of_stale();
   void run();
   void take(std::uint8_t byte);
-  [[nodiscard]] command_frame::Result obey(const command_frame::CommandFrame& frame);
+  [[nodiscard]] command_frame::Outcome obey(const command_frame::CommandFrame& frame);
   void take_text();
   void end_line(LineEditor::Event event);
   void begin(std::string_view line);

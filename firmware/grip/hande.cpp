@@ -255,24 +255,24 @@ void reply_missed(State& state, const Config& config, bool damaged, Micros now) 
   count_up(state.counters.missed);
 }
 
-void take(State& state, const Config& config, modbus_rtu::Result result, Micros now) {
+void take(State& state, const Config& config, modbus_rtu::Progress result, Micros now) {
   switch (result) {
-    case modbus_rtu::Result::kIdle:
-    case modbus_rtu::Result::kBusy:
+    case modbus_rtu::Progress::kIdle:
+    case modbus_rtu::Progress::kBusy:
       break;
-    case modbus_rtu::Result::kOk:
+    case modbus_rtu::Progress::kOk:
       state.misses = 0;
       if (state.exchange != Exchange::kRead) write_was_taken(state, now);
       if (state.exchange == Exchange::kWrite) break;
       state.in_step = true;
       status_came(state, config, now);
       break;
-    case modbus_rtu::Result::kTimeout:
-    case modbus_rtu::Result::kRefused:
+    case modbus_rtu::Progress::kTimeout:
+    case modbus_rtu::Progress::kRefused:
       reply_missed(state, config, false, now);
       break;
-    case modbus_rtu::Result::kDamaged:
-    case modbus_rtu::Result::kException:
+    case modbus_rtu::Progress::kDamaged:
+    case modbus_rtu::Progress::kException:
       reply_missed(state, config, true, now);
       break;
   }
@@ -351,7 +351,7 @@ Reason reason_of(const State& state, const Config& config) {
 
 }  // namespace
 
-Seen update(State& state, const Config& config, hal::Serial& port, const Wanted& wanted, Micros now) {
+Feedback update(State& state, const Config& config, hal::Serial& port, const Wanted& wanted, Micros now) {
   if (wanted.reactivate && !state.was_reactivate && state.latched != Reason::kNone) state.reactivate = true;
   state.was_reactivate = wanted.reactivate;
 
@@ -361,7 +361,7 @@ Seen update(State& state, const Config& config, hal::Serial& port, const Wanted&
     take(state, config, modbus_rtu::update(state.bus, config.bus, port, now), now);
   }
 
-  Seen seen;
+  Feedback seen;
   seen.age = state.known ? now - state.status_at : Micros{0};
   seen.fresh = state.known && state.misses < config.retries && seen.age <= config.fresh_for;
   seen.activated = state.step == Step::kNone && activated(state);

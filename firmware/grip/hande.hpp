@@ -92,7 +92,7 @@ struct Counters {
   std::uint32_t activations = 0;  // begun
 };
 
-struct Seen {
+struct Feedback {
   bool fresh = false;  // a status came and is not old; without it the rest is what was known last
   Micros age{};        // since the status was asked for: it is not older
   bool activated = false;
@@ -164,6 +164,6 @@ struct State {
 };
 
 // Range: now never runs backwards and may jump by hours. Reads 2 * modbus_rtu::kMostBytesPerUpdate bytes at most.
-[[nodiscard]] Seen update(State& state, const Config& config, hal::Serial& port, const Wanted& wanted, Micros now);
+[[nodiscard]] Feedback update(State& state, const Config& config, hal::Serial& port, const Wanted& wanted, Micros now);
 
 }  // namespace holdfast::hande

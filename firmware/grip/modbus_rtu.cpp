@@ -75,20 +75,20 @@ bool line_is_free(const State& state, const Config& config, Micros now) {
   return since >= config.spacing && (since >= config.settled || now - state.heard >= config.quiet);
 }
 
-Result send(State& state, const Config& config, hal::Serial& port, Micros now) {
+Progress send(State& state, const Config& config, hal::Serial& port, Micros now) {
   drain(state, port);
-  if (!line_is_free(state, config, now)) return Result::kBusy;
+  if (!line_is_free(state, config, now)) return Progress::kBusy;
   if (!port.write(std::span(state.request).first(state.request_size))) {
     state.phase = State::Phase::kIdle;
     count_up(state.counters.refused);
-    return Result::kRefused;
+    return Progress::kRefused;
   }
   state.phase = State::Phase::kAwaiting;
   state.used = true;
   state.sent = state.heard = now;
   state.reply_count = 0;
   count_up(state.counters.requests);
-  return Result::kBusy;
+  return Progress::kBusy;
 }
 
 // Of the first `size` bytes.
@@ -116,7 +116,7 @@ void take_registers(State& state) {
   }
 }
 
-Result receive(State& state, const Config& config, hal::Serial& port, Micros now) {
+Progress receive(State& state, const Config& config, hal::Serial& port, Micros now) {
   // Each pass but the last brings a byte or more: reply_size passes at most.
   while (state.reply_count < state.reply_size) {
     const std::size_t missing = state.reply_size - state.reply_count;
@@ -125,23 +125,23 @@ Result receive(State& state, const Config& config, hal::Serial& port, Micros now
     state.reply_count += std::min(count, missing);
     state.heard = now;
   }
-  const auto end = [&](Result result, std::uint32_t& counter) {
+  const auto end = [&](Progress result, std::uint32_t& counter) {
     state.phase = State::Phase::kIdle;
     count_up(counter);
     return result;
   };
   if (state.reply_count >= kException && is_exception(state)) {
     state.exception = state.reply[2];
-    return end(Result::kException, state.counters.exceptions);
+    return end(Progress::kException, state.counters.exceptions);
   }
   if (state.reply_count == state.reply_size) {
-    if (!is_reply(state)) return end(Result::kDamaged, state.counters.damaged);
+    if (!is_reply(state)) return end(Progress::kDamaged, state.counters.damaged);
     take_registers(state);
-    return end(Result::kOk, state.counters.replies);
+    return end(Progress::kOk, state.counters.replies);
   }
-  if (now - state.sent < config.timeout) return Result::kBusy;
-  return state.reply_count > 0 ? end(Result::kDamaged, state.counters.damaged)
-                               : end(Result::kTimeout, state.counters.timeouts);
+  if (now - state.sent < config.timeout) return Progress::kBusy;
+  return state.reply_count > 0 ? end(Progress::kDamaged, state.counters.damaged)
+                               : end(Progress::kTimeout, state.counters.timeouts);
 }
 
 }  // namespace
@@ -184,7 +184,7 @@ void begin_read_write(State& state, const Config& config, std::uint16_t read_add
   close(state, read_count);
 }
 
-Result update(State& state, const Config& config, hal::Serial& port, Micros now) {
+Progress update(State& state, const Config& config, hal::Serial& port, Micros now) {
   switch (state.phase) {
     case State::Phase::kToSend:
       return send(state, config, port, now);
@@ -194,7 +194,7 @@ Result update(State& state, const Config& config, hal::Serial& port, Micros now)
       break;
   }
   drain(state, port);
-  return Result::kIdle;
+  return Progress::kIdle;
 }
 
 }  // namespace holdfast::modbus_rtu

@@ -44,7 +44,7 @@ struct Config {
 
 enum class Read : std::uint8_t { kHolding = 3, kInput = 4 };
 
-enum class Result : std::uint8_t {
+enum class Progress : std::uint8_t {
   kIdle,       // nothing was begun
   kBusy,       // waits to be sent, or for the reply
   kOk,         // registers() holds what was read
@@ -95,7 +95,7 @@ void begin_read_write(State& state, const Config& config, std::uint16_t read_add
                       std::uint16_t address, std::span<const std::uint16_t> registers);
 
 // Range: now never runs backwards. Each result but kIdle and kBusy is told once.
-[[nodiscard]] Result update(State& state, const Config& config, hal::Serial& port, Micros now);
+[[nodiscard]] Progress update(State& state, const Config& config, hal::Serial& port, Micros now);
 
 // What the last kOk of a read brought.
 [[nodiscard]] inline std::span<const std::uint16_t> registers(const State& state) {

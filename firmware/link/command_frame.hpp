@@ -47,7 +47,7 @@ inline constexpr std::array<CommandInfo, 5> kCommands{{
 }
 
 // Numbers are sent on the wire and never re-used.
-enum class Result : std::uint8_t {
+enum class Outcome : std::uint8_t {
   kDone = 0,
   kTouching = 1,
   kState = 2,
@@ -58,7 +58,7 @@ enum class Result : std::uint8_t {
 };
 
 struct ResultInfo {
-  Result result;
+  Outcome result;
   std::string_view name;
   std::string_view meaning;
   std::string_view cause;
@@ -66,19 +66,19 @@ struct ResultInfo {
 };
 
 inline constexpr std::array<ResultInfo, 7> kResults{{
-    {Result::kDone, "done", "taken; what comes of it is in the status frames", "-", "-"},
-    {Result::kTouching, "touching", "refused: something touches the gel", "the object is still between the fingers",
+    {Outcome::kDone, "done", "taken; what comes of it is in the status frames", "-", "-"},
+    {Outcome::kTouching, "touching", "refused: something touches the gel", "the object is still between the fingers",
      "open the gripper, or send TARE with argument 1"},
-    {Result::kState, "state", "refused: not in this state, or no gripper is set up", "the parameter `gripper` is 0",
+    {Outcome::kState, "state", "refused: not in this state, or no gripper is set up", "the parameter `gripper` is 0",
      "set it to the gripper that is wired, and restart"},
-    {Result::kUnknown, "unknown", "refused: this firmware does not know the command", "a newer sender",
+    {Outcome::kUnknown, "unknown", "refused: this firmware does not know the command", "a newer sender",
      "update the firmware"},
-    {Result::kArgument, "argument", "refused: the argument is out of the command's range", "a mistake of the sender's",
+    {Outcome::kArgument, "argument", "refused: the argument is out of the command's range", "a mistake of the sender's",
      "look at the table of commands"},
-    {Result::kLocked, "locked", "refused: this is the console's port, and it is locked",
+    {Outcome::kLocked, "locked", "refused: this is the console's port, and it is locked",
      "nobody unlocked the console, or its cable was out since",
      "send it on the port `link`, unlock the console, or start holdfastd with --host-commands"},
-    {Result::kOverdue, "overdue", "refused: OPENING lasted for `opening_max_ms` and was not ended",
+    {Outcome::kOverdue, "overdue", "refused: OPENING lasted for `opening_max_ms` and was not ended",
      "OPENING is sent again and again", "send OPENING 0 when the gripper has opened, and OPENING 1 the next time"},
 }};
 
@@ -92,15 +92,15 @@ struct CommandFrame {
 struct AnswerFrame {
   std::uint16_t sequence = 0;
   Command command{};
-  Result result{};  // a newer firmware may send numbers that kResults does not list
+  Outcome result{};  // a newer firmware may send numbers that kResults does not list
   friend constexpr bool operator==(const AnswerFrame&, const AnswerFrame&) = default;
 };
 
 // What is wrong with the frame itself; kDone: nothing.
-[[nodiscard]] constexpr Result check(const CommandFrame& frame) {
+[[nodiscard]] constexpr Outcome check(const CommandFrame& frame) {
   const CommandInfo* const row = info(frame.command);
-  if (row == nullptr) return Result::kUnknown;
-  return frame.argument <= row->max_argument ? Result::kDone : Result::kArgument;
+  if (row == nullptr) return Outcome::kUnknown;
+  return frame.argument <= row->max_argument ? Outcome::kDone : Outcome::kArgument;
 }
 
 // clang-format off
@@ -149,12 +149,12 @@ class Once {
  public:
   static constexpr Micros kForget{1'000'000};
 
-  // `execute`: Result(const CommandFrame&), for a command that check() passed. Range: now never runs backwards.
+  // `execute`: Outcome(const CommandFrame&), for a command that check() passed. Range: now never runs backwards.
   template <typename Execute>
   [[nodiscard]] AnswerFrame answer(const CommandFrame& frame, Micros now, const Execute& execute) {
     if (!any_ || frame != last_ || now - heard_ >= kForget) {
       result_ = check(frame);
-      if (result_ == Result::kDone) result_ = execute(frame);
+      if (result_ == Outcome::kDone) result_ = execute(frame);
     }
     any_ = true;
     last_ = frame;
@@ -165,7 +165,7 @@ class Once {
  private:
   bool any_ = false;
   CommandFrame last_;
-  Result result_{};
+  Outcome result_{};
   Micros heard_{};
 };
 

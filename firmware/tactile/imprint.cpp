@@ -205,11 +205,11 @@ struct Corner {
 std::int32_t patches_of(GridSize grid) {
   if (grid.rows < 2 || grid.cols < 2) return 0;
   const std::int32_t dots = grid.count();
-  return kPatchesPerDot * (dots <= kMaxDots ? dots : dots / 2);
+  return kPatchesPerDot * (dots <= kMaxPrintedDots ? dots : dots / 2);
 }
 
 Corner corner_of(GridSize grid, std::int32_t patch) {
-  const std::int32_t own = patch / kPatchesPerDot * (grid.count() <= kMaxDots ? 1 : 2);
+  const std::int32_t own = patch / kPatchesPerDot * (grid.count() <= kMaxPrintedDots ? 1 : 2);
   const std::int32_t sx = (patch & 1) == 0 ? 1 : -1;
   const std::int32_t sy = (patch & 2) == 0 ? 1 : -1;
   const std::int32_t row = own / grid.cols, col = own % grid.cols;
@@ -229,7 +229,7 @@ bool inside(const Reduced& picture, std::int32_t x_q12, std::int32_t y_q12) {
 }
 
 // All four corners of the patch lie in the picture.
-bool inside(const Reduced& picture, const Frame& f) {
+bool inside(const Reduced& picture, const PatchPlace& f) {
   for (const std::int32_t a : {0, kSide - 1}) {
     for (const std::int32_t b : {0, kSide - 1}) {
       if (!inside(picture, f.x_q12 + a * f.ax_q12 + b * f.bx_q12, f.y_q12 + a * f.ay_q12 + b * f.by_q12)) return false;
@@ -239,12 +239,12 @@ bool inside(const Reduced& picture, const Frame& f) {
 }
 
 // Steps along a lattice link of the dot: towards the patch, or away from it at the lattice's edge.
-Frame frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t patch) {
+PatchPlace frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t patch) {
   const Corner corner = corner_of(rest.grid, patch);
   const Marker& own = rest.markers[idx(corner.own)];
   const std::int32_t beside = corner.beside != corner.own ? corner.beside : corner.own - corner.sx;
   const std::int32_t over = corner.over != corner.own ? corner.over : corner.own - corner.sy * rest.grid.cols;
-  Frame out;
+  PatchPlace out;
   if (!own.valid || !rest.markers[idx(corner.across)].valid) return out;
   const Marker& first = rest.markers[idx(beside)];
   const Marker& second = rest.markers[idx(over)];
@@ -272,7 +272,7 @@ Frame frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t pat
 // the gel bends within a pitch; without the slope that shows as motion. false: one of the dots is lost.
 // Range: displacements of 2^21 in Q8.
 bool follow(const MarkerField& now, const MarkerField& rest, std::int32_t patch, std::int32_t reduction_log2,
-            Frame& frame) {
+            PatchPlace& frame) {
   const Corner corner = corner_of(rest.grid, patch);
   std::array<std::int32_t, 4> x{}, y{};
   const std::array<std::int32_t, 4> dots{corner.own, corner.beside, corner.over, corner.across};
@@ -300,7 +300,7 @@ bool follow(const MarkerField& now, const MarkerField& rest, std::int32_t patch,
 }
 
 // Between pixels in 1/256: coarser steps show at the dots' rims as relief. Range: 12 bits times 2^16 stay below 2^28.
-void sample(const Reduced& picture, const Frame& f, Samples& out) {
+void sample(const Reduced& picture, const PatchPlace& f, Samples& out) {
   for (std::size_t i = 0; i < kPlaces.size(); ++i) {
     const std::int32_t x = f.x_q12 + kPlaces[i].a * f.ax_q12 + kPlaces[i].b * f.bx_q12;
     const std::int32_t y = f.y_q12 + kPlaces[i].a * f.ay_q12 + kPlaces[i].b * f.by_q12;
@@ -519,7 +519,7 @@ void place(State& state, const LumaView& picture, const MarkerField& rest, Pixel
   state.width = picture.width;
   state.height = picture.height;
   for (std::int32_t p = 0; p < patches_of(rest.grid); ++p) {
-    state.frames[idx(p)] = placed ? frame_of(state.picture, rest, p) : Frame{};
+    state.frames[idx(p)] = placed ? frame_of(state.picture, rest, p) : PatchPlace{};
   }
   state.placed = true;
 }
@@ -554,7 +554,7 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
   std::int32_t in_contact = 0;
   const std::int32_t patches = patches_of(rest.grid);
   for (std::int32_t p = 0; p < patches; ++p) {
-    Frame frame = state.frames[idx(p)];
+    PatchPlace frame = state.frames[idx(p)];
     if (!frame.usable || !follow(markers, rest, p, state.picture.reduction_log2, frame)) continue;
     if (!inside(state.picture, frame)) continue;
     Samples& samples = last.samples[idx(p)];

@@ -67,9 +67,9 @@ inline constexpr int kLeastPatches = 20;
 inline constexpr int kStepsPerPitch = 16;         // samples from dot to dot
 inline constexpr int kSide = kStepsPerPitch / 2;  // samples along a patch's side
 inline constexpr int kPatchesPerDot = 4;          // towards (+x, +y), (-x, +y), (+x, -y), (-x, -y)
-inline constexpr int kMaxDots = 80;               // the largest printed grid sold; of a larger one every second dot
-inline constexpr int kMaxPatches = kPatchesPerDot * kMaxDots;
-static_assert(2 * kMaxDots >= kMaxMarkers);
+inline constexpr int kMaxPrintedDots = 80;        // the largest printed grid sold; of a larger one every second dot
+inline constexpr int kMaxPatches = kPatchesPerDot * kMaxPrintedDots;
+static_assert(2 * kMaxPrintedDots >= kMaxMarkers);
 inline constexpr int kMaskRadius_steps = 7;  // dot, its rim, what interpolation reaches: 0.44 pitch
 
 // Which samples of a patch are used. Place (a, b): (a + 1/2, b + 1/2) steps from the dot, away from it along both axes.
@@ -110,7 +110,7 @@ struct Reduced {
 
 // Where a patch lies on the empty gel, in 1/4096 reduced pixels from the centre of the top left one: its sample (0, 0),
 // and the step from sample to sample away from the dot.
-struct Frame {
+struct PatchPlace {
   std::int32_t x_q12 = 0, y_q12 = 0;
   std::int32_t ax_q12 = 0, ay_q12 = 0;
   std::int32_t bx_q12 = 0, by_q12 = 0;
@@ -146,7 +146,7 @@ struct State {
   bool placed = false;                 // frames stand for the rest position that is in force
   std::int32_t width = 0, height = 0;  // of the picture that they were laid out for
   Reduced picture;
-  std::array<Frame, kMaxPatches> frames{};
+  std::array<PatchPlace, kMaxPatches> frames{};
   Empty empty;
   std::array<Kept, kKept> kept{};  // a ring
   int count = 0;

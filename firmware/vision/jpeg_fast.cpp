@@ -111,9 +111,9 @@ bool take_values(State& state, std::uint32_t count, std::uint32_t& first) {
 
 // ---- Slices, by all workers ----
 
-class SliceTask final : public hal::Task {
+class SliceJob final : public hal::Job {
  public:
-  SliceTask(State& state, const Config& config, std::span<Worker> workers)
+  SliceJob(State& state, const Config& config, std::span<Worker> workers)
       : state_(state), lanes_(static_cast<std::size_t>(config.lanes)), workers_(workers) {}
 
  private:
@@ -460,7 +460,7 @@ Error find_pieces(State& state, const Config& config, std::span<Worker> workers,
   if (error != Error::kNone) return error;
   state.claimed.store(0, std::memory_order_relaxed);
   state.valued.store(0, std::memory_order_relaxed);
-  SliceTask task(state, config, workers);
+  SliceJob task(state, config, workers);
   crew.run(task);
   return stitch(state, scan);
 }

@@ -101,7 +101,7 @@ class FourInTurn final : public hal::Crew {
 
  private:
   [[nodiscard]] std::size_t do_size() const override { return hal::kMaxWorkers; }
-  void do_run(hal::Task& task) override {
+  void do_run(hal::Job& task) override {
     const std::size_t slices = state_.slices;
     for (std::size_t i = 0; i < hal::kMaxWorkers; ++i) {
       state_.claimed = static_cast<std::uint32_t>(slices * i / hal::kMaxWorkers);

@@ -74,7 +74,7 @@ std::vector<std::vector<std::uint8_t>> jpeg_pictures() {
 }
 
 // When `together`, nobody leaves before all of the crew have entered.
-class Meeting final : public hal::Task {
+class Meeting final : public hal::Job {
  public:
   std::atomic<std::size_t> entered{0};
   std::size_t together = 0;

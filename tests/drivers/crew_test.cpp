@@ -40,7 +40,7 @@ Threads::Config workers(std::size_t count) {
   return config;
 }
 
-class Doing final : public hal::Task {
+class Doing final : public hal::Job {
  public:
   explicit Doing(std::function<void(std::size_t)> act) : act_(std::move(act)) {}
 
@@ -49,14 +49,14 @@ class Doing final : public hal::Task {
   std::function<void(std::size_t)> act_;
 };
 
-class Nothing final : public hal::Task {
+class Nothing final : public hal::Job {
  private:
   void do_work(std::size_t) override {}
 };
 
 // Pieces are plain integers on purpose: one done twice at a time, or not yet visible to the caller, is a data race
 // that ThreadSanitizer reports even when the sums happen to be right.
-class Pieces final : public hal::Task {
+class Pieces final : public hal::Job {
  public:
   static constexpr std::size_t kPieces = 61;
 

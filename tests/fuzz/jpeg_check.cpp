@@ -45,7 +45,7 @@ class OneAfterTheOther final : public hal::Crew {
 
  private:
   [[nodiscard]] std::size_t do_size() const override { return workers_; }
-  void do_run(hal::Task& task) override {
+  void do_run(hal::Job& task) override {
     for (std::size_t i = 0; i < workers_; ++i) task.work(i);
   }
 

@@ -170,7 +170,7 @@ class ModbusScript {
     port_.read_bytes = port_.read_calls = port_.writes = 0;
     const ModbusBytes before = port_.heard;
     const ModbusBytes waiting = port_.waiting;
-    const hande::Seen seen = hande::update(state_, config_, port_, wanted_, now_);
+    const hande::Feedback seen = hande::update(state_, config_, port_, wanted_, now_);
     expect(port_.read_bytes <= 2 * modbus_rtu::kMostBytesPerUpdate, "too many bytes read in a call");
     expect(port_.read_calls <= 2 * modbus_rtu::kMaxReply, "too many reads in a call");
     expect(port_.writes <= 1, "two requests in a call");

@@ -170,7 +170,7 @@ TEST(ModbusPeer, AHandEOfLibmodbusIsActivatedAndMoved) {
       config.read = read;
       config.read_write = read_write;
       hande::State gripper;
-      hande::Seen seen;
+      hande::Feedback seen;
       hande::Wanted wanted;
       const auto until = [&](auto condition) {
         for (const Micros end = real_time() + kDeadline; real_time() < end;) {
@@ -198,7 +198,7 @@ TEST(ModbusPeer, ComesBackWhenTheOtherSideIsOpenedAgain) {
   hande::Config config;
   config.bus.timeout = 200ms;
   hande::State gripper;
-  hande::Seen seen;
+  hande::Feedback seen;
   const auto until = [&](auto condition) {
     for (const Micros end = real_time() + kDeadline; real_time() < end;) {
       seen = hande::update(gripper, config, port, {}, real_time());

@@ -36,9 +36,9 @@ class TimedCrew final : public hal::Crew {
   }
 
  private:
-  class TimedTask final : public hal::Task {
+  class TimedTask final : public hal::Job {
    public:
-    TimedTask(hal::Task& task, TimedCrew& crew) : task_(task), crew_(crew) {}
+    TimedTask(hal::Job& task, TimedCrew& crew) : task_(task), crew_(crew) {}
 
    private:
     void do_work(std::size_t worker) override {
@@ -46,12 +46,12 @@ class TimedCrew final : public hal::Crew {
       task_.work(worker);
       crew_.spent_us_[worker] += thread_us() - start;
     }
-    hal::Task& task_;
+    hal::Job& task_;
     TimedCrew& crew_;
   };
 
   [[nodiscard]] std::size_t do_size() const override { return crew_.size(); }
-  void do_run(hal::Task& task) override {
+  void do_run(hal::Job& task) override {
     TimedTask timed(task, *this);
     const double start = thread_us();
     crew_.run(timed);

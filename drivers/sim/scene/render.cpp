@@ -457,11 +457,11 @@ double worn_contrast(const PictureConfig& config, PointPx at) {
   const double y_mm = (at.y - config.center_y_px) / config.px_per_mm;
   constexpr double kFar_mm = 1e6;  // nothing of it is in the picture
   if (!(std::abs(x_mm) < kFar_mm) || !(std::abs(y_mm) < kFar_mm)) return 1.0;
-  constexpr double kPatch_mm = 5.0;
+  constexpr double kPatchPlacemm = 5.0;
   constexpr double kDot_mm = 1.7;
   const std::uint64_t seed = config.seed ^ std::rotl(kWearStream, 32);
-  const double wear =
-      0.6 * patches(seed, x_mm / kPatch_mm, y_mm / kPatch_mm) + 0.4 * patches(seed + 1, x_mm / kDot_mm, y_mm / kDot_mm);
+  const double wear = 0.6 * patches(seed, x_mm / kPatchPlacemm, y_mm / kPatchPlacemm) +
+                      0.4 * patches(seed + 1, x_mm / kDot_mm, y_mm / kDot_mm);
   return 1.0 - config.effects.worn_gel * std::clamp((wear - 0.3) / 0.3, 0.0, 1.0);
 }
 

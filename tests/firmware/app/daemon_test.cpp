@@ -32,7 +32,7 @@ using namespace holdfast;
 using namespace holdfast::reference_model;
 using namespace std::chrono_literals;
 using command_frame::Command;
-using command_frame::Result;
+using command_frame::Outcome;
 using hal::Input;
 using hal::Level;
 using hal::Line;
@@ -205,7 +205,7 @@ TEST_GROUP(Daemon) {
     build();
     hand->put_object({.width_mm = 20.0});
     run(1s);
-    CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+    CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
     run(3s);
     CHECK_TRUE(hand->object_held());
   }
@@ -224,7 +224,7 @@ TEST_GROUP(Daemon) {
   }
 
   // The answer to a command, within a few polls.
-  std::optional<Result> ask(Command command, std::uint8_t argument, std::uint16_t number) {
+  std::optional<Outcome> ask(Command command, std::uint8_t argument, std::uint16_t number) {
     std::array<std::uint8_t, command_frame::kCommandBytes> wire{};
     (void)command_frame::encode(command_frame::CommandFrame{number, command, argument}, wire);
     CHECK_TRUE(link.feed(wire));
@@ -238,7 +238,7 @@ TEST_GROUP(Daemon) {
     }
     return std::nullopt;
   }
-  std::optional<Result> ask(Command command, std::uint8_t argument = 0) {
+  std::optional<Outcome> ask(Command command, std::uint8_t argument = 0) {
     return ask(command, argument, ++sequence);
   }
 };
@@ -256,13 +256,13 @@ TEST(Daemon, AnswersEveryCommand) {
   film();
   build();
   run(1s);
-  CHECK_TRUE(ask(Command::kArm) == Result::kDone);
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
-  CHECK_TRUE(ask(Command::kOpening, 0) == Result::kDone);
-  CHECK_TRUE(ask(Command::kOpening, 2) == Result::kArgument);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kState);  // no gripper is set up
-  CHECK_TRUE(ask(Command::kRelease) == Result::kState);
-  CHECK_TRUE(ask(static_cast<Command>(77)) == Result::kUnknown);
+  CHECK_TRUE(ask(Command::kArm) == Outcome::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 0) == Outcome::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 2) == Outcome::kArgument);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kState);  // no gripper is set up
+  CHECK_TRUE(ask(Command::kRelease) == Outcome::kState);
+  CHECK_TRUE(ask(static_cast<Command>(77)) == Outcome::kUnknown);
   CHECK_TRUE(fine());
 }
 
@@ -270,23 +270,23 @@ TEST(Daemon, LearnsAnewOnTareAndOnlyOnceForARepetition) {
   film();
   build();
   run(1s);
-  CHECK_TRUE(ask(Command::kTare, 0, 7) == Result::kDone);
+  CHECK_TRUE(ask(Command::kTare, 0, 7) == Outcome::kDone);
   run(60ms);
   CHECK_TRUE(state() == DeviceState::kReference);
   CHECK_FALSE(fine());
   run(1s);
   CHECK_TRUE(fine());
-  CHECK_TRUE(ask(Command::kTare, 0, 8) == Result::kDone);
+  CHECK_TRUE(ask(Command::kTare, 0, 8) == Outcome::kDone);
   run(300ms);
   CHECK_TRUE(state() == DeviceState::kReference);
-  CHECK_TRUE(ask(Command::kTare, 0, 8) == Result::kDone);  // answered again, and not begun again
+  CHECK_TRUE(ask(Command::kTare, 0, 8) == Outcome::kDone);  // answered again, and not begun again
   run(200ms);
   CHECK_TRUE(fine());
   run(command_frame::Once::kForget);
-  CHECK_TRUE(ask(Command::kTare, 0, 8) == Result::kDone);  // so late it is a command of its own
+  CHECK_TRUE(ask(Command::kTare, 0, 8) == Outcome::kDone);  // so late it is a command of its own
   run(300ms);
   CHECK_TRUE(state() == DeviceState::kReference);
-  CHECK_TRUE(ask(Command::kTare, 0, 9) == Result::kDone);  // and one that comes while it learns begins anew
+  CHECK_TRUE(ask(Command::kTare, 0, 9) == Outcome::kDone);  // and one that comes while it learns begins anew
   run(300ms);
   CHECK_TRUE(state() == DeviceState::kReference);
 }
@@ -302,12 +302,12 @@ TEST(Daemon, RefusesTareWhileSomethingTouchesTheGel) {
   run(500ms);
   CHECK_TRUE(daemon->app().result().contact.touching);
   const MarkerField rest = daemon->app().state().reference.rest;
-  CHECK_TRUE(ask(Command::kTare, 0) == Result::kTouching);
+  CHECK_TRUE(ask(Command::kTare, 0) == Outcome::kTouching);
   gpio.drive(Input::kTare, Level::kHigh);  // the wire cannot insist
   run(1s);
   CHECK_TRUE(daemon->app().result().contact.touching);
   LONGS_EQUAL(rest.markers[31].x.raw(), daemon->app().state().reference.rest.markers[31].x.raw());
-  CHECK_TRUE(ask(Command::kTare, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kTare, 1) == Outcome::kDone);
   run(1s);
   CHECK_TRUE(daemon->app().result().referenced && !daemon->app().result().contact.touching);
   CHECK_FALSE(rest.markers[31].x.raw() == daemon->app().state().reference.rest.markers[31].x.raw());
@@ -319,7 +319,7 @@ TEST(Daemon, PassesOverSoundFramesThatAreNoCommand) {
   build();
   run(1s);
   std::array<std::uint8_t, command_frame::kAnswerBytes> wire{};
-  (void)command_frame::encode(command_frame::AnswerFrame{5, Command::kTare, Result::kDone}, wire);
+  (void)command_frame::encode(command_frame::AnswerFrame{5, Command::kTare, Outcome::kDone}, wire);
   CHECK_TRUE(link.feed(wire));
   link.clear_output();
   const std::uint32_t frames = daemon->commands().frames();
@@ -340,16 +340,16 @@ TEST(Daemon, EndsAnOpeningThatIsNeverTakenBack) {
   params.opening_max_ms = 500;
   build();
   run(1s);
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
   run(200ms);
   CHECK_TRUE(reason() == Reason::kOpening && daemon->app().state().opening);
   run(400ms);
   CHECK_TRUE(reason() == Reason::kNone && !daemon->app().state().opening);
-  CHECK_TRUE(ask(Command::kOpening, 0) == Result::kDone);
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 0) == Outcome::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
   run(100ms);
   CHECK_TRUE(daemon->app().state().opening);
-  CHECK_TRUE(ask(Command::kOpening, 0) == Result::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 0) == Outcome::kDone);
   run(60ms);
   CHECK_FALSE(daemon->app().state().opening);
 }
@@ -364,9 +364,9 @@ TEST(Daemon, EndsAnOpeningThatIsSaidAgainAndAgain) {
     int refused = 0;
     for (Micros said{}; said < 20s; said += 250ms) {
       const auto answer = ask(Command::kOpening, 1);
-      CHECK_TRUE(answer == Result::kDone || answer == Result::kOverdue);
-      CHECK_FALSE(answer == Result::kOverdue && daemon->is_opening());
-      refused += answer == Result::kOverdue ? 1 : 0;
+      CHECK_TRUE(answer == Outcome::kDone || answer == Outcome::kOverdue);
+      CHECK_FALSE(answer == Outcome::kOverdue && daemon->is_opening());
+      refused += answer == Outcome::kOverdue ? 1 : 0;
       for (const Micros end = clock.now() + 230ms; clock.now() < end;) {
         const Micros before = clock.now();
         daemon->poll();
@@ -376,7 +376,7 @@ TEST(Daemon, EndsAnOpeningThatIsSaidAgainAndAgain) {
     CHECK_TRUE(masked > 2s && masked < 5100ms);
     CHECK_TRUE(refused >= 59);
     CHECK_TRUE(reason() == Reason::kNone);
-    CHECK_TRUE(ask(Command::kOpening, 0) == Result::kDone);
+    CHECK_TRUE(ask(Command::kOpening, 0) == Outcome::kDone);
   }
   // The wire is a sender like any other, and its fall an end.
   for (Micros said{}; said < 6s; said += 250ms) {
@@ -420,15 +420,15 @@ TEST(Daemon, TellsOfASlipUnderAnOpeningThatIsHeld) {
 TEST(Daemon, CapsWhatReleaseMasksAsWell) {
   grip_an_object();
   for (int k = 0; k < 32; ++k) {
-    CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+    CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
     CHECK_TRUE(daemon->is_opening() == (k < 19) || k == 19 || k == 20);
     run(230ms);
   }
   CHECK_FALSE(hand->object_held());
   CHECK_FALSE(daemon->is_opening());
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kOverdue);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);  // an end: the fingers close
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kOverdue);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);  // an end: the fingers close
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
 }
 
 // A robot that never says the end: what it grips next tells that the fingers have closed.
@@ -451,15 +451,15 @@ TEST(Daemon, LetsTheNextContactBeOpenedWithoutAnEnd) {
   params.opening_max_ms = 500;
   build();
   run(1s);
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
   run(1s);
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kOverdue);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kOverdue);
   while (!daemon->app().result().contact.touching && clock.now() < 5s) run(20ms);
   CHECK_TRUE(daemon->app().result().contact.touching);
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
   run(700ms);
   CHECK_FALSE(daemon->is_opening());
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kOverdue);  // it touches still: that is no new contact
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kOverdue);  // it touches still: that is no new contact
 }
 
 TEST(Daemon, ObeysWiresThatHoldTheirLevel) {
@@ -636,10 +636,10 @@ TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
   CHECK_TRUE(daemon->start(params).ok());
   gpio.drive(Input::kTare, Level::kLow);
   run(1s);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
   run(3s);
   CHECK_TRUE(hand->object_held() && fine());
-  CHECK_TRUE(ask(Command::kOpening, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
   gpio.drive(Input::kTare, Level::kHigh);
   daemon->poll();
   const std::uint64_t writes = hand->writes();
@@ -653,7 +653,7 @@ TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
   CHECK_TRUE(daemon->gripper().fresh && hand->object_held());
   LONGS_EQUAL(1, hand->activations());
   CHECK_TRUE(hand->writes() <= writes + 1);
-  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
   run(3s);
   CHECK_FALSE(hand->object_held());
 }
@@ -670,9 +670,9 @@ TEST(Daemon, EndsPulsesAndTellsSilenceWhenTheClockIsSetBack) {
   daemon = std::make_unique<Daemon>(Devices{stamped, gpio, link, board, jpeg}, Periphery{*hand, keep});
   CHECK_TRUE(daemon->start(params).ok());
   run(1s);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
   run(100ms);
-  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
   const Micros patience = clock.now() + 1s;
   while (gpio.level(Line::kDecrease) == Level::kLow && clock.now() < patience) daemon->poll();
   const std::uint64_t edges = gpio.edges(Line::kDecrease);
@@ -881,10 +881,10 @@ TEST(Daemon, ReleasesWithoutACamera) {
   params.gripper = static_cast<std::int32_t>(Gripper::kHandE);
   build({{100, 1'000'000, sim::CameraFault::kGone, {}}});
   hand->put_object({.width_mm = 20.0});
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
   run(5s);
   CHECK_TRUE(!daemon->streaming() && hand->object_held());
-  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
   run(3s);
   CHECK_FALSE(hand->object_held());
   CHECK_FALSE(fine());
@@ -915,7 +915,7 @@ TEST(Daemon, GripsAndReleasesWithAHandE) {
   grip_an_object();
   LONGS_EQUAL(params.start_force, daemon->grip().force);
   CHECK_TRUE(fine());
-  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
   run(3s);
   CHECK_FALSE(hand->object_held());
   CHECK_TRUE(hand->width_mm() > 40.0);
@@ -930,7 +930,7 @@ TEST(Daemon, GripsAndReleasesWithAHandE) {
 // GRIP 0 is RELEASE by another name: the fingers open when no force is left.
 TEST(Daemon, OpensOnGripZero) {
   grip_an_object();
-  CHECK_TRUE(ask(Command::kGrip, 0) == Result::kDone);
+  CHECK_TRUE(ask(Command::kGrip, 0) == Outcome::kDone);
   CHECK_TRUE(daemon->app().state().opening);
   run(3s);
   CHECK_FALSE(hand->object_held());
@@ -999,9 +999,9 @@ TEST(Daemon, TightensWhileItSlipsUpToTheLimit) {
   build();
   hand->put_object({.width_mm = 20.0});
   run(500ms);
-  CHECK_TRUE(ask(Command::kTare) == Result::kDone);  // nobody looks between the dots, and can tell of contact
+  CHECK_TRUE(ask(Command::kTare) == Outcome::kDone);  // nobody looks between the dots, and can tell of contact
   run(500ms);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
   run(1700ms);
   LONGS_EQUAL(params.start_force, daemon->grip().force);
   CHECK_TRUE(state() == DeviceState::kOk);
@@ -1022,29 +1022,29 @@ TEST(Daemon, StepsTheGripperByPulses) {
   build();
   run(1s);
   CHECK_TRUE(fine());
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
   run(1s);
   LONGS_EQUAL(0, gpio.edges(Line::kIncrease) + gpio.edges(Line::kDecrease));  // the starting force is step 0
-  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
   run(100ms);
   CHECK_TRUE(gpio.edges(Line::kDecrease) > 0);
   LONGS_EQUAL(0, gpio.edges(Line::kIncrease));
-  CHECK_TRUE(ask(Command::kArm) == Result::kDone);
+  CHECK_TRUE(ask(Command::kArm) == Outcome::kDone);
   run(5s);
   CHECK_TRUE(fine());
   LONGS_EQUAL(gpio.edges(Line::kIncrease), gpio.edges(Line::kDecrease));  // open, and where it began
 
   gpio.stick(Line::kDecrease);
-  CHECK_TRUE(ask(Command::kGrip, 1) == Result::kDone);
+  CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
   run(100ms);
-  CHECK_TRUE(ask(Command::kRelease) == Result::kDone);
+  CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
   run(200ms);
   CHECK_TRUE(state() == DeviceState::kFault && reason() == Reason::kGpioFailed);
   CHECK_FALSE(fine());
   gpio.stick(Line::kDecrease, false);
   run(3s);
   CHECK_TRUE(reason() == Reason::kGpioFailed);  // how many pulses were counted is not known
-  CHECK_TRUE(ask(Command::kArm) == Result::kDone);
+  CHECK_TRUE(ask(Command::kArm) == Outcome::kDone);
   run(1s);
   CHECK_TRUE(fine());
 }

@@ -405,11 +405,11 @@ TEST(Supervisor, KeepsItsPromisesOverEverySequenceOfFour) {
 
 // Every row of the table decides in some input: none is dead, and the last one always applies.
 TEST(Supervisor, HasNoRuleThatNeverApplies) {
-  CHECK_TRUE(supervisor::kRules.back().seen == &supervisor::Seen::always);
+  CHECK_TRUE(supervisor::kRules.back().seen == &supervisor::Findings::always);
   for (const supervisor::Rule& rule : supervisor::kRules) {
     supervisor::State fresh;
     fresh.device = rule.only_in_fault ? DeviceState::kFault : DeviceState::kSlip;
-    supervisor::Seen seen;
+    supervisor::Findings seen;
     seen.*rule.seen = true;
     supervisor::detail::follow_rules(fresh, seen, Reason::kNoFrame, Reason::kGripperSilent, Reason::kDeadline);
     const Reason want = rule.why == supervisor::Why::kRow         ? rule.reason

@@ -1453,7 +1453,7 @@ TEST(Console, ObeysCommandFramesAmongTheTextWhereThatIsAllowed) {
   const Heard heard = take_apart(desk.heard());
   LONGS_EQUAL(1, heard.answers.size());
   LONGS_EQUAL(77, heard.answers[0].sequence);
-  CHECK(heard.answers[0].result == command_frame::Result::kDone);
+  CHECK(heard.answers[0].result == command_frame::Outcome::kDone);
   CHECK(desk.daemon->is_opening());
   // A sound frame of another kind is nobody's.
   std::array<std::uint8_t, command_frame::kAnswerBytes> answer{};

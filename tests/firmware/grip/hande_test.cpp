@@ -19,8 +19,8 @@
 namespace hande = holdfast::hande;
 namespace sim = holdfast::sim;
 namespace modbus_rtu = holdfast::modbus_rtu;
+using hande::Feedback;
 using hande::Object;
-using hande::Seen;
 using hande::Wanted;
 using holdfast::Micros;
 using holdfast::Reason;
@@ -67,7 +67,7 @@ struct Rig {
   hande::Config config;
   hande::State state;
   Wanted wanted;
-  Seen seen;
+  Feedback seen;
   Micros step = 5ms;  // between two calls
 
   Rig() : Rig(sim::HandE::Config{}) {}
@@ -114,7 +114,7 @@ std::uint8_t counts(double width_mm) {
 TEST_GROUP(HandE) {
   Rig rig;
   sim::HandE& gripper = rig.gripper;
-  const Seen& seen = rig.seen;
+  const Feedback& seen = rig.seen;
 
   void teardown() override {
     CHECK_TRUE(gripper.shortest_gap() >= 5ms);
@@ -891,7 +891,7 @@ TEST_GROUP(HandEStatus) {
   hande::Config config;
   hande::State state;
   Wanted wanted;
-  Seen seen;
+  Feedback seen;
   Micros now = 1s;
 
   void run(Micros duration) {

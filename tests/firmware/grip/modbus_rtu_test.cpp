@@ -18,7 +18,7 @@
 namespace rtu = holdfast::modbus_rtu;
 namespace sim = holdfast::sim;
 using holdfast::Micros;
-using rtu::Result;
+using rtu::Progress;
 using namespace std::chrono_literals;
 
 namespace {
@@ -155,7 +155,7 @@ TEST_GROUP(ModbusRtu) {
   sim::Serial port;
   Micros now = 1s;
 
-  Result step(Micros by = 0us) {
+  Progress step(Micros by = 0us) {
     now += by;
     return rtu::update(state, config, port, now);
   }
@@ -166,14 +166,14 @@ TEST_GROUP(ModbusRtu) {
   void request(const Golden& golden) {
     now += 1s;
     golden.begin(state, config);
-    CHECK_TRUE(Result::kBusy == step());
+    CHECK_TRUE(Progress::kBusy == step());
     CHECK_TRUE(State::Phase::kAwaiting == state.phase);
   }
-  Result reply(const Golden& golden, const Bytes& bytes) {
+  Progress reply(const Golden& golden, const Bytes& bytes) {
     request(golden);
     feed(bytes);
-    Result result = step(3ms);
-    if (result == Result::kBusy) result = step(config.timeout);
+    Progress result = step(3ms);
+    if (result == Progress::kBusy) result = step(config.timeout);
     return result;
   }
 };
@@ -188,11 +188,11 @@ TEST(ModbusRtu, GoldenFramesByteForByteInBothDirections) {
       CHECK_TEXT(with_crc(body) == whole, "the golden frame itself");
     }
     port.clear_output();
-    CHECK_TEXT(Result::kOk == reply(golden, hex(golden.reply)), name.c_str());
+    CHECK_TEXT(Progress::kOk == reply(golden, hex(golden.reply)), name.c_str());
     CHECK_TEXT(port.output_bytes() == hex(golden.request), name.c_str());
     const auto got = rtu::registers(state);
     CHECK_TEXT(Words(got.begin(), got.end()) == golden.registers, name.c_str());
-    CHECK_TRUE(Result::kIdle == step(1ms));  // told once
+    CHECK_TRUE(Progress::kIdle == step(1ms));  // told once
   }
 }
 
@@ -213,7 +213,7 @@ TEST(ModbusRtu, EverySingleByteCorruptionIsRefused) {
       for (unsigned flip = 1; flip < 256; ++flip) {
         Bytes bad = good;
         bad[at] = static_cast<std::uint8_t>(bad[at] ^ flip);
-        CHECK_TRUE(Result::kDamaged == reply(golden, bad));
+        CHECK_TRUE(Progress::kDamaged == reply(golden, bad));
       }
     }
   }
@@ -225,9 +225,9 @@ TEST(ModbusRtu, EveryTruncationIsRefusedAtTheTimeout) {
     for (std::size_t length = 0; length < good.size(); ++length) {
       request(golden);
       feed(Bytes(good.begin(), good.begin() + static_cast<std::ptrdiff_t>(length)));
-      CHECK_TRUE(Result::kBusy == step(config.timeout - 1us));
-      CHECK_TRUE((length == 0 ? Result::kTimeout : Result::kDamaged) == step(1us));
-      CHECK_TRUE(Result::kIdle == step());
+      CHECK_TRUE(Progress::kBusy == step(config.timeout - 1us));
+      CHECK_TRUE((length == 0 ? Progress::kTimeout : Progress::kDamaged) == step(1us));
+      CHECK_TRUE(Progress::kIdle == step());
     }
   }
 }
@@ -249,21 +249,21 @@ TEST(ModbusRtu, WellMadeRepliesToOtherRequestsAreRefused) {
       {"a byte of noise in front", hex("00 09 04 06 F900 0000 0D00 17AA")},
   };
   const Golden& read = kGoldens[11];
-  for (const Case& c : to_read) CHECK_TEXT(Result::kDamaged == reply(read, c.reply), c.name);
+  for (const Case& c : to_read) CHECK_TEXT(Progress::kDamaged == reply(read, c.reply), c.name);
   const Case to_write[] = {
       {"another address", with_crc(hex("09 10 03E9 0003"))},
       {"another count", with_crc(hex("09 10 03E8 0002"))},
   };
-  for (const Case& c : to_write) CHECK_TEXT(Result::kDamaged == reply(kGoldens[0], c.reply), c.name);
+  for (const Case& c : to_write) CHECK_TEXT(Progress::kDamaged == reply(kGoldens[0], c.reply), c.name);
 }
 
 TEST(ModbusRtu, ExceptionsAreToldWithTheirNumber) {
   for (const Golden& golden : kGoldens) {
     const Bytes sent = hex(golden.request);
     const Bytes exception = with_crc({sent[0], static_cast<std::uint8_t>(sent[1] | 0x80), 2});
-    CHECK_TRUE(Result::kException == reply(golden, exception));
+    CHECK_TRUE(Progress::kException == reply(golden, exception));
     LONGS_EQUAL(2, state.exception);
-    CHECK_TRUE(Result::kDamaged == reply(golden, with_crc({8, static_cast<std::uint8_t>(sent[1] | 0x80), 2})));
+    CHECK_TRUE(Progress::kDamaged == reply(golden, with_crc({8, static_cast<std::uint8_t>(sent[1] | 0x80), 2})));
   }
 }
 
@@ -279,7 +279,7 @@ TEST(ModbusRtu, RepliesComeInAnyPieces) {
       feed(Bytes(good.begin() + static_cast<std::ptrdiff_t>(at),
                  good.begin() + static_cast<std::ptrdiff_t>(at + piece)));
       at += piece;
-      CHECK_TRUE((at == good.size() ? Result::kOk : Result::kBusy) == step(100us));
+      CHECK_TRUE((at == good.size() ? Progress::kOk : Progress::kBusy) == step(100us));
     }
   }
 }
@@ -289,14 +289,14 @@ TEST(ModbusRtu, WhatCameBeforeTheRequestIsThrownAway) {
   const Golden& read = kGoldens[11];
   feed(hex("09 04 06 B900 00FF BD00 AAAA"));
   feed(hex("09 04 06 3900 0000 BB10 7106"));
-  CHECK_TRUE(Result::kOk == reply(read, hex(read.reply)));
+  CHECK_TRUE(Progress::kOk == reply(read, hex(read.reply)));
   LONGS_EQUAL(0xF900, rtu::registers(state)[0]);
   LONGS_EQUAL(22, state.counters.stray_bytes);
   // And what comes behind a reply is thrown away with the next request.
   Bytes more = hex(read.reply);
   more.insert(more.end(), 30, 0x55);
-  CHECK_TRUE(Result::kOk == reply(read, more));
-  CHECK_TRUE(Result::kOk == reply(read, hex(read.reply)));
+  CHECK_TRUE(Progress::kOk == reply(read, more));
+  CHECK_TRUE(Progress::kOk == reply(read, hex(read.reply)));
   LONGS_EQUAL(52, state.counters.stray_bytes);
 }
 
@@ -306,7 +306,7 @@ TEST(ModbusRtu, CountersStayAtTheirEnd) {
   state.counters = {.requests = UINT32_MAX, .replies = UINT32_MAX, .stray_bytes = UINT32_MAX - 5};
   for (int k = 0; k < 2; ++k) {
     feed(hex("09 04 06 B900 00FF BD00 AAAA"));
-    CHECK_TRUE(Result::kOk == reply(read, hex(read.reply)));
+    CHECK_TRUE(Progress::kOk == reply(read, hex(read.reply)));
     UNSIGNED_LONGS_EQUAL(UINT32_MAX, state.counters.stray_bytes);
     UNSIGNED_LONGS_EQUAL(UINT32_MAX, state.counters.requests);
     UNSIGNED_LONGS_EQUAL(UINT32_MAX, state.counters.replies);
@@ -339,45 +339,45 @@ TEST(ModbusRtu, ARequestWaitsForSpacingAndSilence) {
   request(read);
   const Micros sent = now;
   feed(hex(read.reply));
-  CHECK_TRUE(Result::kOk == step(4ms));  // the last byte is seen at 4 ms: the line is free at 5.75 ms
+  CHECK_TRUE(Progress::kOk == step(4ms));  // the last byte is seen at 4 ms: the line is free at 5.75 ms
   read.begin(state, config);
-  while (state.phase == State::Phase::kToSend) CHECK_TRUE(Result::kBusy == step(50us));
+  while (state.phase == State::Phase::kToSend) CHECK_TRUE(Progress::kBusy == step(50us));
   LONGS_EQUAL(5750, (now - sent).count());
 
   feed(hex(read.reply));
-  CHECK_TRUE(Result::kOk == step(2ms));  // spacing alone
+  CHECK_TRUE(Progress::kOk == step(2ms));  // spacing alone
   const Micros second = state.sent;
   read.begin(state, config);
-  while (state.phase == State::Phase::kToSend) CHECK_TRUE(Result::kBusy == step(50us));
+  while (state.phase == State::Phase::kToSend) CHECK_TRUE(Progress::kBusy == step(50us));
   LONGS_EQUAL(5000, (now - second).count());
 
   // A caller who comes late does not wait once more.
   feed(hex(read.reply));
-  CHECK_TRUE(Result::kOk == step(40ms));
+  CHECK_TRUE(Progress::kOk == step(40ms));
   read.begin(state, config);
-  CHECK_TRUE(Result::kBusy == step());
+  CHECK_TRUE(Progress::kBusy == step());
   CHECK_TRUE(State::Phase::kAwaiting == state.phase);
 }
 
 TEST(ModbusRtu, APortThatRefusesEndsTheRequest) {
   port.hang_up();
   kGoldens[0].begin(state, config);
-  CHECK_TRUE(Result::kRefused == step());
+  CHECK_TRUE(Progress::kRefused == step());
   CHECK_TRUE(rtu::idle(state));
   LONGS_EQUAL(0, state.counters.requests);
   port.reconnect();
-  CHECK_TRUE(Result::kOk == reply(kGoldens[0], hex(kGoldens[0].reply)));
+  CHECK_TRUE(Progress::kOk == reply(kGoldens[0], hex(kGoldens[0].reply)));
 }
 
 TEST(ModbusRtu, TheLargestRequestsFit) {
   const Words words(rtu::kMaxRegisters, 0xA55A);
   rtu::begin_read_write(state, config, 0x7D0, rtu::kMaxRegisters, 0x3E8, words);
-  CHECK_TRUE(Result::kBusy == step());
+  CHECK_TRUE(Progress::kBusy == step());
   LONGS_EQUAL(rtu::kMaxRequest, port.output_bytes().size());
   Bytes body{9, 23, 16};
   for (int i = 0; i < 16; ++i) body.push_back(static_cast<std::uint8_t>(i));
   feed(with_crc(body));
-  CHECK_TRUE(Result::kOk == step(5ms));
+  CHECK_TRUE(Progress::kOk == step(5ms));
   LONGS_EQUAL(rtu::kMaxRegisters, rtu::registers(state).size());
   LONGS_EQUAL(0x0E0F, rtu::registers(state).back());
 }

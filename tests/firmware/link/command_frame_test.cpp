@@ -62,7 +62,7 @@ TEST_GROUP(CommandFrame){};
 // By hand: COBS and CRC of link_check.hpp share nothing with the firmware's.
 TEST(CommandFrame, LayoutIsTheOneOfVersion1) {
   CHECK_TRUE(wire_of(command(0x1234, Command::kGrip, 1)) == frame_around({1, 2, 0x34, 0x12, 5, 1}));
-  CHECK_TRUE(wire_of(AnswerFrame{0xFE00, Command::kTare, Result::kTouching}) == frame_around({1, 3, 0, 0xFE, 1, 1}));
+  CHECK_TRUE(wire_of(AnswerFrame{0xFE00, Command::kTare, Outcome::kTouching}) == frame_around({1, 3, 0, 0xFE, 1, 1}));
   const LinkBytes tare{0x09, 0x01, 0x02, 0x02, 0x01, 0x01, 0x01, 0x7B, 0xF6, 0x00};  // LINK.md, Examples
   CHECK_TRUE(wire_of(command(258, Command::kTare, 1)) == tare);
 }
@@ -70,7 +70,7 @@ TEST(CommandFrame, LayoutIsTheOneOfVersion1) {
 TEST(CommandFrame, EveryFrameIsReadBack) {
   for (std::uint32_t i = 0; i < 0x10000; ++i) {
     const CommandFrame asked = command(i, static_cast<Command>(i % 251), static_cast<int>(i % 256));
-    const AnswerFrame answer{asked.sequence, asked.command, static_cast<Result>(i / 256)};
+    const AnswerFrame answer{asked.sequence, asked.command, static_cast<Outcome>(i / 256)};
     link::Payload payload;
     CHECK_TRUE(link::open(wire_of(asked), payload) == link::DecodeError::kNone);
     CHECK_TRUE(read_command(payload) == asked && !read_answer(payload));
@@ -130,38 +130,38 @@ TEST(CommandFrame, UnknownCommandsAndArgumentsAreRefused) {
   struct Case {
     int number;
     int argument;
-    Result want;
+    Outcome want;
   };
-  for (const Case& c : {Case{1, 0, Result::kDone},
-                        {1, 1, Result::kDone},
-                        {1, 2, Result::kArgument},
-                        {2, 1, Result::kDone},
-                        {2, 2, Result::kArgument},
-                        {3, 0, Result::kDone},
-                        {3, 1, Result::kArgument},
-                        {4, 0, Result::kDone},
-                        {4, 255, Result::kArgument},
-                        {5, 1, Result::kDone},
-                        {5, 2, Result::kArgument},
-                        {0, 0, Result::kUnknown},
-                        {6, 0, Result::kUnknown},
-                        {255, 255, Result::kUnknown}}) {
+  for (const Case& c : {Case{1, 0, Outcome::kDone},
+                        {1, 1, Outcome::kDone},
+                        {1, 2, Outcome::kArgument},
+                        {2, 1, Outcome::kDone},
+                        {2, 2, Outcome::kArgument},
+                        {3, 0, Outcome::kDone},
+                        {3, 1, Outcome::kArgument},
+                        {4, 0, Outcome::kDone},
+                        {4, 255, Outcome::kArgument},
+                        {5, 1, Outcome::kDone},
+                        {5, 2, Outcome::kArgument},
+                        {0, 0, Outcome::kUnknown},
+                        {6, 0, Outcome::kUnknown},
+                        {255, 255, Outcome::kUnknown}}) {
     CHECK_TRUE(check(command(1, static_cast<Command>(c.number), c.argument)) == c.want);
     int executed = 0;
     Once once;
     const AnswerFrame answer =
         once.answer(command(0, static_cast<Command>(c.number), c.argument), Micros{0}, [&](auto&) {
           ++executed;
-          return Result::kDone;
+          return Outcome::kDone;
         });
     CHECK_TRUE(answer.result == c.want);
-    LONGS_EQUAL(c.want == Result::kDone ? 1 : 0, executed);
+    LONGS_EQUAL(c.want == Outcome::kDone ? 1 : 0, executed);
   }
 }
 
 TEST(CommandFrame, RepetitionIsAnsweredAndNotExecuted) {
   int executed = 0;
-  Result says = Result::kTouching;
+  Outcome says = Outcome::kTouching;
   Once once;
   const auto ask = [&](const CommandFrame& frame, std::int64_t now_us) {
     const AnswerFrame answer = once.answer(frame, Micros{now_us}, [&](const CommandFrame& told) {
@@ -173,13 +173,13 @@ TEST(CommandFrame, RepetitionIsAnsweredAndNotExecuted) {
     return answer.result;
   };
   const CommandFrame tare = command(0, Command::kTare);  // the first may have any number, 0 as well
-  CHECK_TRUE(ask(tare, 5) == Result::kTouching);
-  says = Result::kDone;
-  CHECK_TRUE(ask(tare, 5) == Result::kTouching);  // the result of then, not of now
-  CHECK_TRUE(ask(tare, 1'000'004) == Result::kTouching);
-  CHECK_TRUE(ask(tare, 2'000'003) == Result::kTouching);  // counted from the last one
+  CHECK_TRUE(ask(tare, 5) == Outcome::kTouching);
+  says = Outcome::kDone;
+  CHECK_TRUE(ask(tare, 5) == Outcome::kTouching);  // the result of then, not of now
+  CHECK_TRUE(ask(tare, 1'000'004) == Outcome::kTouching);
+  CHECK_TRUE(ask(tare, 2'000'003) == Outcome::kTouching);  // counted from the last one
   LONGS_EQUAL(1, executed);
-  CHECK_TRUE(ask(tare, 3'000'003) == Result::kDone);  // a second later it is a command again
+  CHECK_TRUE(ask(tare, 3'000'003) == Outcome::kDone);  // a second later it is a command again
   LONGS_EQUAL(2, executed);
   // Another number, another command or another argument is no repetition, nor is the one before the last.
   for (const CommandFrame& frame : {command(1, Command::kTare), command(1, Command::kArm),
@@ -194,7 +194,7 @@ TEST_GROUP(Link){};
 
 TEST(Link, FramesAndLinesShareAPort) {
   const LinkBytes ask = kZero + wire_of(command(7, Command::kOpening, 1));
-  const LinkBytes answer = kZero + wire_of(AnswerFrame{10, Command::kOpening, Result::kDone});
+  const LinkBytes answer = kZero + wire_of(AnswerFrame{10, Command::kOpening, Outcome::kDone});
   const auto line = [](const char* text) { return bytes_of(text); };
   STRCMP_EQUAL("C7help\nA10C7stats\n", heard(ask + line("help\n") + answer + ask + line("stats\n")).c_str());
   STRCMP_EQUAL("C7\nC7x\n", heard(ask + line("\n") + ask + line("x\n")).c_str());

@@ -238,7 +238,7 @@ struct Bench {
 };
 
 std::int64_t usable(const imprint::State& state) {
-  return std::count_if(state.frames.begin(), state.frames.end(), [](const imprint::Frame& f) { return f.usable; });
+  return std::count_if(state.frames.begin(), state.frames.end(), [](const imprint::PatchPlace& f) { return f.usable; });
 }
 
 double um(Log2Q8 motion) {
@@ -636,7 +636,7 @@ TEST(Imprint, APatchBeginsHalfAStepFromItsDot) {
       const auto want = [&](int q8, int towards, int origin) {
         return (q8 / 256.0 + towards * 0.5 * side - (side - 1) / 2.0) / side - origin;
       };
-      const imprint::Frame& frame = state->frames[idx(p)];
+      const imprint::PatchPlace& frame = state->frames[idx(p)];
       DOUBLES_EQUAL(want(dot.x.raw(), p % 2 == 0 ? 1 : -1, state->picture.left), frame.x_q12 / 4096.0, 2.0 / 4096);
       DOUBLES_EQUAL(want(dot.y.raw(), p % 4 < 2 ? 1 : -1, state->picture.top), frame.y_q12 / 4096.0, 2.0 / 4096);
     }
@@ -1025,8 +1025,8 @@ TEST(Imprint, AnyLatticeInAnyPicture) {
         LONGS_EQUAL(0, saturations.count);
         // A single line tells nothing of what lies beside it.
         if (grid.rows > 1 && grid.cols > 1) continue;
-        CHECK(
-            std::none_of(state->frames.begin(), state->frames.end(), [](const imprint::Frame& f) { return f.usable; }));
+        CHECK(std::none_of(state->frames.begin(), state->frames.end(),
+                           [](const imprint::PatchPlace& f) { return f.usable; }));
       }
     }
   }
