@@ -115,10 +115,7 @@ namespace tree_io_detail {
 inline constexpr std::array<std::uint8_t, 2> kVelocity{0, 1};
 inline constexpr std::array<std::uint8_t, 2> kEntropy{2, 3};
 inline constexpr std::array<std::uint8_t, 4> kPaper{0, 1, 2, 3};
-inline constexpr std::array<std::uint8_t, 6> kPaperAndRigid{0, 1, 2, 3, 6, 10};
 inline constexpr std::array<std::uint8_t, 13> kField{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
-inline constexpr std::array<std::uint8_t, 17> kAll{0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
-inline constexpr std::array<std::uint8_t, 5> kImprint{18, 19, 20, 21, 22};
 inline constexpr std::array<std::uint8_t, 18> kTouch{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22};
 
 }  // namespace tree_io_detail
@@ -127,11 +124,8 @@ inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
     {"velocity", tree_io_detail::kVelocity},  // the paper's three: Vx and Vy; E and dE/dt; all four
     {"entropy", tree_io_detail::kEntropy},
     {"paper", tree_io_detail::kPaper},
-    {"paper_rigid", tree_io_detail::kPaperAndRigid},  // and the residual from a rigid motion, with its rate
-    {"field", tree_io_detail::kField},                // shape and flow of the field, without the paper's four
-    {"all", tree_io_detail::kAll},                    // all of the markers' but the plain amount of shear (shift)
-    {"imprint", tree_io_detail::kImprint},            // the picture between the dots alone
-    {"touch", tree_io_detail::kTouch},                // field and imprint: what `holdfast fuse` puts together
+    {"field", tree_io_detail::kField},  // shape and flow of the field, without the paper's four
+    {"touch", tree_io_detail::kTouch},  // field and imprint: what `holdfast fuse` puts together
 });
 
 // The set reads something that this stage makes.

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The console under the fingers of somebody at a real terminal program: picocom on the board's port, inside tmux, which
-# presses the keys and shows the screen. Then the live view of `holdfast console`, before and after a resize.
+# presses the keys and shows the screen.
 #   console_terminal.sh BIN    BIN holds holdfastd and holdfast
 # The last line is "N passed"; status 77: tmux or picocom is not here.
 set -euo pipefail
@@ -101,11 +101,4 @@ shows "all of them" '^set hold_ms 300$'
 keys C-b C-x
 until [[ $(tmux list-sessions 2>/dev/null | wc -l) == 0 ]]; do :; done
 
-tmux -f /dev/null new-session -d -s desk -x 80 -y 24 "$bin/holdfast console $port --live"
-shows "the live view fits 80x24" 'GRIP_OK'
-tmux resize-window -t desk -x 120 -y 40
-shows "and follows the window" '.{100}'
-shows "with what it showed before" 'GRIP_OK'
-keys q
-until [[ $(tmux list-sessions 2>/dev/null | wc -l) == 0 ]]; do :; done
 echo "$passed passed"

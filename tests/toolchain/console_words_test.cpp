@@ -36,7 +36,6 @@ TEST_GROUP(ConsoleWords) {
 TEST(ConsoleWords, ACommandIsCompleted) {
   inserts("stat", "us ");
   inserts("  stat", "us ");
-  inserts("live", " ");
   inserts("bogus", "");
   inserts("re", "");
   STRCMP_CONTAINS("reboot record reference restore ", choices("re").c_str());

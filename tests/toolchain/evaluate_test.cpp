@@ -545,7 +545,7 @@ TEST(Evaluate, UnlessAskedItLooksAtTheMarkersAlone) {
   std::vector<std::string> sets;
   const auto tables = nlohmann::json::parse(test::read_file(json))["tables"];
   for (const auto& row : tables["table1"]) sets.push_back(row["set"].get<std::string>());
-  CHECK((sets == std::vector<std::string>{"velocity", "entropy", "paper", "paper_rigid", "field", "all"}));
+  CHECK((sets == std::vector<std::string>{"velocity", "entropy", "paper", "field"}));
 }
 
 TEST(Evaluate, CommandRefusesInOneLineAndWritesNothing) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "toolchain/holdfast/report.hpp"
+#include "toolchain/session/report.hpp"
 
 #include <algorithm>
 #include <cctype>
@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "tests/support/temp_dir.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/support/atomic_file.hpp"
 
 #include <CppUTest/TestHarness.h>
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The robot's header, compiled as C99 (tests/robot/link_c99.c), against the firmware.
 #include <array>
+#include <cctype>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
@@ -16,6 +17,7 @@
 #include "link/status_frame.hpp"
 #include "tests/fuzz/link_check.hpp"
 #include "tests/robot/link_c99.h"
+#include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -178,6 +180,36 @@ TEST(RobotLink, NamesAreThoseOfTheFirmware) {
     STRCMP_EQUAL(want[2].c_str(), c99_name('c', byte));
     STRCMP_EQUAL(want[3].c_str(), c99_name('a', byte));
   }
+}
+
+TEST(RobotLink, ConstantsAndTheirMeaningsAreThoseOfTheFirmware) {
+  const std::string header = test::read_file(HOLDFAST_SOURCE_DIR "/toolchain/robot/holdfast_link.h");
+  std::size_t constants = 0;
+  const auto check = [&](std::string line, std::string_view name, auto number, const std::string& meaning) {
+    for (const char c : name) line += static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+    line = "\n  " + line + " = " + std::to_string(static_cast<unsigned>(number));
+    const std::string comment = "  // " + meaning + "\n";
+    const bool there =
+        header.find(line + comment) != std::string::npos || header.find(line + "," + comment) != std::string::npos;
+    CHECK_TEXT(there, (line + comment).c_str());
+    ++constants;
+  };
+  for (const sf::Flag& row : sf::kFlags) check("HOLDFAST_FLAG_", row.name, 1U << row.bit, std::string(row.meaning));
+  for (const StateInfo& row : kStates) check("HOLDFAST_STATE_", row.name, row.state, std::string(row.meaning));
+  for (const ReasonInfo& row : kReasons) check("HOLDFAST_REASON_", row.name, row.reason, std::string(row.what));
+  for (const cf::CommandInfo& row : cf::kCommands) {
+    check("HOLDFAST_COMMAND_", row.name, row.command,
+          std::string(row.meaning) + " (argument " + std::string(row.argument) + ")");
+  }
+  for (const cf::ResultInfo& row : cf::kResults) {
+    check("HOLDFAST_RESULT_", row.name, row.result, std::string(row.meaning));
+  }
+  // The enums with a tag have no others.
+  std::size_t found = 0;
+  for (std::size_t at = header.find("enum holdfast_"); at < header.find("static inline"); ++at) {
+    found += header.compare(at, 3, " = ") == 0 ? 1 : 0;
+  }
+  LONGS_EQUAL(found, constants);
 }
 
 TEST_GROUP(ReceiversRule) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "toolchain/holdfast/scene_doc.hpp"
+#include "toolchain/generate/scene_doc.hpp"
 #include "drivers/sim/scene/scene_file.hpp"
 #include "tests/support/temp_dir.hpp"
 

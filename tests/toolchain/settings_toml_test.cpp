@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Settings as TOML, what is wrong with them, and the owner's keys.
-#include "toolchain/holdfast/settings_toml.hpp"
+#include "toolchain/sealed/settings_toml.hpp"
 
 #include <sys/stat.h>
 
@@ -11,7 +11,7 @@
 #include "drivers/common/ed25519.hpp"
 #include "store/sealed.hpp"
 #include "tests/support/temp_dir.hpp"
-#include "toolchain/holdfast/owner_key.hpp"
+#include "toolchain/sealed/owner_key.hpp"
 
 // behind all that defines new
 #include <CppUTest/TestHarness.h>

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "toolchain/holdfast/track.hpp"
+#include "toolchain/session/track.hpp"
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include "toolchain/holdfast/report.hpp"
+#include "toolchain/session/report.hpp"
 
 #include <CppUTest/TestHarness.h>
 

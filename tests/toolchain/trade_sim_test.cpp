@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The prices of the simulator's levels: what each way into the firmware must and must not change.
-#include "toolchain/holdfast/trade_sim.hpp"
+#include "toolchain/trade/trade_sim.hpp"
 
 #include <sstream>
 

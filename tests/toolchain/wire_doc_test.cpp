@@ -3,7 +3,7 @@
 #include <iterator>
 #include <string>
 
-#include "toolchain/holdfast/wire_doc.hpp"
+#include "toolchain/generate/wire_doc.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -31,6 +31,5 @@ TEST(WireDoc, CommittedFilesAreWhatTheTablesSay) {
   std::ifstream table(HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv");
   const std::string measured{std::istreambuf_iterator<char>(table), std::istreambuf_iterator<char>()};
   check_committed("firmware/params/mode_prices.gen.hpp", holdfast::wire_doc::mode_prices(measured));
-  check_committed("toolchain/robot/holdfast_link.h", holdfast::wire_doc::link_header());
   check_committed("toolchain/page/tables.js", holdfast::wire_doc::page_tables());
 }

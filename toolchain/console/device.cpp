@@ -7,7 +7,7 @@
 #include <array>
 #include <charconv>
 
-#include "toolchain/console/trouble.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

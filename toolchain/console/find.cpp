@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "toolchain/console/trouble.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -139,7 +139,7 @@ int LineInput::next(wchar_t& letter) {
   }
 }
 
-LineInput::Result LineInput::read(std::string_view prompt) {
+LineInput::Typed LineInput::read(std::string_view prompt) {
   if (editor_ == nullptr) return {};
   prompt_ = prompt;
   ended_by_ = Ready::kKey;
@@ -168,7 +168,7 @@ void LineInput::remember(const std::string& line) {
   if (!file_.empty()) (void)::history(history_, &event, H_SAVE, file_.c_str());
 }
 
-LineInput::Result LineInput::read_secret(std::string_view prompt) {
+LineInput::Typed LineInput::read_secret(std::string_view prompt) {
   termios before{};
   if (::tcgetattr(STDIN_FILENO, &before) != 0) return {};
   termios silent = before;
@@ -177,7 +177,7 @@ LineInput::Result LineInput::read_secret(std::string_view prompt) {
   silent.c_iflag |= ICRNL;
   (void)::tcsetattr(STDIN_FILENO, TCSADRAIN, &silent);
   say(prompt);
-  Result result;
+  Typed result;
   while (true) {
     const Ready ready = wait_for_key();
     char byte = 0;

@@ -23,7 +23,7 @@ namespace holdfast::console_tool {
 class LineInput {
  public:
   enum class Got : std::uint8_t { kLine, kInterrupt, kEnd };
-  struct Result {
+  struct Typed {
     Got got = Got::kEnd;
     std::string line;
   };
@@ -42,9 +42,9 @@ class LineInput {
   void set_vocabulary(Vocabulary vocabulary) { vocabulary_ = std::move(vocabulary); }
 
   // Ctrl-C gives kInterrupt, Ctrl-D on an empty line kEnd.
-  [[nodiscard]] Result read(std::string_view prompt);
+  [[nodiscard]] Typed read(std::string_view prompt);
   // Without echo and history.
-  [[nodiscard]] Result read_secret(std::string_view prompt);
+  [[nodiscard]] Typed read_secret(std::string_view prompt);
   // Of the line that is being typed, too.
   void set_prompt(std::string_view prompt);
   // A line that came by itself: above the one that is being typed, if one is.

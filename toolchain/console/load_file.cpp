@@ -10,7 +10,7 @@
 #include "store/models.hpp"
 #include "store/sealed.hpp"
 #include "store/settings.hpp"
-#include "toolchain/console/trouble.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -11,7 +11,7 @@
 
 #include <cerrno>
 
-#include "toolchain/console/trouble.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -10,12 +10,12 @@
 #include "base/math.hpp"
 #include "tactile/features.hpp"
 #include "toolchain/console/settings_file.hpp"
-#include "toolchain/console/trouble.hpp"
 #include "toolchain/console/watching.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/log/csv_log.hpp"
 #include "toolchain/log/frame_log.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -10,8 +10,8 @@
 #include <set>
 
 #include "base/crc32.hpp"
-#include "toolchain/console/trouble.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -10,12 +10,11 @@
 #include <vector>
 
 #include "toolchain/console/line_input.hpp"
-#include "toolchain/console/live.hpp"
 #include "toolchain/console/record.hpp"
 #include "toolchain/console/settings_file.hpp"
-#include "toolchain/console/trouble.hpp"
 #include "toolchain/console/vocabulary.hpp"
 #include "toolchain/console/watching.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {
@@ -49,7 +48,7 @@ class Shell {
   int run() {
     greet();
     while (!over_) {
-      const LineInput::Result result = input_.read(prompt());
+      const LineInput::Typed result = input_.read(prompt());
       if (result.got == LineInput::Got::kEnd) break;
       if (result.got == LineInput::Got::kInterrupt) {
         if (away_) break;
@@ -111,12 +110,8 @@ class Shell {
       print(gone_line(device_));
     } else if (words[0] == "backup" || words[0] == "restore" || words[0] == "record") {
       local(words);
-    } else if (words[0] == "live" && words.size() == 1) {
-      const std::string error = run_live(device_);
-      if (!error.empty()) print(error);
-      if (!device_.port().is_open()) lose();
     } else if (words[0] == "unlock" && words.size() == 1) {
-      const LineInput::Result code = input_.read_secret("code: ");
+      const LineInput::Typed code = input_.read_secret("code: ");
       if (code.got == LineInput::Got::kLine && !code.line.empty()) ask("unlock " + code.line);
     } else {
       ask(line);

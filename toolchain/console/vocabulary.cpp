@@ -45,7 +45,6 @@ const std::array<Word, 5>& local_words() {
       {"backup", "FILE", "write the device's parameters into a file"},
       {"restore", "FILE", "set and store what backup wrote; all or nothing"},
       {"record", "FILE", "stream telemetry into a .csv or .mcap until Ctrl-C"},
-      {"live", "", "markers, state and time lines on the whole screen; q leaves"},
       {"quit", "", "leave; so does Ctrl-D"},
   }};
   return words;

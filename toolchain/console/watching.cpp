@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "toolchain/console/trouble.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {
@@ -21,8 +21,8 @@ constexpr Millis kToAttach = 1500ms;
 // forgotten that somebody watches.
 constexpr Millis kSilence = 3000ms;
 
-Signals::What wait(int fd, Signals& signals, Millis at_most, int extra = -1) {
-  std::array<pollfd, 3> ends{{{fd, POLLIN, 0}, {signals.fd(), POLLIN, 0}, {extra, POLLIN, 0}}};
+Signals::What wait(int fd, Signals& signals, Millis at_most) {
+  std::array<pollfd, 2> ends{{{fd, POLLIN, 0}, {signals.fd(), POLLIN, 0}}};
   (void)::poll(ends.data(), ends.size(), static_cast<int>(std::max<std::int64_t>(at_most.count(), 0)));
   return signals.take();
 }
@@ -51,6 +51,7 @@ Watching::Watching(Device& device, std::function<void(const std::string&)> note)
     const Telemetry::Frame frame = telemetry_.take(status, heard_at_);
     if (on_frame) on_frame(frame);
   };
+  device_.heard.line = {};
   device_.heard.markers = [this](link::Kind kind, const marker_frame::MarkerFrame& piece) {
     if (!telemetry_.take(kind, piece)) return;
     if (kind == link::Kind::kRest) {
@@ -58,9 +59,6 @@ Watching::Watching(Device& device, std::function<void(const std::string&)> note)
     } else if (on_field) {
       on_field();
     }
-  };
-  device_.heard.line = [this](std::string_view line) {
-    if (on_line) on_line(line);
   };
 }
 
@@ -98,9 +96,9 @@ void Watching::come_back() {
   note_(device_.port_name() + " is back");
 }
 
-Signals::What Watching::turn(Millis at_most, int extra) {
+Signals::What Watching::turn(Millis at_most) {
   const Signals::What what =
-      wait(away_ ? -1 : device_.port().fd(), device_.signals(), away_ ? std::min(at_most, kTryEvery) : at_most, extra);
+      wait(away_ ? -1 : device_.port().fd(), device_.signals(), away_ ? std::min(at_most, kTryEvery) : at_most);
   if (away_) {
     come_back();
   } else if (!device_.listen()) {

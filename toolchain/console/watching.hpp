@@ -31,18 +31,15 @@ class Watching {
   // Called from turn(), for each.
   std::function<void(const Telemetry::Frame&)> on_frame;
   std::function<void()> on_field;  // telemetry().field() is a new one
-  std::function<void(std::string_view)> on_line;
 
   // Empty, or the error line.
   [[nodiscard]] std::string begin();
-  // Waits at most so long, also for `extra` (a descriptor, or -1), and takes what came. What the signals said.
-  [[nodiscard]] Signals::What turn(Millis at_most, int extra = -1);
+  // Waits at most so long, and takes what came. What the signals said.
+  [[nodiscard]] Signals::What turn(Millis at_most);
 
   [[nodiscard]] const Telemetry& telemetry() const { return telemetry_; }
   // Pixels of the working image per um; 0: not known yet.
   [[nodiscard]] double px_per_um() const { return px_per_um_; }
-  [[nodiscard]] bool away() const { return away_; }
-  [[nodiscard]] Device& device() { return device_; }
 
  private:
   void come_back();

@@ -14,12 +14,12 @@
 
 #include "drivers/sim/recording.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/learn/calibrate.hpp"
 #include "toolchain/learn/firmware_row.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
+#include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "drivers/sim/scene/scene.hpp"
-#include "toolchain/holdfast/command.hpp"
-#include "toolchain/holdfast/session.hpp"
+#include "toolchain/session/session.hpp"
+#include "toolchain/support/command.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {

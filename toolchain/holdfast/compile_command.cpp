@@ -14,8 +14,8 @@
 #include <string>
 
 #include "slip/model_file.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/support/atomic_file.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {

@@ -17,13 +17,13 @@
 #include <thread>
 #include <tuple>
 
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/evaluate_recorded.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/learn/evaluate.hpp"
 #include "toolchain/learn/evaluate_report.hpp"
 #include "toolchain/learn/labels.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
 namespace {

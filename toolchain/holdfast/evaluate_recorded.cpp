@@ -15,12 +15,12 @@
 #include <utility>
 
 #include "base/math.hpp"
-#include "toolchain/holdfast/replay.hpp"
 #include "toolchain/learn/clip_score.hpp"
 #include "toolchain/learn/detectors.hpp"
 #include "toolchain/learn/evaluate.hpp"
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/recorded.hpp"
+#include "toolchain/session/replay.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "toolchain/faults/scenarios.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -12,10 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/fuse.hpp"
 #include "toolchain/learn/samples.hpp"
+#include "toolchain/support/atomic_file.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {

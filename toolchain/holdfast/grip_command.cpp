@@ -16,11 +16,11 @@
 #include <utility>
 #include <vector>
 
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/learn/charts.hpp"
 #include "toolchain/play/grasp.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -7,10 +7,10 @@
 #include <nlohmann/json.hpp>
 
 #include "drivers/sim/container.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/log/csv_log.hpp"
 #include "toolchain/log/frame_reader.hpp"
+#include "toolchain/support/atomic_file.hpp"
 
 namespace holdfast::tool {
 namespace {

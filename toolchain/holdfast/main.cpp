@@ -6,9 +6,9 @@
 #include <cstdio>
 #include <exception>
 
-#include "toolchain/console/console_command.hpp"
-#include "toolchain/devices/devices_command.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/holdfast/console_command.hpp"
+#include "toolchain/holdfast/devices_command.hpp"
 
 namespace holdfast::tool {
 namespace {

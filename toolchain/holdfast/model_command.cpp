@@ -11,7 +11,7 @@
 
 #include "store/models.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/record_file.hpp"
+#include "toolchain/sealed/record_file.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/page.hpp"
+#include "toolchain/session/page.hpp"
+#include "toolchain/support/atomic_file.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -12,9 +12,9 @@
 
 #include "store/settings.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/owner_key.hpp"
-#include "toolchain/holdfast/record_file.hpp"
-#include "toolchain/holdfast/settings_toml.hpp"
+#include "toolchain/sealed/owner_key.hpp"
+#include "toolchain/sealed/record_file.hpp"
+#include "toolchain/sealed/settings_toml.hpp"
 
 namespace holdfast::tool {
 namespace {

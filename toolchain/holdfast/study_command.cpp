@@ -12,11 +12,11 @@
 #include <utility>
 
 #include "app/app.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/learn/calibrate.hpp"
 #include "toolchain/learn/study.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -6,10 +6,10 @@
 #include <string_view>
 
 #include "drivers/sim/scene/scene_file.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
-#include "toolchain/holdfast/trade_sim.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
+#include "toolchain/trade/trade_sim.hpp"
 
 namespace holdfast::tool {
 namespace {

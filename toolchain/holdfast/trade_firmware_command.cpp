@@ -12,10 +12,10 @@
 #include <vector>
 
 #include "drivers/sim/scene/random.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/learn/dataset.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
 #include "toolchain/trade/film.hpp"
 #include "toolchain/trade/learned.hpp"
 #include "toolchain/trade/price.hpp"

@@ -26,13 +26,13 @@
 #include "base/math.hpp"
 #include "slip/decision.hpp"
 #include "slip/model.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
 #include "toolchain/learn/samples.hpp"
 #include "toolchain/learn/splits.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {
@@ -360,14 +360,14 @@ struct GridPoint {
   Interval balanced;
 };
 
-struct Result {
+struct TrainingRun {
   std::vector<GridPoint> grid;
   Settings settings;
   Figures figures;
 };
 
 Error search(const Data& data, const FeatureSet& set, const std::vector<Fold>& folds, const TrainOptions& options,
-             Result& result) {
+             TrainingRun& result) {
   std::vector<Settings> points;
   if (options.grid_search) points = grid_of(options.settings, set.size());
   result.settings = options.settings;
@@ -394,7 +394,8 @@ Error search(const Data& data, const FeatureSet& set, const std::vector<Fold>& f
   return run(result.settings, true, result.figures);
 }
 
-std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result) {
+std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptions& options,
+                       const TrainingRun& result) {
   std::string out = "Slip decision tree, written by `holdfast train`.\n\nLearned from:\n";
   for (const DataFile& file : data.files) {
     out += fmt::format("  {}: {} rows of {} trials, {} of them judged, {} slip; CRC-32 {:08X}\n", file.name, file.rows,
@@ -419,7 +420,7 @@ std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptio
 }
 
 // Fits to all rows and checks that the model text decides as the classifier does.
-Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result,
+Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& options, const TrainingRun& result,
                  treec::Model& model, std::string& text) {
   const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, result.settings.recorded_weight, true);
   const std::unique_ptr<learn::Learner> learner = learn::make_learner(result.settings);
@@ -455,7 +456,7 @@ Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& op
       options.model, differ, all.height());
 }
 
-void print(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result) {
+void print(const Data& data, const FeatureSet& set, const TrainOptions& options, const TrainingRun& result) {
   for (const DataFile& file : data.files) {
     fmt::print("data      {}: {} rows of {} trials, {} judged, {} slip; CRC-32 {:08X}\n", file.name, file.rows,
                file.trials, file.judged, file.slip, file.crc);
@@ -508,7 +509,7 @@ nlohmann::json json_of(const std::optional<double>& value) {
   return value ? nlohmann::json(*value) : nlohmann::json();
 }
 
-void print_json(const Data& data, const FeatureSet& set, const TrainOptions& options, const Result& result,
+void print_json(const Data& data, const FeatureSet& set, const TrainOptions& options, const TrainingRun& result,
                 const treec::Model& model) {
   nlohmann::json out;
   for (const DataFile& file : data.files) {
@@ -609,7 +610,7 @@ int train(TrainOptions options) {
   if (const Error error = make_folds(data, *set, options.folds, options.settings, folds); !error.empty()) {
     return fail(error);
   }
-  Result result;
+  TrainingRun result;
   if (const Error error = search(data, *set, folds, options, result); !error.empty()) return fail(error);
   treec::Model model;
   if (out) {

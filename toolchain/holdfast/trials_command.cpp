@@ -10,10 +10,10 @@
 #include <string>
 
 #include "drivers/sim/scene/scene_file.hpp"
-#include "toolchain/holdfast/atomic_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/progress.hpp"
 #include "toolchain/play/trials.hpp"
+#include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -6,7 +6,7 @@
 #include <optional>
 #include <ostream>
 
-#include "toolchain/log/log_frame.hpp"
+#include "toolchain/log/frame_record.hpp"
 #include "toolchain/log/mcap_writer.hpp"
 #include "toolchain/log/messages.hpp"
 

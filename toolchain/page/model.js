@@ -63,7 +63,7 @@ function factorFor(fields) {
   return fits ?? 1;
 }
 
-// What toolchain/holdfast/track.cpp wrote.
+// What toolchain/session/track.cpp wrote.
 export class Recording {
   constructor(data) {
     this.live = false;

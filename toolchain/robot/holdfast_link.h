@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // clang-format off
-// Written by wire_doc from the tables that the firmware encodes with (firmware/link/LINK.md); do not edit.
+// The frames of firmware/link/LINK.md, written by hand; tests/toolchain/robot_link_test.cpp holds every number, name,
+// meaning and byte against the firmware's tables.
 //
 // The robot's end of a serial line to holdfastd, for C99 and C++: no heap, no globals, nothing to link. Zeroed
 // structs are ready for use. README.md, beside this file, shows a program.

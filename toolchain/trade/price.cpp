@@ -215,7 +215,7 @@ struct Trialled::State {
   std::unique_ptr<pipeline::State> pipeline;
   std::optional<Trial> trial;
   Times times;
-  Seen seen;
+  PictureTally seen;
   MarkerError markers;
   EntropyError filmed_entropy, grasped_entropy;
   std::optional<learn::ConditionScore> filmed, grasped;

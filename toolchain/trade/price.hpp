@@ -22,7 +22,7 @@
 namespace holdfast::trade {
 
 // Of the films: from the JPEG's bytes on.
-struct Seen {
+struct PictureTally {
   double us_p50 = 0.0;  // a frame, all of it
   double us_p99 = 0.0;
   double decode_us_p50 = 0.0;
@@ -37,8 +37,8 @@ struct Seen {
 };
 
 struct Price {
-  std::int64_t memory_bytes = 0;  // of the pipeline and the decoder with the pictures that this setting works on
-  std::optional<Seen> seen;       // rms and entropy mean nothing when all was rejected
+  std::int64_t memory_bytes = 0;     // of the pipeline and the decoder with the pictures that this setting works on
+  std::optional<PictureTally> seen;  // rms and entropy mean nothing when all was rejected
   std::optional<learn::ConditionScore> filmed;
   std::optional<learn::ConditionScore> grasped;  // from the markers on: without the imprint
   double grasped_us_p50 = 0.0;                   // a frame of these, from the markers to the request

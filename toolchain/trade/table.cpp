@@ -124,7 +124,7 @@ Line line_of(long index, const Point& point, const Price& price) {
   auto& figures = line.figures;
   if (point.tuning.rival == Rival::kNone) figures[kMemory] = static_cast<double>(price.memory_bytes);
   if (price.seen) {
-    const Seen& seen = *price.seen;
+    const PictureTally& seen = *price.seen;
     figures[kUsP50] = seen.us_p50;
     figures[kUsP99] = seen.us_p99;
     figures[kDecodeUs] = seen.decode_us_p50;

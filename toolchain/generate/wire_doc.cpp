@@ -1,0 +1,372 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/generate/wire_doc.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <initializer_list>
+#include <map>
+#include <span>
+#include <sstream>
+#include <string_view>
+#include <vector>
+
+#include "app/supervisor.hpp"
+#include "base/status.hpp"
+#include "console/errors.hpp"
+#include "link/command_frame.hpp"
+#include "link/link.hpp"
+#include "link/marker_frame.hpp"
+#include "link/status_frame.hpp"
+#include "params/modes.hpp"
+#include "params/params.hpp"
+
+namespace holdfast::wire_doc {
+namespace {
+
+namespace sf = status_frame;
+namespace cf = command_frame;
+namespace mf = marker_frame;
+
+template <typename Number>
+std::string text(Number number) {
+  return std::to_string(static_cast<std::int64_t>(number));
+}
+
+std::string code(std::string_view name) {
+  return "`" + std::string(name) + "`";
+}
+
+std::string row(std::initializer_list<std::string_view> cells) {
+  std::string line = "|";
+  for (const std::string_view cell : cells) line += " " + std::string(cell) + " |";
+  return line + "\n";
+}
+
+std::string head(std::initializer_list<std::string_view> cells) {
+  std::string lines = row(cells) + "|";
+  for (std::size_t i = 0; i < cells.size(); ++i) lines += "---|";
+  return lines + "\n";
+}
+
+template <typename Table>
+std::string layout(const Table& fields) {
+  std::string out = head({"byte", "name", "type", "unit", "meaning"});
+  for (const auto& field : fields) {
+    out += row({text(field.offset), code(field.name), name_of(field.type), field.unit, field.meaning});
+  }
+  return out;
+}
+
+std::string hex(std::span<const std::uint8_t> wire) {
+  std::string out = "```\n";
+  for (std::size_t i = 0; i < wire.size(); ++i) {
+    char digits[4];
+    std::snprintf(digits, sizeof digits, "%02x", static_cast<unsigned>(wire[i]));
+    out += std::string(digits) + (i + 1 == wire.size() || i % 17 == 16 ? "\n" : " ");
+  }
+  return out + "```\n";
+}
+
+// A grasp that slips: every field differs from 0 and from its neighbours.
+constexpr sf::StatusFrame kStatus{.sequence = 513,
+                                  .timestamp_us = 16'909'060,
+                                  .age_100us = 412,
+                                  .state = DeviceState::kSlip,
+                                  .reason = Reason::kSlipDetected,
+                                  .slip = true,
+                                  .grip_ok = false,
+                                  .features_valid = true,
+                                  .alive = true,
+                                  .markers = 63,
+                                  .vx_um_s = -1500,
+                                  .vy_um_s = 250,
+                                  .entropy_nat_q16 = 131'072,
+                                  .entropy_rate_nat_s_q8 = 1024};
+constexpr cf::CommandFrame kCommand{.sequence = 258, .command = cf::Command::kTare, .argument = 1};
+constexpr cf::AnswerFrame kAnswer{.sequence = 258, .command = cf::Command::kTare, .result = cf::Result::kDone};
+
+std::string examples() {
+  std::array<std::uint8_t, sf::kWireBytes> status{};
+  std::array<std::uint8_t, cf::kCommandBytes> command{};
+  std::array<std::uint8_t, cf::kAnswerBytes> answer{};
+  sf::encode(kStatus, status);
+  cf::encode(kCommand, command);
+  cf::encode(kAnswer, answer);
+  return hex(status) + "Status: sequence " + text(kStatus.sequence) + ", timestamp " + text(kStatus.timestamp_us) +
+         " us, age " + text(kStatus.age_100us) + " x 0.1 ms, state " + std::string(info(kStatus.state).name) +
+         ", reason " + std::string(info(kStatus.reason).name) + ", flags slip + features_valid + alive, " +
+         text(kStatus.markers) + " markers, vx " + text(kStatus.vx_um_s) + " um/s, vy " + text(kStatus.vy_um_s) +
+         " um/s, entropy " + text(kStatus.entropy_nat_q16) + " / 65536 nat, entropy rate " +
+         text(kStatus.entropy_rate_nat_s_q8) + " / 256 nat/s.\n\n" + hex(command) + "Command: sequence " +
+         text(kCommand.sequence) + ", TARE, argument " + text(kCommand.argument) + ".\n\n" + hex(answer) +
+         "Its answer: done.\n";
+}
+
+std::string framing() {
+  return "All integers are little endian, in two's complement. The payload of a frame is the fields of its table; on "
+         "the wire it is COBS of the payload, then one 0x00. A payload has at most " +
+         text(link::kMaxPayloadBytes) +
+         " bytes, so that COBS adds exactly one byte and every frame of a kind has the same length.\n\n" +
+         head({"kind", "frame", "from", "bytes on the wire"}) +
+         row({text(link::Kind::kStatus), "status", "holdfastd, once per camera frame", text(sf::kWireBytes)}) +
+         row({text(link::Kind::kCommand), "command", "robot", text(cf::kCommandBytes)}) +
+         row({text(link::Kind::kAnswer), "answer", "holdfastd, one for each command", text(cf::kAnswerBytes)}) +
+         row({text(link::Kind::kDisplacement), "displacement", "holdfastd, where `watch on` was said",
+              text(mf::kWireBytes)}) +
+         row({text(link::Kind::kRest), "rest position", "likewise", text(mf::kWireBytes)}) +
+         "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" gives "
+         "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It skips "
+         "kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
+         "### Frames beside lines of text\n\n"
+         "On the port `link` there are frames alone. On the port `host` they stand between lines of text, never inside "
+         "one, and there **a frame begins and ends with 0x00**. A sender may always begin with one: delimiters may "
+         "repeat. A receiver distinguishes them like this:\n\n"
+         "1. A 0x00 begins anew, whatever came before it.\n"
+         "2. When the second byte behind it is 0x01 to 0x08 (the version), a frame has begun. Otherwise both bytes are "
+         "text, and so is all that follows up to the next 0x00. Lines hold no such bytes: none is taken for a frame.\n"
+         "3. The next 0x00 ends the frame; its CRC decides. What is no frame is dropped, not read as text.\n"
+         "4. " +
+         text(link::kMaxWireBytes) +
+         " bytes without a 0x00 are no frame: they are dropped, with all that follows to the end of the line (CR or "
+         "LF).\n"
+         "5. A 0x00 in the middle of a line belongs to the line, which is no command then: the halves of a broken line "
+         "never become one.\n"
+         "6. On the port `host`, a frame that has begun and is not followed by another byte for 200 ms is given "
+         "up.\n\n";
+}
+
+std::string commands() {
+  std::string out = "\n### Commands\n\n" + head({"number", "name", "meaning", "argument"});
+  for (const cf::CommandInfo& row_of : cf::kCommands) {
+    out += row({text(row_of.command), row_of.name, row_of.meaning, row_of.argument});
+  }
+  out +=
+      "\n### Repetition\n\n"
+      "Every command is answered. When no answer comes, send **the same frame again**, the same sequence included: a "
+      "repetition less than " +
+      text(cf::Once::kForget.count() / 1000) +
+      " ms after the frame before is answered again with the same result and not executed again. A new command takes "
+      "another sequence, also when it says the same. After a start, begin with another sequence than the last one, or "
+      "be silent for that time first. Each port keeps its own last command.\n\n"
+      "### Who is obeyed\n\n"
+      "On the port `link` every command. On the port `host`, the console's, a command is obeyed while the console is "
+      "unlocked, or where holdfastd was started with `--host-commands`. Otherwise it is answered `locked`, the "
+      "console's "
+      "`devices` counts it, and `log` has the first of each kind.\n\n"
+      "### How long OPENING lasts\n\n"
+      "From the first OPENING 1, or RELEASE, for `opening_max_ms` (" +
+      text(Params{}.opening_max_ms) +
+      " ms by default); said again it is the same one, and its time runs on. Another one begins only after an end - "
+      "OPENING 0, GRIP 1, or the line OPENING going LOW - or after something was touched anew, which a model that does "
+      "not read the picture cannot tell. Until then OPENING is answered `overdue`; RELEASE opens the gripper all the "
+      "same, and what slips meanwhile is told.\n\n";
+  out += "## Answer frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kAnswerFields);
+  out += "\n### Results\n\n" + head({"number", "name", "meaning"});
+  for (const cf::ResultInfo& row_of : cf::kResults) {
+    out += row({text(row_of.result), code(row_of.name), row_of.meaning});
+  }
+  return out;
+}
+
+}  // namespace
+
+std::string_view name_of(link::WireType type) {
+  switch (type) {
+    case link::WireType::kU8:
+      return "u8";
+    case link::WireType::kU16:
+      return "u16";
+    case link::WireType::kU32:
+      return "u32";
+    case link::WireType::kI16:
+      return "i16";
+    case link::WireType::kI32:
+      return "i32";
+  }
+  return "";
+}
+
+std::string link_markdown() {
+  std::string out =
+      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+      "<!-- Written by wire_doc from firmware/app/{link,status_frame,command_frame,marker_frame}.hpp and "
+      "firmware/base/status.hpp; do not edit. -->\n"
+      "# Frames on serial\n\n"
+      "For programs in C or C++ there is a header: [toolchain/robot](../../toolchain/robot/README.md).\n\n"
+      "## Framing\n\n";
+  out += framing();
+  out += "## Status frame, version " + text(link::kVersion) + "\n\n" + layout(sf::kFields);
+  out += "\n**The receiver's rule:** `grip_ok` counts only while the last change of `alive` is younger than " +
+         text(sf::kFreshFor.count() / 1000) +
+         " ms by the receiver's own clock. A missing frame is not fine, and neither is the first frame alone.\n\n"
+         "### Flags\n\n";
+  out += head({"bit", "name", "meaning"});
+  for (const sf::Flag& flag : sf::kFlags) out += row({text(flag.bit), flag.name, flag.meaning});
+  out += "\nAll other bits are sent as 0.\n\n### States\n\n" + head({"number", "name", "meaning"});
+  for (const StateInfo& state : kStates) out += row({text(state.state), state.name, state.meaning});
+  out += "\n### Reasons\n\n" + head({"number", "name", "what", "likely cause", "next step"});
+  for (const ReasonInfo& reason : kReasons) {
+    out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
+  }
+  out += "\n## Command frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kCommandFields) + commands();
+  out += "\n## Marker frames, version " + text(link::kVersion) + "\n\n" +
+         "On the port `host`, after the console's command `watch on`: the displacements of every fifth picture, " +
+         text(mf::kPerFrame) +
+         " markers a frame, and the rest positions when they are learned and now and then. A marker that is seen and "
+         "has a rest position stands at the sum of both.\n\n" +
+         layout(mf::kDisplacementFields);
+  return out + "\n## Examples\n\n" + examples();
+}
+
+std::string states_markdown() {
+  std::string out =
+      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+      "<!-- Written by wire_doc from firmware/app/supervisor.hpp and firmware/base/status.hpp; do not edit. -->\n"
+      "# States\n\n"
+      "GRIP_OK is HIGH in OK only, and counts only while the last edge of ALIVE is younger than 150 ms. On SLIP: "
+      "tighten. On FAULT: hold, and look at the reason.\n\n";
+  out += head({"number", "state", "meaning"});
+  for (const StateInfo& state : kStates) out += row({text(state.state), state.name, state.meaning});
+  out +=
+      "\n## What leads to them\n\n"
+      "Asked from the top for every frame, and for every frame that does not come; the first line that applies "
+      "decides.\n\n";
+  out += head({"from", "when", "state", "reason"});
+  for (const supervisor::Rule& rule : supervisor::kRules) {
+    std::string why;
+    switch (rule.why) {
+      case supervisor::Why::kRow:
+        why = code(info(rule.reason).name);
+        break;
+      case supervisor::Why::kRejection:
+        why = "why the frame was rejected, or did not come";
+        break;
+      case supervisor::Why::kHealthFault:
+        why = "what is at fault";
+        break;
+      case supervisor::Why::kHealthStrain:
+        why = "which of them";
+        break;
+    }
+    out += row({rule.only_in_fault ? "FAULT" : "any", rule.when, rule.stays ? "as it was" : info(rule.to).name, why});
+  }
+  out += "\n## Reasons\n\n";
+  out += head({"number", "name", "what", "likely cause", "next step"});
+  for (const ReasonInfo& reason : kReasons) {
+    out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
+  }
+  return out;
+}
+
+namespace {
+
+std::vector<std::string> cells_of(const std::string& line) {
+  std::vector<std::string> cells;
+  std::istringstream in(line);
+  for (std::string cell; std::getline(in, cell, ',');) cells.push_back(cell);
+  return cells;
+}
+
+}  // namespace
+
+std::string mode_prices(const std::string& trade_csv) {
+  std::istringstream in(trade_csv);
+  std::string line;
+  std::getline(in, line);
+  const std::vector<std::string> names = cells_of(line);
+  std::map<std::string, std::map<std::string, std::string>> modes;
+  while (std::getline(in, line)) {
+    const std::vector<std::string> cells = cells_of(line);
+    std::map<std::string, std::string> row_of;
+    for (std::size_t k = 0; k < names.size() && k < cells.size(); ++k) row_of[names[k]] = cells[k];
+    if (row_of["knob"] == "mode") modes[row_of["value"]] = row_of;
+  }
+  std::string out =
+      "// SPDX-License-Identifier: Apache-2.0\n"
+      "// Written by wire_doc from toolchain/trade/trade.csv, which `holdfast trade` measured; do not edit.\n"
+      "#pragma once\n\n#include <array>\n#include <cstdint>\n\n#include \"params/modes.hpp\"\n\nnamespace holdfast "
+      "{\n\n"
+      "// What a mode costs and gains: CPU time of a frame on the machine that measured (compare, do not rely on it),\n"
+      "// aarch64 instructions, memory it works on, and how well it sees filmed grasps.\n"
+      "struct ModePrice {\n"
+      "  std::int32_t us = 0;\n"
+      "  std::int32_t kilo_instructions = 0;\n"
+      "  std::int32_t memory_bytes = 0;\n"
+      "  std::int32_t marker_error_upx = 0;    // RMS, in millionths of a pixel of a picture 320 wide\n"
+      "  std::int32_t entropy_error_unat = 0;  // in millionths of a nat\n"
+      "  std::int32_t balanced_milli_pct = 0;  // balanced accuracy, in thousandths of a percent\n"
+      "  std::int32_t delay_ms = 0;            // median, from the onset of slip\n"
+      "};\n\n"
+      "// In the order of kModes.\ninline constexpr std::array<ModePrice, kModes.size()> kModePrices{{\n";
+  for (const Mode& mode : kModes) {
+    const auto found = modes.find(std::string(mode.name));
+    if (found == modes.end()) return "";
+    const auto number = [&](const char* name, double factor) {
+      const std::string& cell = found->second[name];
+      return std::to_string(std::llround(std::strtod(cell.c_str(), nullptr) * factor));
+    };
+    out += "    {" + number("us_p50", 1) + ", " + number("instructions_aarch64", 1e-3) + ", " +
+           number("memory_bytes", 1) + ", " + number("marker_rms_px", 1e6) + ", " +
+           number("film_entropy_error_nat", 1e6) + ", " + number("film_balanced_pct", 1e3) + ", " +
+           number("film_delay_ms_p50", 1) + "},\n";
+  }
+  return out + "}};\n\n}  // namespace holdfast\n";
+}
+
+std::string errors_markdown() {
+  std::string out =
+      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+      "<!-- Written by wire_doc from firmware/base/status.hpp, firmware/console/errors.hpp and "
+      "firmware/link/command_frame.hpp; do not edit. -->\n"
+      "# Errors\n\n"
+      "## Reasons of a state\n\n"
+      "In the status frame, behind the state on the console, and in the log. [STATES.md](app/STATES.md) says which of "
+      "them lead to which state.\n\n";
+  out += head({"number", "name", "what", "likely cause", "next step"});
+  for (const ReasonInfo& reason : kReasons) {
+    out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
+  }
+  out +=
+      "\n## Refusals of the console\n\n"
+      "A command that was not carried out ends with `ERR <number> <name>: ...`.\n\n";
+  out += head({"number", "name", "what", "likely cause", "next step"});
+  for (const console::ErrorInfo& error : console::kErrors) {
+    out += row({text(error.error), code(error.name), error.what, error.cause, error.next});
+  }
+  out += "\n## Refusals of a command frame\n\n" + head({"number", "name", "what", "likely cause", "next step"});
+  for (const cf::ResultInfo& result : cf::kResults) {
+    if (result.result == cf::Result::kDone) continue;
+    out += row({text(result.result), code(result.name), result.meaning, result.cause, result.next});
+  }
+  out +=
+      "\n## Messages of the tools\n\n"
+      "`holdfast`, `holdfastd` and the scripts end with one line on standard error that says what happened, the likely "
+      "cause and the next step. Exit status: 1 it could not be done; 2 the command line is wrong (`holdfast`: 1, "
+      "too).\n";
+  return out;
+}
+
+std::string parameters_markdown() {
+  std::string out =
+      "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
+      "<!-- Written by wire_doc from firmware/params/params.hpp; do not edit. -->\n"
+      "# Parameters\n\n"
+      "`get` and `help NAME` show them at the console, `holdfast settings list` on the host. A wrong value of class "
+      "**safety** can make GRIP_OK HIGH where it should be LOW, or harm what is held: a device with its owner's key "
+      "takes these from a file only that the owner has signed (`holdfast settings compile --sign`, then `holdfast "
+      "console --load`, then `reboot`). **tuning** and **display** can be set at the console of any device that is "
+      "unlocked, until the next start.\n\n";
+  out += head({"name", "class", "why", "default", "range", "counts", "what", "price"});
+  for (const ParamInfo& info_of : kParams) {
+    const std::string unit = info_of.unit.empty() ? "" : " " + std::string(info_of.unit);
+    out += row({code(info_of.name), kParamClassNames[static_cast<std::size_t>(info_of.kind)], info_of.why,
+                text(info_of.default_value) + unit, text(info_of.min) + " to " + text(info_of.max) + unit,
+                kAppliesNames[static_cast<std::size_t>(info_of.applies)], info_of.help, info_of.price});
+  }
+  return out;
+}
+
+}  // namespace holdfast::wire_doc

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the page of a session knows of the wire: a module of constants for toolchain/page/wire.js.
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+#include "base/status.hpp"
+#include "link/link.hpp"
+#include "link/marker_frame.hpp"
+#include "link/status_frame.hpp"
+#include "params/params.hpp"
+#include "tactile/types.hpp"
+#include "toolchain/generate/wire_doc.hpp"
+#include "vision/markers.hpp"
+
+namespace holdfast::wire_doc {
+namespace {
+
+namespace sf = status_frame;
+namespace mf = marker_frame;
+using Json = nlohmann::ordered_json;
+
+Json status_fields() {
+  Json fields = Json::object();
+  for (const sf::Field& field : sf::kFields) fields[std::string(field.name)] = {field.offset, name_of(field.type)};
+  return fields;
+}
+
+Json marker_fields() {
+  Json fields = Json::object();
+  for (const mf::Field& field : mf::kDisplacementFields) {
+    fields[std::string(field.name)] = {field.offset, name_of(field.type)};
+  }
+  return fields;
+}
+
+// A table row a line: differences of the committed file can be read.
+std::string lines_of(const Json& rows) {
+  std::string out = "[\n";
+  for (const Json& row : rows) out += "    " + row.dump() + ",\n";
+  return out + "  ]";
+}
+
+}  // namespace
+
+std::string page_tables() {
+  Json states = Json::array(), reasons = Json::array(), flags = Json::object();
+  for (const StateInfo& s : kStates) {
+    states.push_back({{"number", static_cast<int>(s.state)}, {"name", s.name}, {"meaning", s.meaning}});
+  }
+  for (const ReasonInfo& r : kReasons) {
+    reasons.push_back({{"number", static_cast<int>(r.reason)},
+                       {"name", r.name},
+                       {"what", r.what},
+                       {"cause", r.cause},
+                       {"next", r.next}});
+  }
+  for (const sf::Flag& flag : sf::kFlags) flags[std::string(flag.name)] = flag.bit;
+  const Json kinds = {{"status", static_cast<int>(link::Kind::kStatus)},
+                      {"displacement", static_cast<int>(link::Kind::kDisplacement)},
+                      {"rest", static_cast<int>(link::Kind::kRest)}};
+
+  std::string out =
+      "// SPDX-License-Identifier: Apache-2.0\n"
+      "// Written by wire_doc from firmware/app/{link,status_frame,marker_frame,params}.hpp and "
+      "firmware/base/status.hpp; do not "
+      "edit.\n"
+      "export const WIRE = {\n";
+  const auto entry = [&](std::string_view name, const std::string& value) {
+    out += "  " + std::string(name) + ": " + value + ",\n";
+  };
+  entry("version", std::to_string(link::kVersion));
+  entry("lastVersion", std::to_string(link::kLastVersion));
+  entry("minWireBytes", std::to_string(link::wire_bytes(link::kMinPayloadBytes)));
+  entry("maxWireBytes", std::to_string(link::kMaxWireBytes));
+  entry("kinds", kinds.dump());
+  entry("statusBytes", std::to_string(sf::kPayloadBytes));
+  entry("status", status_fields().dump());
+  entry("flags", flags.dump());
+  entry("oldestAge", std::to_string(sf::kOldestAge));
+  entry("markerBytes", std::to_string(link::payload_bytes(mf::kDisplacementFields)));
+  entry("markersPerFrame", std::to_string(mf::kPerFrame));
+  entry("marker", marker_fields().dump());
+  entry("maxMarkers", std::to_string(kMaxMarkers));
+  entry("freshMs", std::to_string(sf::kFreshFor.count() / 1000));
+  entry("bins", std::to_string(kHistogramBins));
+  entry("histogramRangeUm", std::to_string(Params{}.histogram_range_um));
+  entry("pitchUm", std::to_string(Params{}.pitch_um));
+  entry("states", lines_of(states));
+  entry("reasons", lines_of(reasons));
+  return out + "};\n";
+}
+
+}  // namespace holdfast::wire_doc

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/session/page.hpp"
+
+#include "toolchain/page/assets.hpp"
+
+namespace holdfast::tool::page {
+
+std::string escape(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      case '\'':
+        out += "&#39;";
+        break;
+      default:
+        // Control characters are not allowed in XML, escaped or not.
+        out += static_cast<unsigned char>(c) < 0x20 && c != '\n' && c != '\t' ? ' ' : c;
+    }
+  }
+  return out;
+}
+
+std::string begin(std::string_view title) {
+  std::string out = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>";
+  out += R"(<meta name="viewport" content="width=device-width,initial-scale=1"/>)";
+  out += R"(<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'; )"
+         R"(style-src 'unsafe-inline'; img-src blob:"/>)";
+  out += "<title>" + escape(title) + "</title><style>";
+  out += style_text();
+  return out + "</style></head>\n<body><main>\n";
+}
+
+std::string explorer() {
+  return std::string(explorer_text());
+}
+
+std::string end(const std::string& data) {
+  std::string out = "</main>\n<script type=\"application/json\" id=\"data\">" + data + "</script>\n<script>\n";
+  out += script_text();
+  return out + "</script></body></html>\n";
+}
+
+std::string live() {
+  return begin("Holdfast live") +
+         "<header><h1>Holdfast live</h1><p class=\"sub\">What the sensor sees and decides, straight from the board's "
+         "port</p></header>\n<noscript><p>This page shows a live session only, and needs its script for "
+         "that.</p></noscript>\n" +
+         "<div class=\"watch\">\n" + explorer() + "</div>\n" + end("null");
+}
+
+}  // namespace holdfast::tool::page

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// holdfast replay: a recording through the whole firmware.
+#include "toolchain/session/replay.hpp"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <variant>
+
+#include "drivers/sim/camera_replay.hpp"
+#include "drivers/sim/container.hpp"
+#include "drivers/sim/recording.hpp"
+#include "toolchain/log/frame_reader.hpp"
+#include "toolchain/play/reference_picture.hpp"
+#include "toolchain/support/progress.hpp"
+#include "vision/luma_input.hpp"
+
+namespace holdfast::tool {
+namespace {
+
+// The firmware's words speak of a camera; a picture of the empty gel can be chosen anew.
+std::string explain_reference(Reason reason, const App& app) {
+  if (reason != Reason::kJpegDamaged) return explain(reason, app);
+  return "the JPEG picture is damaged. Likely cause: the recording broke off, or was damaged on the way. Next: give "
+         "another frame or an image with --reference";
+}
+
+// In a log of --mcap. Empty, or an error line; other files are left to whoever opens them.
+std::string find_pictures(const std::string& path, sim::RecordingOptions& options) {
+  const sim::MappedFile mapped(path);
+  const auto bytes = mapped.bytes();
+  if (!log::is_mcap(bytes)) return {};
+  std::vector<sim::StampedPicture> pictures;
+  log::FrameVisit visit;
+  visit.picture = [&](const log::CompressedImage& picture) {
+    const log::Time& stamp = picture.header.stamp;
+    pictures.push_back({static_cast<std::size_t>(picture.data.data() - bytes.data()), picture.data.size(),
+                        Micros{std::int64_t{stamp.sec} * 1'000'000 + stamp.nanosec / 1000}});
+  };
+  const log::McapFile file = log::read_frames(bytes, visit);
+  if (!file.faults.empty()) return log::fault_line(path, file);
+  if (pictures.empty()) {
+    return fmt::format(
+        "{}: has no {}. Likely cause: it was made of a recording without JPEG pictures. Next: give that recording",
+        path, log::kCameraTopic);
+  }
+  options.pictures = std::make_shared<const std::vector<sim::StampedPicture>>(std::move(pictures));
+  return {};
+}
+
+// What is done with a session that has seen all frames. Empty, or an error line; so for run().
+using Conclude = std::function<std::string(Session&, const sim::RecordingInfo&)>;
+
+std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Conclude& conclude) {
+  SessionInfo info{};
+  std::unique_ptr<model::Tree> tree;
+  if (std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text); !error.empty()) {
+    return error;
+  }
+  sim::RecordingOptions recorded{options.fps};
+  if (std::string error = find_pictures(options.input, recorded); !error.empty()) return error;
+  auto opened = sim::Recording::open(options.input, recorded);
+  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
+  auto& recording = std::get<sim::Recording>(opened);
+  const sim::RecordingInfo about = recording.info();
+
+  info.title = fmt::format("Replay of {}", std::filesystem::path(options.input).filename().string());
+  info.inputs = {options.input, options.common.model};
+  if (!names_a_frame(options.reference)) info.inputs.emplace_back(options.reference);
+  info.input_text = fmt::format("{} ({}x{}, {}, {:.4g} fps)", options.input, about.width, about.height,
+                                about.mjpeg ? "JPEG" : "luma", about.time_base_fps);
+  info.reference_text = options.reference;
+  Session session(info, options.common.paths);
+  if (std::string error = session.output_error(); !error.empty()) return error;
+
+  auto reference = reference_picture(recording, options.reference, pipeline_config(info.params).luma);
+  if (const auto* error = std::get_if<sim::Error>(&reference)) return error->line;
+  const hal::Frame rest = sim::as_frame(std::get<sim::RecordedFrame>(reference));
+
+  sim::CameraReplay camera(std::move(recording), session.clock());
+  session.connect(camera, tree.get());
+  const std::string where =
+      names_a_frame(options.reference)
+          ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, options.reference)
+          : fmt::format("{} as picture of the empty gel", options.reference);
+  if (const Status s = session.app().learn(info.params, rest, info.auto_grid); !s.ok()) {
+    return fmt::format("{}: {}", where, explain_reference(s.reason, session.app()));
+  }
+  if (const Status s = session.app().start(info.params, info.auto_grid); !s.ok()) {
+    return fmt::format("{}: {}", options.input, explain(s.reason, session.app()));
+  }
+
+  std::optional<Progress> progress;
+  if (!watch) progress.emplace("replay", about.frames);
+  while (!interrupted() && session.app().step()) {
+    const sim::RecordedFrame& current = camera.current();
+    if (session.app().result().quality.reason == Reason::kNoFrame) continue;
+    const hal::Frame given = sim::as_frame(current);
+    const double scale = about.scale * luma_input::reduction(pipeline_config(info.params).luma, given);
+    if (watch) watch(session.app());
+    session.record(current.index, static_cast<double>(current.time.count()) * 1e-6, scale, given);
+    if (progress) progress->update(current.index + 1);
+  }
+  progress.reset();
+  session.app().stop();
+  if (interrupted()) return interrupted_line();
+  if (!camera.error().empty()) return camera.error();
+
+  const Summary summary = session.summary();
+  if (summary.accepted == 0) {
+    return fmt::format("{}: none of {} frames could be used: {}", options.input, summary.frames,
+                       explain(summary.last_rejection, session.app()));
+  }
+  return conclude(session, about);
+}
+
+}  // namespace
+
+int replay(const ReplayOptions& options) {
+  const std::string error = run(options, {}, [&](Session& session, const sim::RecordingInfo& about) {
+    std::string problem = session.commit({}, {}, {});
+    if (!problem.empty()) return problem;
+    if (options.fps > 0 && about.fps > 0) {
+      note(fmt::format("{} carries its own time base ({:.4g} fps), so --fps was not used", options.input, about.fps));
+    }
+    print_summary(session, session.summary(), options.common);
+    return problem;
+  });
+  return error.empty() ? 0 : fail(error);
+}
+
+std::string replay_quietly(const ReplayOptions& options, const ReplayWatch& watch) {
+  return run(options, watch, [](Session&, const sim::RecordingInfo&) { return std::string(); });
+}
+
+}  // namespace holdfast::tool

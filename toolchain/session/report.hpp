@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+// The report of one run: a single HTML file that needs nothing else to be read.
+//
+// Time plots on one axis (E, dE/dt, Vx and Vy, optional truth, state, GRIP_OK, ALIVE), the displacement
+// histogram and the markers' arrows at four moments (rest, largest E, first slip, end), and a summary: all of that as
+// inline SVG, readable without a script. With one (page.hpp) each frame can be looked at, and a live session as well.
+// Light and dark by the reader's preference. Long runs are thinned, plots to the extremes per pixel column: the file
+// stays below 4 MB whatever the number of frames. Times in s of the recording, lengths in pixels of the input, speeds
+// in mm/s, entropy in nat (natural logarithm).
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/status.hpp"
+#include "tactile/types.hpp"
+#include "toolchain/session/overlay.hpp"
+#include "toolchain/session/track.hpp"
+
+namespace holdfast::tool {
+
+struct ReportFrame {
+  long frame = 0;
+  double t_s = 0;  // strictly increasing
+  DeviceState state = DeviceState::kBoot;
+  Reason reason = Reason::kNone;
+  bool accepted = false;        // ALIVE toggled
+  bool features_valid = false;  // markers, entropy and histogram mean something
+  bool rates_valid = false;     // so do the speeds and the rate of entropy
+  int markers = 0;
+  double vx_mm_s = 0;
+  double vy_mm_s = 0;
+  double entropy_nat = 0;
+  double entropy_rate_nat_s = 0;
+  bool slip = false;
+  bool grip_ok = false;
+  std::array<int, kHistogramBins> histogram{};
+};
+
+struct TruthMark {
+  double t_s = 0;
+  std::string name;
+  bool onset = false;  // the summary counts the delay of the slip decision from here
+};
+
+struct TruthSeries {
+  std::string name;
+  std::string unit;
+  std::vector<std::pair<double, double>> points;  // t_s, value
+};
+
+struct ReportInfo {
+  std::string title;
+  std::string input;
+  std::string grid;
+  std::string mode;
+  std::string model;
+  std::string reference;
+  std::vector<std::pair<std::string, std::string>> facts;  // more rows of the summary, in order
+  std::vector<std::string> notes;
+  std::vector<TruthMark> marks;
+  std::optional<TruthSeries> series;
+  int grid_markers = 63;          // of the grid: what "all" means
+  double histogram_range_mm = 0;  // R; 0: the axis counts bins
+  int width_px = 0;               // of the input, for the pictures of the arrows; 0: around the markers
+  int height_px = 0;
+  double arrow_factor = 0;  // 0: chosen so that the longest arrow spans about a pitch
+  long saturations = 0;
+};
+
+class Report {
+ public:
+  // In order of time. `arrows` may be empty.
+  void add(const ReportFrame& frame, std::span<const Arrow> arrows, const Seen& seen = {});
+
+  [[nodiscard]] std::string html(const ReportInfo& info) const;
+  // Atomic; returns empty, or one line that says what is wrong.
+  [[nodiscard]] std::string write(const std::filesystem::path& path, const ReportInfo& info,
+                                  const std::filesystem::path& input = {}) const;
+
+  struct Moment {
+    ReportFrame frame;
+    std::vector<Arrow> arrows;
+  };
+
+ private:
+  std::vector<ReportFrame> frames_;
+  std::optional<Moment> rest_, peak_, first_slip_, end_;
+  Track track_;
+};
+
+}  // namespace holdfast::tool

@@ -1,0 +1,371 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/session/session.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ostream.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <utility>
+
+#include "base/math.hpp"
+#include "params/modes.hpp"
+#include "toolchain/log/csv_log.hpp"
+
+namespace holdfast::tool {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kQ8 = 256.0;
+
+double nat(NatsQ16 value) {
+  return value.raw() / 65536.0;
+}
+double nat_per_s(NatsPerSecQ8 value) {
+  return value.raw() / kQ8;
+}
+double mm_per_s(MicrometresPerSec value) {
+  return value.raw() / 1000.0;
+}
+
+// Which output would destroy another one or something that the run reads. Empty: none. A folder of images is read as
+// a whole: a file more in it may be a frame more at the next run.
+std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inputs) {
+  const auto outputs = paths.named();
+  for (const auto* one = outputs.begin(); one != outputs.end(); ++one) {
+    const auto& [name, path] = *one;
+    if (path->empty()) continue;
+    for (const fs::path& input : inputs) {
+      if (input.empty()) continue;
+      std::error_code ignored;
+      const bool inside = fs::is_directory(input, ignored) && same_place(fs::absolute(*path).parent_path(), input);
+      if (!inside && !same_place(*path, input)) continue;
+      return fmt::format(
+          "{}: --{} would change {} input of this run. Likely cause: the same name given twice, or an output beside "
+          "the pictures. Next: give another place for the output",
+          path->string(), name, inside ? "the folder that is an" : "an");
+    }
+    for (const auto* other = std::next(one); other != outputs.end(); ++other) {
+      if (other->second->empty() || !same_place(*path, *other->second)) continue;
+      return fmt::format(
+          "{}: given for both --{} and --{}. Likely cause: a typing error. Next: give each output a file of its own",
+          path->string(), name, other->first);
+    }
+  }
+  return {};
+}
+
+// Working pixel to input pixel: pixel centres are whole numbers in both.
+double to_input(PixelsQ8 value, double scale) {
+  return (value.raw() / kQ8 + 0.5) * scale - 0.5;
+}
+
+}  // namespace
+
+std::string grid_text(GridSize grid) {
+  return fmt::format("{}x{}", grid.cols, grid.rows);
+}
+
+std::string cut_text(const grid::Cut& cut) {
+  std::vector<std::string> parts;
+  const auto add = [&](int lines, std::string_view side, std::string_view line) {
+    if (lines == 1) parts.push_back(fmt::format("the {} {}", side, line));
+    if (lines > 1) parts.push_back(fmt::format("{} {} {}s", lines, side, line));
+  };
+  add(cut.top, "top", "row");
+  add(cut.bottom, "bottom", "row");
+  add(cut.left, "left", "column");
+  add(cut.right, "right", "column");
+  std::string text;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    text += i == 0 ? "" : i + 1 == parts.size() ? " and " : ", ";
+    text += parts[i];
+  }
+  return text;
+}
+
+std::string explain(Reason reason, const App& app) {
+  const ReasonInfo& row = info(reason);
+  const GridSize found = app.state().tracker.found;
+  std::string what{row.what};
+  if (reason == Reason::kGridMismatch || reason == Reason::kGridAmbiguous) {
+    what += fmt::format(" (found {})", grid_text(found));
+  } else if (reason == Reason::kTooFewDots) {
+    what += fmt::format(" (found {})", app.state().tracker.dots.count);
+  }
+  return fmt::format("{}. Likely cause: {}. Next: {}", what, row.cause, row.next);
+}
+
+Session::Session(SessionInfo info, OutputPaths paths)
+    : info_(std::move(info)),
+      paths_(std::move(paths)),
+      error_(collision(paths_, info_.inputs)),
+      gpio_(clock_, 1 << 20) {
+  if (!error_.empty()) return;
+  features_ = open(paths_.features);
+  markers_ = open(paths_.markers);
+  truth_ = open(paths_.truth);
+  truth_markers_ = open(paths_.truth_markers);
+  report_file_ = open(paths_.report);
+  log_ = open(paths_.log);
+  mcap_ = open(paths_.mcap);
+  (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
+  if (features_) {
+    features_->stream()
+        << "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
+           "imprint_patches,imprint_um\n";
+  }
+  if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
+  if (log_) log_->stream() << log::csv_header();
+  if (mcap_) frame_log_ = std::make_unique<log::FrameLog>(mcap_->stream());
+}
+
+std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
+  if (path.empty()) return nullptr;
+  auto file = std::make_unique<AtomicFile>(path);
+  if (error_.empty()) error_ = file->error();
+  return file;
+}
+
+void Session::connect(hal::Camera& camera, const model::Tree* tree) {
+  if (frame_log_) tap_ = std::make_unique<CameraTap>(camera);
+  app_ = std::make_unique<App>(Devices{tap_ ? *tap_ : camera, gpio_, link_, clock_, jpeg_}, tree);
+}
+
+void Session::record(long frame, double t_s, double scale, const hal::Frame& given) {
+  const pipeline::Result& result = app_->result();
+  const supervisor::Outputs& outputs = app_->outputs();
+  const bool accepted = result.quality.ok();
+  const bool has_features = accepted && result.referenced;
+  const Features& f = result.features;
+
+  ++summary_.frames;
+  if (accepted) {
+    ++summary_.accepted;
+    marker_sum_ += result.markers;
+    summary_.least_markers = summary_.accepted == 1 ? result.markers : std::min(summary_.least_markers, result.markers);
+  } else {
+    summary_.last_rejection = result.quality.reason;
+  }
+  if (outputs.slip && !slip_before_) {
+    if (summary_.slip_times_s.empty()) {
+      summary_.grip_ok_fell_with_first_slip = gpio_.level(hal::Line::kGripOk) == hal::Level::kLow;
+    }
+    summary_.slip_times_s.push_back(t_s);
+    summary_.slip_frames.push_back(frame);
+  }
+  slip_before_ = outputs.slip;
+
+  if (features_) {
+    const Reason reason = accepted ? outputs.reason : result.quality.reason;
+    fmt::print(features_->stream(), "{},{:.6f},{},{},", frame, t_s, info(outputs.state).name, info(reason).name);
+    if (has_features) {
+      fmt::print(features_->stream(), "{},{:.3f},{:.3f},{:.6f},{:.6f}", f.markers, mm_per_s(f.vx), mm_per_s(f.vy),
+                 nat(f.entropy), nat_per_s(f.entropy_rate));
+    } else if (accepted) {
+      fmt::print(features_->stream(), "{},,,,", result.markers);
+    } else {
+      fmt::print(features_->stream(), ",,,,");
+    }
+    fmt::print(features_->stream(), ",{},{},", outputs.slip ? 1 : 0, outputs.grip_ok ? 1 : 0);
+    // Where the model does not read the picture, nothing of it is computed; what does not move has no figure either.
+    if (has_features && result.contact.judged) fmt::print(features_->stream(), "{}", result.contact.touching ? 1 : 0);
+    if (has_features && f.imprint.patches.raw() > 0) {
+      fmt::print(features_->stream(), ",{},", f.imprint.patches.raw());
+      if (f.imprint.motion.raw() > 0)
+        fmt::print(features_->stream(), "{:.1f}", std::exp2(f.imprint.motion.raw() / 256.0));
+    } else {
+      fmt::print(features_->stream(), ",,");
+    }
+    fmt::print(features_->stream(), "\n");
+  }
+
+  arrows_.clear();
+  const MarkerField& field = app_->state().tracker.field;
+  const MarkerField& rest = app_->state().reference.rest;
+  if (accepted) {
+    for (int i = 0; i < field.grid.count(); ++i) {
+      const Marker& marker = field.markers[idx(i)];
+      Arrow arrow{to_input(marker.x, scale), to_input(marker.y, scale), 0, 0, marker.valid};
+      if (result.referenced && rest.markers[idx(i)].valid) {
+        arrow.dx_px = (marker.x.raw() - rest.markers[idx(i)].x.raw()) / kQ8 * scale;
+        arrow.dy_px = (marker.y.raw() - rest.markers[idx(i)].y.raw()) / kQ8 * scale;
+      } else {
+        arrow.valid = arrow.valid && !result.referenced;
+      }
+      arrows_.push_back(arrow);
+      if (!markers_) continue;
+      fmt::print(markers_->stream(), "{},{},{},{},{:.4f},{:.4f},{:.4f},{:.4f}\n", frame, i / field.grid.cols,
+                 i % field.grid.cols, arrow.valid ? 1 : 0, arrow.x_px, arrow.y_px, arrow.dx_px, arrow.dy_px);
+    }
+  } else if (markers_ && app_->state().reference.known) {
+    // A rejected frame tells nothing, but keeps its rows: frames times markers is a full table.
+    for (int i = 0; i < rest.grid.count(); ++i) {
+      fmt::print(markers_->stream(), "{},{},{},0,,,,\n", frame, i / rest.grid.cols, i % rest.grid.cols);
+    }
+  }
+
+  ReportFrame row{};
+  row.frame = frame;
+  row.t_s = t_s;
+  row.state = outputs.state;
+  row.reason = outputs.reason;
+  row.accepted = accepted;
+  row.features_valid = has_features;
+  row.rates_valid = has_features && f.rates_valid;
+  row.slip = outputs.slip;
+  row.grip_ok = outputs.grip_ok;
+  if (has_features) {
+    row.markers = f.markers;
+    row.vx_mm_s = mm_per_s(f.vx);
+    row.vy_mm_s = mm_per_s(f.vy);
+    row.entropy_nat = nat(f.entropy);
+    row.entropy_rate_nat_s = nat_per_s(f.entropy_rate);
+    std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
+  }
+  if (!paths_.report.empty()) report_.add(row, arrows_, seen(scale, given));
+  if (log_ || frame_log_) write_logs(row);
+  if (!paths_.overlay.empty() && has_features) keep_for_overlay(scale, given);
+}
+
+void Session::write_logs(const ReportFrame& row) {
+  log::LogFrame frame;
+  frame.told = row;
+  frame.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
+  if (log_) log_->stream() << log::csv_row(log::slip_state(frame));
+  if (!frame_log_) return;
+  frame.arrows = arrows_;
+  frame.cols = app_->state().tracker.field.grid.cols;
+  frame.jpeg = tap_->jpeg();
+  frame_log_->add(frame);
+}
+
+// The picture for the page: as the firmware saw it, at its working size. A frame that was rejected shows none: what it
+// would be is not known to be a picture.
+Seen Session::seen(double scale, const hal::Frame& given) const {
+  Seen out{};
+  out.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
+  if (!app_->result().quality.ok()) return out;
+  if (given.format == hal::PixelFormat::kMjpeg) {
+    out.picture = app_->state().luma.decoded.view();
+  } else {
+    out.picture = {given.bytes.data(), given.width, given.height, given.stride};
+  }
+  out.width_px = out.picture.width * scale;
+  out.height_px = out.picture.height * scale;
+  if (given.bytes.empty() || out.picture.width <= 0) out.picture.data = nullptr;
+  return out;
+}
+
+// The overlay shows the frame that raised slip first; without one, the frame of the largest entropy.
+void Session::keep_for_overlay(double scale, const hal::Frame& given) {
+  const double entropy = nat(app_->result().features.entropy);
+  const bool slip = app_->outputs().slip;
+  if (slip_kept_ || (!slip && entropy <= best_entropy_)) return;
+  slip_kept_ = slip;
+  best_entropy_ = entropy;
+  picture_format_ = given.format;
+  picture_bytes_.assign(given.bytes.begin(), given.bytes.end());
+  picture_height_ = given.height;
+  picture_scale_ = given.format == hal::PixelFormat::kLuma8 ? scale : 1.0;
+  picture_arrows_ = arrows_;
+}
+
+void Session::record_truth(const std::string& header, const std::string& line) {
+  if (!truth_) return;
+  if (summary_.frames <= 1) truth_->stream() << header << '\n';
+  truth_->stream() << line << '\n';
+}
+
+void Session::record_truth_markers(const std::string& header, const std::string& lines) {
+  if (!truth_markers_) return;
+  if (summary_.frames <= 1) truth_markers_->stream() << header << '\n';
+  truth_markers_->stream() << lines;
+}
+
+Summary Session::summary() const {
+  Summary out = summary_;
+  out.mean_markers = out.accepted > 0 ? static_cast<double>(marker_sum_) / static_cast<double>(out.accepted) : 0.0;
+  out.searches = app_->state().tracker.searches;
+  out.saturations = app_->state().saturations.count;
+  return out;
+}
+
+std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSeries> series,
+                            std::vector<std::string> notes) {
+  if (report_file_) {
+    ReportInfo report{};
+    const GridSize grid = app_->state().tracker.field.grid;
+    report.title = info_.title;
+    report.input = info_.input_text;
+    report.grid = grid_text(grid);
+    if (const auto& cut = app_->state().tracker.cut; cut.lines() > 0) {
+      report.grid += fmt::format(" (left out, cut by the picture's edge: {})", cut_text(cut));
+    }
+    report.grid_markers = grid.count();
+    report.mode = kModes[idx(info_.params.mode)].name;
+    report.model = info_.model_text;
+    report.reference = info_.reference_text;
+    report.marks = std::move(marks);
+    report.series = std::move(series);
+    report.notes = std::move(notes);
+    report.histogram_range_mm = info_.params.histogram_range_um / 1000.0;
+    report.saturations = app_->state().saturations.count;
+    report_file_->stream() << report_.html(report);
+  }
+  if (frame_log_) frame_log_->finish();
+  // What may still fail comes first: every byte is written, then the overlay, and only then files are renamed.
+  const std::array files{features_.get(),    markers_.get(), truth_.get(), truth_markers_.get(),
+                         report_file_.get(), log_.get(),     mcap_.get()};
+  for (AtomicFile* file : files) {
+    if (file != nullptr && !file->stream().flush()) return file->commit();
+  }
+  if (!paths_.overlay.empty()) {
+    if (std::string error = draw_overlay(); !error.empty()) return error;
+  }
+  for (AtomicFile* file : files) {
+    if (file == nullptr) continue;
+    if (std::string error = file->commit(); !error.empty()) return error;
+  }
+  return {};
+}
+
+std::string Session::draw_overlay() const {
+  cv::Mat picture;
+  std::vector<Arrow> arrows = picture_arrows_;
+  if (picture_format_ == hal::PixelFormat::kMjpeg) {
+    picture = cv::imdecode(picture_bytes_, cv::IMREAD_COLOR);
+  } else {
+    picture = cv::Mat(picture_bytes_, true).reshape(1, picture_height_);
+    for (Arrow& a : arrows) {
+      a = {(a.x_px + 0.5) / picture_scale_ - 0.5, (a.y_px + 0.5) / picture_scale_ - 0.5, a.dx_px / picture_scale_,
+           a.dy_px / picture_scale_, a.valid};
+    }
+  }
+  constexpr double kArrowFactor = 3.0;  // displacements are a few pixels of 320; longer arrows can be read
+  return write_overlay(paths_.overlay, picture, arrows, kArrowFactor);
+}
+
+std::string Session::gpio_timeline() const {
+  std::string out;
+  std::uint64_t alive = 0;
+  bool high = false;
+  for (std::size_t i = 0; i < gpio_.events().size(); ++i) {
+    const sim::GpioEvent& event = gpio_.events()[i];
+    if (event.line == hal::Line::kAlive) {
+      ++alive;
+      continue;
+    }
+    const bool now = event.level == hal::Level::kHigh;
+    if (now == high) continue;
+    high = now;
+    out += fmt::format("  {:9.3f} s  GRIP_OK {:4}  (after {} edges of ALIVE)\n",
+                       static_cast<double>(event.time.count()) * 1e-6, high ? "HIGH" : "LOW", alive);
+  }
+  return out;
+}
+
+}  // namespace holdfast::tool

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/support/atomic_file.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <memory>
+#include <system_error>
+#include <utility>
+
+namespace holdfast::tool {
+
+namespace fs = std::filesystem;
+
+bool same_place(const std::filesystem::path& a, const std::filesystem::path& b) {
+  std::error_code ignored;
+  if (std::filesystem::equivalent(a, b, ignored)) return true;
+  const std::filesystem::path place = std::filesystem::weakly_canonical(std::filesystem::absolute(a, ignored), ignored);
+  return !place.empty() && place == std::filesystem::weakly_canonical(std::filesystem::absolute(b, ignored), ignored);
+}
+
+AtomicFile::AtomicFile(fs::path path, const fs::path& input) : path_(std::move(path)) {
+  std::error_code ignored;
+  const fs::file_status status = fs::status(path_, ignored);
+  if (fs::exists(status) && !fs::is_regular_file(status)) {
+    fail("cannot be written", fs::is_directory(status) ? "it is a folder" : "it is a device or pipe",
+         "give the name of a file");
+    return;
+  }
+  if (!input.empty() && fs::equivalent(path_, input, ignored)) {
+    fail("would overwrite the input", "the same file is given as input and as output",
+         "give another name for the output");
+    return;
+  }
+  // A link stays a link: its target is replaced.
+  if (fs::is_symlink(fs::symlink_status(path_, ignored))) {
+    const fs::path target = fs::weakly_canonical(path_, ignored);
+    if (!ignored) path_ = target;
+  }
+  temp_ = path_;
+  temp_ += ".tmp-" + std::to_string(::getpid());
+  stream_.open(temp_, std::ios::binary | std::ios::trunc);
+  if (!stream_) {
+    const std::string cause = std::generic_category().message(errno);
+    temp_.clear();
+    fail("cannot be written", cause, "check the folder and its permissions");
+  }
+}
+
+AtomicFile::~AtomicFile() {
+  stream_.close();
+  std::error_code ignored;
+  if (!temp_.empty()) fs::remove(temp_, ignored);
+}
+
+std::string AtomicFile::commit() {
+  if (!error_.empty()) return error_;
+  stream_.close();
+  if (!stream_) {
+    fail("could not be written to its end", "the disk is full, or was taken away", "free some space and run again");
+    return error_;
+  }
+  std::error_code ec;
+  fs::rename(temp_, path_, ec);
+  if (ec) {
+    fail("cannot be put in its place", ec.message(), "check the folder and its permissions");
+    return error_;
+  }
+  temp_.clear();
+  return {};
+}
+
+void AtomicFile::fail(const std::string& what, const std::string& cause, const std::string& next) {
+  error_ = path_.string() + ": " + what + ": " + cause + "; " + next;
+}
+
+OutputFiles::OutputFiles(const std::vector<Asked>& asked, const std::vector<std::string>& inputs,
+                         std::string_view kind) {
+  for (std::size_t a = 0; a < asked.size() && error_.empty(); ++a) {
+    const auto& [option, path] = asked[a];
+    if (path.empty()) continue;
+    for (const std::string& input : inputs) {
+      if (!same_place(path, input)) continue;
+      error_ = fmt::format(
+          "{}: {} would change a {} of this run. Likely cause: the same name given twice. Next: give another place for "
+          "the output",
+          input, option, kind);
+      return;
+    }
+    for (std::size_t b = 0; b < a; ++b) {
+      if (asked[b].path.empty() || !same_place(path, asked[b].path)) continue;
+      error_ = fmt::format(
+          "{}: given for both {} and {}. Likely cause: a typing error. Next: give each output a file of its own", path,
+          asked[b].option, option);
+      return;
+    }
+    files_.push_back({option, std::make_unique<AtomicFile>(path)});
+    error_ = files_.back().file->error();
+  }
+}
+
+std::ostream* OutputFiles::stream(std::string_view option) const {
+  const auto found = std::ranges::find(files_, option, &Open::option);
+  return found == files_.end() ? nullptr : &found->file->stream();
+}
+
+// Every byte is written before the first file appears.
+std::string OutputFiles::commit() {
+  for (const Open& open : files_) {
+    if (!open.file->stream().flush()) return open.file->commit();
+  }
+  for (const Open& open : files_) {
+    if (std::string error = open.file->commit(); !error.empty()) return error;
+  }
+  return {};
+}
+
+std::string refuse_folder(const std::string& folder) {
+  std::error_code ignored;
+  const fs::path path = fs::absolute(folder);
+  const bool there = fs::exists(path, ignored);
+  if (there ? fs::is_directory(path, ignored) : fs::is_directory(path.parent_path(), ignored)) return {};
+  return folder + ": cannot be a folder for the outputs. Likely cause: " +
+         (there ? "a file has that name" : "the folder above it is not there") + ". Next: give another place";
+}
+
+std::string write_all(const std::string& folder, const std::vector<std::pair<fs::path, std::string>>& outputs) {
+  std::error_code error;
+  const bool made = !folder.empty() && fs::create_directory(folder, error);
+  if (error) return folder + ": cannot be made: " + error.message() + ". Next: check the folder above it";
+  std::string problem;
+  {
+    std::vector<std::unique_ptr<AtomicFile>> files;
+    for (const auto& [path, bytes] : outputs) {
+      files.push_back(std::make_unique<AtomicFile>(path));
+      if (problem = files.back()->error(); !problem.empty()) break;
+      files.back()->stream() << bytes;
+      if (files.back()->stream().flush()) continue;
+      problem = files.back()->commit();
+      break;
+    }
+    for (const auto& file : files) {
+      if (problem.empty()) problem = file->commit();
+    }
+  }
+  if (!problem.empty() && made) fs::remove(folder, error);  // stays unless empty
+  return problem;
+}
+
+}  // namespace holdfast::tool
