@@ -7,7 +7,7 @@
 #include <numbers>
 #include <utility>
 
-#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
 #include "drivers/sim/scene/portable.hpp"
 
 namespace holdfast::sim {

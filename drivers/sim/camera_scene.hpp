@@ -15,7 +15,7 @@
 
 #include "drivers/sim/camera_faults.hpp"
 #include "drivers/sim/clock.hpp"
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "hal/camera.hpp"
 

@@ -18,8 +18,8 @@
 #include <vector>
 
 #include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/scene/jpeg_encode.hpp"
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "vision/jpeg_dc.hpp"
 #include "vision/jpeg_fast.hpp"

@@ -22,7 +22,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
 #include "tests/support/mjpg_file.hpp"
 
 namespace {

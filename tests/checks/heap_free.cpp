@@ -19,7 +19,7 @@
 #include "drivers/sim/camera_memory.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
-#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
 #include "tests/checks/heap_marks.hpp"

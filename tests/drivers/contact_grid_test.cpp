@@ -3,7 +3,7 @@
 // shear uncoupled and nu = 0, where Cattaneo's and Mindlin's neglect of sideways slip is none), springs under a load
 // that changes, the layer's exact sphere and a Fourier solution of it, Masing's rule, balance of force and energy, and
 // refinement.
-#include "drivers/sim/scene/contact_grid.hpp"
+#include "drivers/sim/scene/contact/grid.hpp"
 
 #include <algorithm>
 #include <array>
@@ -12,12 +12,14 @@
 #include <numbers>
 #include <vector>
 
-#include "drivers/sim/scene/contact_springs.hpp"
-#include "drivers/sim/scene/layer.hpp"
-
+#include "drivers/sim/scene/contact/layer.hpp"
+#include "drivers/sim/scene/contact/springs.hpp"
+#include "tests/support/closed_forms.hpp"
+// last: it redefines new
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast::scene;
+using namespace holdfast::test;
 using std::numbers::pi;
 
 namespace {

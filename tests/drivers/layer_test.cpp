@@ -3,7 +3,7 @@
 // integrals of the whole layer with the library's Bessel functions, the ratios that a 2-D FFT gave
 // (contact-mechanics notes 2.6), a contact solved by collocation in another basis, Dimitriadis's series, and the
 // limits.
-#include "drivers/sim/scene/layer.hpp"
+#include "drivers/sim/scene/contact/layer.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The renderer is the ruler for every accuracy figure: it is measured with a plain centroid of its pixels.
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The gel's surface over an object, against the object's own height, finite differences, and what a relief of that
 // height and pitch is.
-#include "drivers/sim/scene/underside.hpp"
+#include "drivers/sim/scene/picture/underside.hpp"
 
 #include <algorithm>
 #include <cmath>

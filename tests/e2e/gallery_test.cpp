@@ -16,8 +16,8 @@
 #include <string>
 #include <vector>
 
-#include "drivers/sim/scene/layer.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/contact/layer.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "params/params.hpp"
 #include "toolchain/play/play.hpp"
@@ -155,7 +155,7 @@ struct Pair {
   double end_s;
 };
 // Round objects on a layer, on a grid of cells, and on a half-space.
-constexpr Pair kPairs[] = {{"pair_slip_closed", "pair_hold_closed", 1.2, 1.76, 2.6},
+constexpr Pair kPairs[] = {{"pair_slip_springs", "pair_hold_springs", 1.2, 1.76, 2.6},
                            {"pair_slip_grid", "pair_hold_grid", 1.2, 1.76, 2.6},
                            {"sphere_slip", "sphere_hold", 1.48, 1.68, 2.4}};
 
@@ -305,7 +305,7 @@ double half_slip_mm(const Scene& scene, const Layer& layer, double force_n) {
 
 TEST(Gallery, OnsetsAreTheTheorys) {
   const char* const drags[] = {"shear_90",     "incipient_to_gross", "slide_0_5_mm_s", "slide_2_mm_s",
-                               "slide_18_fps", "slide_and_back",     "features_slip",  "pair_slip_closed",
+                               "slide_18_fps", "slide_and_back",     "features_slip",  "pair_slip_springs",
                                "lost_markers", "print_off",          "dirt_grey",      "sphere_slip"};
   for (const char* name : drags) {
     const Scene scene = named(name);

@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/random.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
 #include "toolchain/play/play.hpp"
 
 #include <CppUTest/TestHarness.h>

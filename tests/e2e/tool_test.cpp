@@ -15,9 +15,9 @@
 #include <set>
 #include <sstream>
 
-#include "drivers/sim/scene/jpeg_encode.hpp"
-#include "drivers/sim/scene/render.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "slip/model_file.hpp"
 #include "slip/slip_tree.gen.hpp"
@@ -823,7 +823,7 @@ TEST(Tool, WritesThePageOfALiveSession) {
 TEST(Tool, LooksAtScenes) {
   const std::string folder = HOLDFAST_SOURCE_DIR "/tests/scenes";
   STRCMP_CONTAINS("sphere_slip.json", succeed({"scene", "list", folder}).out.c_str());
-  STRCMP_CONTAINS("left out by level closed", succeed({"scene", "describe", kScene}).out.c_str());
+  STRCMP_CONTAINS("left out by level springs", succeed({"scene", "describe", kScene}).out.c_str());
   STRCMP_CONTAINS("1 scene checked: good", succeed({"scene", "check", "--strict", kScene}).out.c_str());
   // What `make` prints can be played, and a seed is a trial.
   const Words make{"scene", "make", "ball", "translate_x", "slip", "--seed", "7"};

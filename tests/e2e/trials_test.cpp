@@ -8,7 +8,7 @@
 #include <cstdlib>
 #include <string>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "toolchain/play/trials.hpp"
 

@@ -116,7 +116,7 @@ scene_seconds=$((seconds / 5 > 0 ? seconds / 5 : 1))
 tenth=$((seconds / 10 > 0 ? seconds / 10 : 1))
 rest=$((seconds - scene_seconds - 5 * tenth))
 fuzzed scene_fuzz "$scene_seconds" scene_corpus scene_seeds "$build/scene.dict" tests/fuzz/regressions/scene \
-  "drivers/sim/scene/scene_*.cpp"
+  "drivers/sim/scene/file/*.cpp"
 fuzzed model_fuzz "$tenth" model_corpus model_seeds "$build/model.dict" tests/fuzz/regressions/model \
   "firmware/slip/model_file.cpp"
 fuzzed link_fuzz "$tenth" link_corpus link_seeds "$build/link.dict" tests/fuzz/regressions/link "firmware/link/link.cpp"

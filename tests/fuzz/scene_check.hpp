@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 
 namespace holdfast::test {
 

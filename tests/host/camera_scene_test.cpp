@@ -7,7 +7,7 @@
 #include <numbers>
 #include <vector>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 
 #include <CppUTest/TestHarness.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
 
 #include <cmath>
 #include <cstddef>
@@ -7,7 +7,7 @@
 
 #include <jpeglib.h>
 
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/support/scene_pictures.hpp"
 

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "drivers/sim/camera_scene.hpp"
-#include "drivers/sim/scene/paper.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
+#include "toolchain/learn/paper.hpp"
 
 #include <CppUTest/TestHarness.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scene files: every field by hand and by its table, every refusal with its line, hostile text, and scenes that come
 // back as they were written. The judge of tests/fuzz runs here, too, on seeds and on damaged seeds.
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -516,22 +516,24 @@ TEST(SceneFile, WarnsOfWhatChangesNothing) {
 
 TEST(SceneFile, RefusesWhatTheLevelCannotDo) {
   for (const Capability& capability : kCapabilities) {
-    for (std::size_t level = 0; level < kContactLevelNames.size(); ++level) {
+    for (const std::string_view level : kContactLevelNames) {
       Json text = bare();
-      text["level"]["contact"] = kContactLevelNames[level];
+      text["level"]["contact"] = level;
       text["requires"] = Json::array({std::string(capability.name)});
       const SceneResult result = read_scene(text.dump(), "s");
-      const bool can = ((capability.contacts >> level) & 1U) != 0;
+      const bool can = level == "grid" || capability.name != "shapes";
       CHECK_EQUAL(can, result.scene.has_value());
-      const std::string words =
-          "level " + std::string(kContactLevelNames[level]) + " cannot do " + std::string(capability.name);
-      CHECK_EQUAL(can, !tells(result.errors, words));
+      CHECK_EQUAL(can, !tells(result.errors, "level springs cannot do " + std::string(capability.name)));
     }
   }
-  std::string text = with("\"radius_mm\": 15", "\"kinetic_friction\": 0.4");
-  text.replace(text.find("\"springs\""), 9, "\"closed\"");
-  refused(text, 7,
-          {"level closed cannot do kinetic_friction", "'object.kinetic_friction'", "allowed levels: springs, grid"});
+  std::string text = with("\"radius_mm\": 15", "\"shape\": \"box\"");
+  text.replace(text.find("\"press\", "), 9, R"("press", "shapes", )");
+  refused(text, 7, {"level springs cannot do shapes", "'object.shape'", "allowed levels: grid"});
+  for (const std::string gone : {"closed", "kinematic"}) {
+    refused_edit("springs", gone, 6,
+                 {"this level is gone ('level.contact': \"" + gone + "\")", R"(allowed "springs", "grid")",
+                  "a scene of an earlier version", R"(write "springs")"});
+  }
 }
 
 // --- capabilities ---
@@ -581,11 +583,10 @@ TEST(SceneFile, KnowsWhatASceneUses) {
   scene = {};
   scene.trajectory.resize(1);
   scene.trajectory[0].force_n = 1;
-  scene.level.contact = ContactLevel::kKinematic;
-  STRCMP_EQUAL("press ", names(scene).c_str());
+  STRCMP_EQUAL("press layer ", names(scene).c_str());
   scene.trajectory[0].pull_y_n = 1;
   scene.object.mass_g = 1;
-  STRCMP_EQUAL("press shear gross_slip mass pull ", names(scene).c_str());
+  STRCMP_EQUAL("press shear partial_slip gross_slip layer mass pull ", names(scene).c_str());
   scene = {};
   scene.object.shape.kind = ShapeKind::kCone;
   STRCMP_EQUAL("cone ", names(scene).c_str());
@@ -607,10 +608,7 @@ TEST(SceneFile, EveryCapabilityCanBeUsedAndEveryLevelLeavesSomethingOut) {
   // These follow from what others do together.
   for (const char* name : {"partial_slip", "gross_slip", "load_history", "cone"}) switched.insert(name);
   for (const Capability& capability : kCapabilities) CHECK_EQUAL(1U, switched.count(capability.name));
-  for (const ContactLevel level :
-       {ContactLevel::kKinematic, ContactLevel::kClosed, ContactLevel::kSprings, ContactLevel::kGrid}) {
-    CHECK(omissions(level).size() >= 2);
-  }
+  for (const ContactLevel level : {ContactLevel::kSprings, ContactLevel::kGrid}) CHECK(omissions(level).size() >= 2);
 }
 
 // --- hostile text ---
@@ -691,7 +689,7 @@ class RandomScene {
     s.fps = chance() ? 25.0 : number(1, 100);
     s.duration_s = number(1, 1000);
     s.level.inject = pick<Inject>(4);
-    s.level.contact = pick<ContactLevel>(4);
+    s.level.contact = pick<ContactLevel>(2);
     s.gel = {.shear_modulus_mpa = chance() ? 0.035 : number(0.01, 1e6) / 1000,
              .poisson = number(0, 0.5),
              .thickness_mm = chance() ? kInfinity : number(0.5, 1000)};
@@ -803,8 +801,7 @@ class RandomScene {
   static bool can_all(const Scene& s) {
     const auto used = used_capabilities(s);
     return std::ranges::all_of(kCapabilities, [&](const Capability& capability) {
-      const bool can = ((capability.contacts >> static_cast<unsigned>(s.level.contact)) & 1U) != 0;
-      return can || std::ranges::find(used, capability.name) == used.end();
+      return can(s.level.contact, capability) || std::ranges::find(used, capability.name) == used.end();
     });
   }
 
@@ -825,7 +822,7 @@ TEST(SceneFile, ComesBackAsItWasWritten) {
     CHECK(write_scene(*result.scene) == text);
     levels.insert(scene.level.contact);
   }
-  CHECK_EQUAL(4U, levels.size());
+  CHECK_EQUAL(2U, levels.size());
 }
 
 TEST(SceneFile, WritesOnlyWhatDiffersAndRoundNumbers) {

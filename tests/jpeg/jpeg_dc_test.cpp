@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "tests/support/host_jpeg_streams.hpp"
 
 #include <CppUTest/TestHarness.h>

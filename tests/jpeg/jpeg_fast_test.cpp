@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "drivers/common/crew.hpp"
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "tests/support/host_jpeg_streams.hpp"
 #include "vision/jpeg_dc.hpp"
 

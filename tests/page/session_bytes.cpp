@@ -25,7 +25,7 @@
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/hande.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/serial.hpp"
 #include "link/link.hpp"
 #include "link/marker_frame.hpp"

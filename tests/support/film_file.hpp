@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/support/mjpg_file.hpp"
 #include "tests/support/scene_pictures.hpp"

@@ -21,7 +21,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "tests/support/host_jpeg_streams.hpp"
 #include "vision/jpeg.hpp"
 #include "vision/picture_check.hpp"

@@ -14,7 +14,7 @@
 #include <span>
 #include <vector>
 
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "vision/luma.hpp"
 
 namespace holdfast::reference_model {

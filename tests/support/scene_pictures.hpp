@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "vision/luma.hpp"
 

@@ -16,8 +16,8 @@
 #include <fstream>
 #include <vector>
 
-#include "drivers/sim/scene/jpeg_encode.hpp"
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/support/scene_pictures.hpp"
 #include "tests/system/recode.hpp"

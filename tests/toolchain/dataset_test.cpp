@@ -10,11 +10,11 @@
 #include <tuple>
 #include <vector>
 
-#include "drivers/sim/scene/paper.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
+#include "toolchain/learn/paper.hpp"
 #include "toolchain/learn/plan.hpp"
 #include "toolchain/play/play.hpp"
 // last: it redefines new

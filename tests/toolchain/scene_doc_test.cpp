@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/generate/scene_doc.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>

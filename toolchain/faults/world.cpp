@@ -19,7 +19,7 @@
 #include "drivers/sim/film.hpp"
 #include "drivers/sim/hande.hpp"
 #include "drivers/sim/keep.hpp"
-#include "drivers/sim/scene/jpeg_encode.hpp"
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
 #include "drivers/sim/scene/random.hpp"
 #include "drivers/sim/serial.hpp"
 #include "link/command_frame.hpp"

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 
 namespace holdfast::scene_doc {
 namespace {
@@ -72,11 +72,11 @@ std::string fields() {
 std::string capabilities() {
   std::string out = "| name | what |";
   for (const std::string_view level : scene::kContactLevelNames) out += fmt::format(" {} |", level);
-  out += "\n|---|---|---|---|---|---|\n";
+  out += "\n|---|---|---|---|\n";
   for (const scene::Capability& capability : scene::kCapabilities) {
     out += fmt::format("| `{}` | {} |", capability.name, capability.help);
     for (unsigned level = 0; level < scene::kContactLevelNames.size(); ++level) {
-      out += ((capability.contacts >> level) & 1U) != 0 ? " yes |" : " - |";
+      out += can(static_cast<scene::ContactLevel>(level), capability) ? " yes |" : " - |";
     }
     out += "\n";
   }
@@ -99,7 +99,7 @@ std::string levels() {
 std::string scene_markdown() {
   return fmt::format(
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by scene_doc from drivers/sim/scene/scene_file.cpp and scene.hpp; do not edit. -->\n"
+      "<!-- Written by scene_doc from drivers/sim/scene/file/scene_file.cpp and scene.hpp; do not edit. -->\n"
       "# Scene files\n\n"
       "A scene is gel, object, what moves it, what goes wrong, how much of it is modelled and what is expected. JSON; "
       "units are in the names of the keys; x to the right, y down, a positive twist turns x towards y. What is left "

@@ -77,8 +77,7 @@ int run(int argc, char** argv) {
       ->required()
       ->check(not_empty);
   sim_command->add_option("--inject", sim_options.inject, "enter here instead: features, markers, grey or jpeg");
-  sim_command->add_option("--contact", sim_options.contact,
-                          "with this contact level instead: kinematic, closed, springs or grid");
+  sim_command->add_option("--contact", sim_options.contact, "with this contact level instead: springs or grid");
   sim_command
       ->add_option("--truth", sim_options.common.paths.truth, "write the simulated truth, one row per frame: CSV")
       ->check(not_empty);

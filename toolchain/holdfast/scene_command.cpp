@@ -6,9 +6,9 @@
 #include <filesystem>
 #include <vector>
 
-#include "drivers/sim/scene/paper.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/learn/paper.hpp"
 #include "toolchain/play/play.hpp"
 
 namespace holdfast::tool {

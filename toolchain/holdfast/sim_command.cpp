@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/support/progress.hpp"
@@ -70,6 +70,13 @@ std::string override_level(const SimOptions& options, scene::Scene& scene) {
   }
   if (!options.contact.empty()) {
     const auto contact = index_of(scene::kContactLevelNames, options.contact);
+    if (index_of(scene::kGoneContactLevels, options.contact)) {
+      return fmt::format(
+          "--contact '{0}': this level is gone. Likely cause: a command of an earlier version. Next: give springs, "
+          "which "
+          "is as fast and models all that {0} did",
+          options.contact);
+    }
     if (!contact) {
       return fmt::format("--contact '{}': no such level. Likely cause: a typing error. Next: give one of {}",
                          options.contact, list_of(scene::kContactLevelNames));

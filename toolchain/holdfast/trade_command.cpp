@@ -5,7 +5,7 @@
 #include <optional>
 #include <string_view>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/progress.hpp"
@@ -75,8 +75,7 @@ int trade_sim(const TradeSimOptions& options) {
   fmt::print(
       "* nothing is both faster and nearer. px of a picture 320 wide; times are thread CPU time on this machine\n");
   print_entries(entries);
-  for (const scene::ContactLevel level : {scene::ContactLevel::kKinematic, scene::ContactLevel::kClosed,
-                                          scene::ContactLevel::kSprings, scene::ContactLevel::kGrid}) {
+  for (const scene::ContactLevel level : {scene::ContactLevel::kSprings, scene::ContactLevel::kGrid}) {
     fmt::print("{} leaves out\n", scene::kContactLevelNames[static_cast<std::size_t>(level)]);
     for (const std::string_view what : scene::omissions(level)) fmt::print("  {}\n", what);
   }

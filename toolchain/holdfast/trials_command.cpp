@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/play/trials.hpp"
 #include "toolchain/support/atomic_file.hpp"

@@ -13,7 +13,7 @@
 
 #include "app/pipeline.hpp"
 #include "drivers/sim/recording.hpp"
-#include "drivers/sim/scene/contact.hpp"
+#include "drivers/sim/scene/contact/contact.hpp"
 #include "drivers/sim/scene/scene.hpp"
 #include "params/params.hpp"
 #include "toolchain/learn/samples.hpp"

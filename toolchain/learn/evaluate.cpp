@@ -13,8 +13,8 @@
 #include <sstream>
 
 #include "base/crc32.hpp"
-#include "drivers/sim/scene/paper.hpp"
 #include "drivers/sim/scene/random.hpp"
+#include "toolchain/learn/paper.hpp"
 #include "toolchain/learn/splits.hpp"
 #include "toolchain/play/thread_time.hpp"
 

@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "drivers/sim/scene/paper.hpp"
 #include "toolchain/learn/dataset.hpp"
+#include "toolchain/learn/paper.hpp"
 
 namespace holdfast::learn {
 

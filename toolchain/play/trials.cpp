@@ -7,10 +7,10 @@
 #include <cmath>
 #include <numbers>
 
-#include "drivers/sim/scene/paper.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/portable.hpp"
 #include "drivers/sim/scene/random.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "toolchain/learn/paper.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/rig.hpp"
 

@@ -10,7 +10,7 @@
 //   turn          a held object turns about the contact's normal at 15, 40 or 90 degrees a second
 //   slide         a sphere slides at 2 to 100 mm/s under five reliefs
 //   shaken        a bonded sphere with relief is shaken at 1 to 6 Hz for 15 s
-//   smooth        trials of the paper's objects (scene/paper.hpp), all of them without relief
+//   smooth        trials of the paper's objects (learn/paper.hpp), all of them without relief
 //   grasp         the same trials as they are
 // The gripper of the last two says OPENING when it opens, as a robot does.
 //

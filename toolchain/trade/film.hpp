@@ -10,7 +10,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/learn/dataset.hpp"
 #include "toolchain/learn/plan.hpp"

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 #include "toolchain/trade/film.hpp"
 #include "toolchain/trade/knobs.hpp"
 #include "vision/markers.hpp"

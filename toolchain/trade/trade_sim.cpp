@@ -9,7 +9,7 @@
 #include <map>
 #include <utility>
 
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/rig.hpp"
@@ -32,8 +32,6 @@ std::vector<Setting> settings(const TradeSimConfig& config) {
   const auto add = [&](scene::ContactLevel contact, int springs, double cell_mm, std::string name) {
     all.push_back({{scene::Inject::kFeatures, contact, springs, cell_mm}, std::move(name)});
   };
-  add(scene::ContactLevel::kKinematic, 64, 0.7, "kinematic");
-  add(scene::ContactLevel::kClosed, 64, 0.7, "closed");
   for (const int springs : {8, 16, 32, 64, 128, 256}) {
     add(scene::ContactLevel::kSprings, springs, 0.7, fmt::format("springs {}", springs));
   }
@@ -128,7 +126,7 @@ std::string omitted(const scene::Scene& scene, scene::ContactLevel contact) {
   const std::vector<std::string_view> used = scene::used_capabilities(scene);
   for (const scene::Capability& capability : scene::kCapabilities) {
     if (std::find(used.begin(), used.end(), capability.name) == used.end()) continue;
-    if (((capability.contacts >> static_cast<int>(contact)) & 1) != 0) continue;
+    if (can(contact, capability)) continue;
     names += fmt::format("{}{}", names.empty() ? "" : " ", capability.name);
   }
   return names;
@@ -153,7 +151,7 @@ std::vector<LevelPrice> price_levels(const scene::Scene& asked, const TradeSimCo
   std::vector<Run> runs;
   for (const Setting& setting : settings(config)) {
     const scene::ContactLevel contact = setting.level.contact;
-    if (!round && (contact == scene::ContactLevel::kClosed || contact == scene::ContactLevel::kSprings)) continue;
+    if (!round && contact == scene::ContactLevel::kSprings) continue;
     scene.level = setting.level;
     LevelPrice price;
     price.scene = scene.name;
@@ -287,9 +285,7 @@ struct LevelStyle {
   std::string_view prefix;
   std::string_view color;
 };
-constexpr std::array<LevelStyle, 4> kStyles{{
-    {"kinematic", "#777777"},
-    {"closed", "#1b7837"},
+constexpr std::array<LevelStyle, 2> kStyles{{
     {"springs", "#2166ac"},
     {"grid", "#b2182b"},
 }};
@@ -346,7 +342,7 @@ std::string panel(double left, double top, const std::string& name, const std::v
                        p->omitted.empty() ? color_of(p->level) : "#ffffff", color_of(p->level));
     // Springs lie close together: the first and the last stand for all.
     const std::string number = p->level.size() == kind.size() ? p->level : p->level.substr(kind.size() + 1);
-    const bool below = kind == "closed" || kind == "grid";
+    const bool below = kind == "grid";
     if (kind != "springs" || number == "8" || number == "256") {
       out += text(below ? x - 4.0 : x + 4.0, below ? y + 13.0 : y - 6.0, below ? "end" : "start", number, 8.0,
                   color_of(p->level));

@@ -14,7 +14,7 @@ namespace holdfast::tool {
 // One level on one scene.
 struct LevelPrice {
   std::string scene;
-  std::string level;    // "closed", "springs 64", "grid 0.70 mm"
+  std::string level;    // "springs 64", "grid 0.70 mm"
   std::string omitted;  // capabilities that the scene uses and the level lacks; empty = none
   bool reference = false;
   bool best = false;    // nothing is both faster and nearer

@@ -194,14 +194,14 @@ Split split(double x) {
           static_cast<double>(static_cast<std::int64_t>(power) >> 52) + shift};
 }
 
-// ln((1 + f) 2^k + tiny). With s = f / (2 + f), ln(1 + f) = 2 atanh s = 2 s + s R(s^2), and 2 s = f - s f, so
+// ln((1 + f) 2^k). With s = f / (2 + f), ln(1 + f) = 2 atanh s = 2 s + s R(s^2), and 2 s = f - s f, so
 // f - s (f - R): f is exact and only the small second term is rounded. |s| < 0.172; first term left out: 6e-19.
-double log_of(Split x, double tiny) {
+double log_of(Split x) {
   static constexpr auto kTerms = inverse_odds<10>(3, 2.0, 1.0);
   const double f = x.less_one;
   const double s = f / (2.0 + f);
   const double z = s * s;
-  return x.power * kLn2.hi + (f - (s * (f - z * polynomial(z, kTerms)) - (x.power * kLn2.lo + tiny)));
+  return x.power * kLn2.hi + (f - (s * (f - z * polynomial(z, kTerms)) - x.power * kLn2.lo));
 }
 
 // The same to about 2^-64 of the result, for pow.
@@ -342,22 +342,7 @@ double log(double x) {
   if (std::isnan(x) || x < 0.0) return kNan;
   if (x == 0.0) return -kInfinity;
   if (std::isinf(x)) return x;
-  return log_of(split(x), 0.0);
-}
-
-double log1p(double x) {
-  if (std::isnan(x) || x < -1.0) return kNan;
-  if (x == -1.0) return -kInfinity;
-  if (std::isinf(x) || std::abs(x) < 0x1p-54) return x;
-  const double sum = 1.0 + x;
-  Split parts = split(sum);
-  if (parts.power == 0.0) {
-    parts.less_one = x;
-    return log_of(parts, 0.0);
-  }
-  // What the sum lost, as a share of it.
-  const double lost = x < 1.0 ? x - (sum - 1.0) : 1.0 - (sum - x);
-  return log_of(parts, lost / sum);
+  return log_of(split(x));
 }
 
 // A cubic good to 0.5 % on 1/8 .. 1 (minimax), then two steps of Halley's method: the error e becomes 2/3 e^3.

@@ -4,7 +4,7 @@
 // steps (frexp, ldexp, bits), in a file without contraction of products (drivers/CMakeLists.txt sees to it).
 //
 // Errors, largest seen against long double over dense sweeps (portable_test.cpp asserts them), in units of the last
-// place: sin, cos, exp, log, log1p, cbrt 1; asin, expm1, pow, hypot 1.5; atan2 2; tan 2.5; erfc 4.5. A denormal
+// place: sin, cos, exp, log, cbrt 1; asin, expm1, pow, hypot 1.5; atan2 2; tan 2.5; erfc 4.5. A denormal
 // result may be half a unit worse: it is rounded twice.
 // Cost next to glibc's: 0.7 times (atan2, hypot) to twice (exp 8 ns, log 8 ns, sin 12 ns); pow 4 times (44 ns).
 //
@@ -26,7 +26,6 @@ namespace holdfast::scene::portable {
 [[nodiscard]] double exp(double x);
 [[nodiscard]] double expm1(double x);
 [[nodiscard]] double log(double x);
-[[nodiscard]] double log1p(double x);
 [[nodiscard]] double cbrt(double x);
 [[nodiscard]] double pow(double x, double y);
 [[nodiscard]] double erfc(double x);

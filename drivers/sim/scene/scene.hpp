@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/sim/scene/contact.hpp"
+#include "drivers/sim/scene/contact/contact.hpp"
 #include "drivers/sim/scene/shape.hpp"
 
 namespace holdfast::scene {
@@ -21,13 +21,15 @@ namespace holdfast::scene {
 enum class Inject { kFeatures, kMarkers, kGrey, kJpeg };
 inline constexpr std::array<std::string_view, 4> kInjectNames{"features", "markers", "grey", "jpeg"};
 
-// How the contact is computed, cheapest first: B0 to B3.
-enum class ContactLevel { kKinematic, kClosed, kSprings, kGrid };
-inline constexpr std::array<std::string_view, 4> kContactLevelNames{"kinematic", "closed", "springs", "grid"};
+// How the contact is computed, cheapest first.
+enum class ContactLevel { kSprings, kGrid };
+inline constexpr std::array<std::string_view, 2> kContactLevelNames{"springs", "grid"};
+// Levels of earlier versions, which springs replace: as fast, and they model all that those did.
+inline constexpr std::array<std::string_view, 2> kGoneContactLevels{"kinematic", "closed"};
 
 struct Level {
   Inject inject = Inject::kMarkers;
-  ContactLevel contact = ContactLevel::kClosed;
+  ContactLevel contact = ContactLevel::kSprings;
   int springs = 64;      // level `springs`
   double cell_mm = 0.7;  // level `grid`
   friend bool operator==(const Level&, const Level&) = default;
@@ -172,43 +174,45 @@ struct Scene {
   Goal goal;
 };
 
-// What this build can do, by the names that "requires" uses, and the levels that can do it.
+// What this build can do, by the names that "requires" uses. Both levels can, unless it is `grid_alone`.
 struct Capability {
   std::string_view name;
   std::string_view help;
-  std::uint8_t contacts;  // bit k: ContactLevel k can
+  bool grid_alone = false;
 };
-inline constexpr std::uint8_t kAllContacts = 0b1111;
+[[nodiscard]] constexpr bool can(ContactLevel level, const Capability& capability) {
+  return level == ContactLevel::kGrid || !capability.grid_alone;
+}
 inline constexpr std::array<Capability, 29> kCapabilities{{
-    {"press", "markers move under a press", kAllContacts},
-    {"shear", "markers move under a drag", kAllContacts},
-    {"twist", "the object turns about the normal", kAllContacts},
-    {"partial_slip", "a stick area shrinks inside a slip annulus", 0b1110},
-    {"gross_slip", "the whole contact slides", kAllContacts},
-    {"layer", "finite thickness of the gel", 0b1110},
-    {"load_history", "reversal, cycles, and a normal force that changes under shear", 0b1100},
-    {"kinetic_friction", "kinetic friction below the static one", 0b1100},
-    {"cone", "a body of revolution other than a sphere", 0b1101},
-    {"shapes", "objects that are not round, and textures", 0b1001},
-    {"compliance", "a soft object between gripper and gel", kAllContacts},
-    {"mass", "an object with mass on a springy drive: stick-slip", 0b1110},
-    {"pull", "forces from outside on an object with mass", 0b1110},
-    {"creep", "a held load goes on deforming the gel", kAllContacts},
-    {"press_dilation", "FOTS's outward motion under a press", kAllContacts},
-    {"marker_noise", "noise of marker places", kAllContacts},
-    {"marker_loss", "markers missing now and then, or for ever", kAllContacts},
-    {"marker_duplicates", "dots beside dots", kAllContacts},
-    {"dirt", "dark specks on the picture", kAllContacts},
-    {"fabrication", "dots printed off their place", kAllContacts},
-    {"relief", "a fine relief of the object, which the picture shows", kAllContacts},
-    {"pixel_noise", "noise of the picture", kAllContacts},
-    {"light", "drift and flicker of the light", kAllContacts},
-    {"exposure", "motion blur", kAllContacts},
-    {"rolling_shutter", "rows are taken one after the other", kAllContacts},
-    {"worn_gel", "dots lose contrast", kAllContacts},
-    {"dot_shading", "lit and shaded rims of dots", kAllContacts},
-    {"gel_margins", "dark margins around the gel", kAllContacts},
-    {"camera_faults", "dropped, late, torn, frozen frames; unplug", kAllContacts},
+    {"press", "markers move under a press"},
+    {"shear", "markers move under a drag"},
+    {"twist", "the object turns about the normal"},
+    {"partial_slip", "a stick area shrinks inside a slip annulus"},
+    {"gross_slip", "the whole contact slides"},
+    {"layer", "finite thickness of the gel"},
+    {"load_history", "reversal, cycles, and a normal force that changes under shear"},
+    {"kinetic_friction", "kinetic friction below the static one"},
+    {"cone", "a body of revolution other than a sphere"},
+    {"shapes", "objects that are not round, and textures", true},
+    {"compliance", "a soft object between gripper and gel"},
+    {"mass", "an object with mass on a springy drive: stick-slip"},
+    {"pull", "forces from outside on an object with mass"},
+    {"creep", "a held load goes on deforming the gel"},
+    {"press_dilation", "FOTS's outward motion under a press"},
+    {"marker_noise", "noise of marker places"},
+    {"marker_loss", "markers missing now and then, or for ever"},
+    {"marker_duplicates", "dots beside dots"},
+    {"dirt", "dark specks on the picture"},
+    {"fabrication", "dots printed off their place"},
+    {"relief", "a fine relief of the object, which the picture shows"},
+    {"pixel_noise", "noise of the picture"},
+    {"light", "drift and flicker of the light"},
+    {"exposure", "motion blur"},
+    {"rolling_shutter", "rows are taken one after the other"},
+    {"worn_gel", "dots lose contrast"},
+    {"dot_shading", "lit and shaded rims of dots"},
+    {"gel_margins", "dark margins around the gel"},
+    {"camera_faults", "dropped, late, torn, frozen frames; unplug"},
 }};
 
 }  // namespace holdfast::scene

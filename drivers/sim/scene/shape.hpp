@@ -19,7 +19,7 @@
 #include <optional>
 #include <string_view>
 
-#include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/contact/hertz.hpp"
 
 namespace holdfast::scene {
 
@@ -62,7 +62,7 @@ struct Relief {
 // yaw). >= 0; beyond the rim of a flat it grows without bound.
 [[nodiscard]] double height_mm(const Shape& shape, Vec2 at_mm);
 
-// Bodies of revolution without texture or tilt, which the levels `closed` and `springs` can do: f(r) = A r^n.
+// Bodies of revolution without texture or tilt, which the level `springs` can do: f(r) = A r^n.
 struct Round {
   double coefficient = 0.0;
   int exponent = 2;

@@ -24,7 +24,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/sim/scene/contact.hpp"
+#include "drivers/sim/scene/contact/contact.hpp"
 #include "drivers/sim/scene/scene.hpp"
 
 namespace holdfast::scene {

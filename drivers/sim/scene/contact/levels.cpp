@@ -3,9 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "drivers/sim/scene/contact_grid.hpp"
-#include "drivers/sim/scene/contact_kinematic.hpp"
-#include "drivers/sim/scene/contact_round.hpp"
+#include "drivers/sim/scene/contact/grid.hpp"
+#include "drivers/sim/scene/contact/round.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 
 namespace holdfast::scene {
@@ -36,28 +35,17 @@ std::unique_ptr<Contact> make_contact(const Scene& scene, std::span<const Vec2> 
   const Object& object = scene.object;
   const double kinetic = object.kinetic_friction.value_or(object.friction);
   const auto round = as_round(object.shape);
-  switch (scene.level.contact) {
-    case ContactLevel::kKinematic:
-      return std::make_unique<KinematicContact>(KinematicSetup{.gel = scene.gel, .shape = object.shape}, markers_mm);
-    case ContactLevel::kClosed:
-    case ContactLevel::kSprings:
-      if (round) {
-        RoundSetup setup{.gel = scene.gel,
-                         .round = *round,
-                         .static_friction = object.friction,
-                         .kinetic_friction = kinetic,
-                         .bonded = object.bonded,
-                         .press_dilation = scene.effects.press_dilation,
-                         .springs = scene.level.springs};
-        if (scene.level.contact == ContactLevel::kClosed && round->exponent == 2) {
-          return std::make_unique<ClosedContact>(setup, markers_mm);
-        }
-        setup.extent_mm = extent_mm(scene, *round);
-        return std::make_unique<SpringsContact>(setup, markers_mm);
-      }
-      break;  // the loader refuses it; the one level that can do it takes its place
-    case ContactLevel::kGrid:
-      break;
+  // The loader refuses springs under what is not round; the one level that can do it takes their place.
+  if (round && scene.level.contact == ContactLevel::kSprings) {
+    return std::make_unique<SpringsContact>(RoundSetup{.gel = scene.gel,
+                                                       .round = *round,
+                                                       .static_friction = object.friction,
+                                                       .kinetic_friction = kinetic,
+                                                       .bonded = object.bonded,
+                                                       .press_dilation = scene.effects.press_dilation,
+                                                       .extent_mm = extent_mm(scene, *round),
+                                                       .springs = scene.level.springs},
+                                            markers_mm);
   }
   return std::make_unique<GridContact>(GridSetup{.gel = scene.gel,
                                                  .shape = object.shape,

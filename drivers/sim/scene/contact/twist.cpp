@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/contact_twist.hpp"
+#include "drivers/sim/scene/contact/twist.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -17,11 +17,6 @@ using std::numbers::pi;
 constexpr double kMost = 1e40;
 constexpr double kMostTwist = 6.907755278982137;  // ln(a/c) at c = a / 1000
 constexpr double kLimit = 3.0 * pi / 16.0;        // M_max / (mu P a)
-// Below this G a^2 beta / (mu P) the whole contact counts as stuck in the field: a - c, which is 8/3 of it, loses eps
-// over it of its digits; leaving the annulus out costs its square root, and only at the annulus. Both errors are 1e-5.
-constexpr double kStuckTwist = 1e-11;
-// Below this even the moment is that of a stuck disc, to the last bit.
-constexpr double kElasticTwist = 1e-18;
 // Beyond this r/s the closed form of U loses (r/s)^2 digits; the series is good to 1e-13 there.
 constexpr double kFarField = 30.0;
 // A spring on its limit carries it up to a few roundings.
@@ -40,23 +35,6 @@ constexpr std::array<Node, 6> kSix{{{0.03376524289842398, 0.08566224618958517},
                                     {0.61930959304159845, 0.23395696728634552},
                                     {0.83060469323313225, 0.18038078652406930},
                                     {0.96623475710157601, 0.08566224618958517}}};
-constexpr std::array<Node, 16> kSixteen{{{0.00529953250417503, 0.01357622970587704},
-                                         {0.02771248846338371, 0.03112676196932394},
-                                         {0.06718439880608412, 0.04757925584124639},
-                                         {0.12229779582249848, 0.06231448562776693},
-                                         {0.19106187779867812, 0.07479799440828836},
-                                         {0.27099161117138630, 0.08457825969750126},
-                                         {0.35919822461037054, 0.09130170752246179},
-                                         {0.45249374508118127, 0.09472530522753424},
-                                         {0.54750625491881872, 0.09472530522753424},
-                                         {0.64080177538962945, 0.09130170752246179},
-                                         {0.72900838882861369, 0.08457825969750126},
-                                         {0.80893812220132187, 0.07479799440828836},
-                                         {0.87770220417750151, 0.06231448562776693},
-                                         {0.93281560119391587, 0.04757925584124639},
-                                         {0.97228751153661628, 0.03112676196932394},
-                                         {0.99470046749582496, 0.01357622970587704}}};
-
 // Complete elliptic integrals of the modulus k; s = sqrt(1 - k^2) > 0.
 struct Elliptic {
   double e;          // E
@@ -82,98 +60,8 @@ Elliptic elliptic(double s, double k2) {
   return {k * (1.0 - sum), k * sum};
 }
 
-// By t = ln(a/c), in which small and large twists are both smooth.
-Elliptic elliptic_of(double t) {
-  return elliptic(portable::exp(-t), -portable::expm1(-2.0 * t));
-}
-
 // G a^2 beta / (mu P) = (3 / 4 pi) (K - E); its slope by t is (3 / 4 pi) E.
 constexpr double kAngle = 3.0 / (4.0 * pi);
-
-// E's value for a point of the field: Ramanujan's perimeter of the ellipse. Off by 5e-5 at s = 0.05, 1e-6 at 0.2; small
-// discs hardly move the field.
-double perimeter(double s) {
-  const double root = (1.0 - s) / (1.0 + s);
-  const double h = root * root;
-  return 0.25 * pi * (1.0 + s) * (1.0 + 3.0 * h / (10.0 + std::sqrt(4.0 - 3.0 * h)));
-}
-
-// Nodes in v = sqrt(t): U(r, s) has a square root at s = r, which is straight in v when r is at the rim. A node's
-// weight times dbeta/dt is its disc's turn.
-struct Rings {
-  std::array<double, kSixteen.size()> radius{};  // in units of a
-  std::array<double, kSixteen.size()> turn{};    // in units of mu P / (G a^2)
-};
-
-Rings rings(double t) {
-  Rings result;
-  const double reach = std::sqrt(t);
-  for (std::size_t i = 0; i < kSixteen.size(); ++i) {
-    const double v = kSixteen[i].at * reach;
-    result.radius[i] = portable::exp(-v * v);
-    result.turn[i] = kAngle * elliptic_of(v * v).e * 2.0 * v * reach * kSixteen[i].weight;
-  }
-  return result;
-}
-
-// M / (mu P a).
-double moment_of(double t) {
-  const Rings r = rings(t);
-  double sum = 0.0;
-  for (std::size_t i = 0; i < kSixteen.size(); ++i) {
-    sum += 16.0 / 3.0 * r.turn[i] * r.radius[i] * r.radius[i] * r.radius[i];
-  }
-  return std::min(sum, kLimit);
-}
-
-// beta(t) is concave; its tangents at both ends lie above it, so Newton's steps from there never pass the root.
-double t_of_angle(double angle) {
-  double t = std::max(8.0 / 3.0 * angle, angle / kAngle + 1.0 - 2.0 * std::numbers::ln2);
-  for (int i = 0; i < 12; ++i) {
-    const Elliptic el = elliptic_of(t);
-    const double step = (angle / kAngle - el.k_minus_e) / el.e;
-    t += step;
-    if (!(std::abs(step) > 1e-9 * t)) break;  // Newton has squared that by now
-  }
-  return std::clamp(t, 0.0, kMostTwist);
-}
-
-// -ln(1 - M/M_max) / 3 is nearly t.
-double t_of_moment(double share) {
-  const double wanted = -portable::log1p(-share) / 3.0;
-  double t = std::min(wanted, kMostTwist);
-  for (int i = 0; i < 12; ++i) {
-    const double reached = moment_of(t) / kLimit;
-    const double room = std::max(1.0 - reached, 1e-12);
-    const double slope = 4.0 / pi / kLimit * portable::exp(-3.0 * t) * elliptic_of(t).e / (3.0 * room);
-    // The difference of the logarithms, without losing the digits of a small twist.
-    const double step = -portable::log1p((reached - share) / room) / 3.0 / slope;
-    const double next = std::clamp(t + step, 0.0, kMostTwist);
-    const double moved = std::abs(next - t);
-    t = next;
-    if (!(moved > 1e-9 * t)) break;
-  }
-  return t;
-}
-
-bool touches(const FrictionContact& contact) {
-  return contact.press.contact_radius_mm > 0.0;
-}
-
-// mu P / (G a^2).
-double angle_unit(const FrictionContact& contact) {
-  const double a = contact.press.contact_radius_mm;
-  return contact.friction * contact.press.force_n / a / a / contact.gel.shear_modulus_mpa;
-}
-
-double moment_unit(const FrictionContact& contact) {
-  return contact.friction * contact.press.force_n * contact.press.contact_radius_mm;
-}
-
-double stuck_stiffness(const FrictionContact& contact) {
-  const double a = contact.press.contact_radius_mm;
-  return 16.0 / 3.0 * contact.gel.shear_modulus_mpa * a * a * a;
-}
 
 // U(r, s) / r for e = s / r < 1.
 double lag(double e) {
@@ -182,28 +70,11 @@ double lag(double e) {
   return 2.0 / pi * (portable::asin(e) - e * std::sqrt((1.0 - e) * (1.0 + e)));
 }
 
-// U(r, s) / (r e^3) by v = sqrt(1 - e), to 6e-8: Chebyshev's sum in 2 v - 1. The field's sum needs no branch, asin or
-// digits of small discs.
-void lag_over_cube(const std::array<double, kSix.size()>& v, std::array<double, kSix.size()>& lags) {
-  constexpr std::array<double, 12> kSum{0.531152066749, -0.221000656176, 0.144821595807, -0.054628186754,
-                                        0.029739737870, -0.010239988684, 0.005460042850, -0.001657061631,
-                                        0.000769666902, -0.000234523767, 0.000263454215, -0.000032992533};
-  lags.fill(0.0);
-  for (std::size_t k = kSum.size(); k-- > 0;) {
-    for (std::size_t i = 0; i < v.size(); ++i) lags[i] = lags[i] * (2.0 * v[i] - 1.0) + kSum[k];
-  }
-}
-
 // Integral of U(r, s) / r over e = s / r, from 0.
 double lag_integral(double e) {
   if (e >= 1.0) return e - 8.0 / (3.0 * pi);
   const double w2 = (1.0 - e) * (1.0 + e);
   return 2.0 / pi * (e * portable::asin(e) + std::sqrt(w2) * (1.0 + w2 / 3.0) - 4.0 / 3.0);
-}
-
-Vec2 around(double motion_mm, Vec2 at, double r) {
-  if (!(r > 0.0)) return {};
-  return {-motion_mm * (at.y / r), motion_mm * (at.x / r)};
 }
 
 // What Lubkin's stick disc of radius x holds up to, summed over the rings outside x: the integral of
@@ -253,105 +124,6 @@ double bounded(double value) {
 
 }  // namespace
 
-double moment_limit_nmm(const FrictionContact& contact) {
-  return touches(contact) ? kLimit * moment_unit(contact) : 0.0;
-}
-
-double gross_angle_rad(const FrictionContact& contact) {
-  return touches(contact) ? kAngle * elliptic_of(kMostTwist).k_minus_e * angle_unit(contact) : 0.0;
-}
-
-Twist twist_by_angle(const FrictionContact& contact, double angle_rad) {
-  if (!touches(contact)) return {};
-  const double a = contact.press.contact_radius_mm;
-  if (angle_rad == 0.0) return {0.0, 0.0, a, false};
-  const double gross = gross_angle_rad(contact);
-  if (std::abs(angle_rad) >= gross) {
-    return {std::copysign(moment_limit_nmm(contact), angle_rad), std::copysign(gross, angle_rad), 0.0, true};
-  }
-  const double load = std::abs(angle_rad) / angle_unit(contact);
-  if (load < kElasticTwist) return {angle_rad * stuck_stiffness(contact), angle_rad, a, false};
-  const double t = t_of_angle(load);
-  return {std::copysign(moment_of(t) * moment_unit(contact), angle_rad), angle_rad, a * portable::exp(-t), false};
-}
-
-Twist twist_by_moment(const FrictionContact& contact, double moment_nmm) {
-  if (!touches(contact)) return {};
-  const double a = contact.press.contact_radius_mm;
-  if (moment_nmm == 0.0) return {0.0, 0.0, a, false};
-  const double limit = moment_limit_nmm(contact);
-  const double share = std::abs(moment_nmm) / limit;
-  if (std::abs(moment_nmm) >= limit) {
-    return {std::copysign(limit, moment_nmm), std::copysign(gross_angle_rad(contact), moment_nmm), 0.0, true};
-  }
-  if (share < kElasticTwist) return {moment_nmm, moment_nmm / stuck_stiffness(contact), a, false};
-  const double t = t_of_moment(share);
-  return {moment_nmm, std::copysign(kAngle * elliptic_of(t).k_minus_e * angle_unit(contact), moment_nmm),
-          a * portable::exp(-t), false};
-}
-
-double tangent_stiffness_nmm_per_rad(const FrictionContact& contact, const Twist& twist) {
-  const double c = twist.stick_radius_mm;
-  return 16.0 / 3.0 * contact.gel.shear_modulus_mpa * c * c * c;
-}
-
-double slip_fraction(const FrictionContact& contact, const Twist& twist) {
-  if (!touches(contact)) return 0.0;
-  const double ratio = twist.stick_radius_mm / contact.press.contact_radius_mm;
-  return (1.0 - ratio) * (1.0 + ratio);
-}
-
-// Rings larger than r turn the point as they turn themselves: beta(r) in all. The others, by e = s / r = 1 - v^2, leave
-// a smooth integrand: the square root of U at s = r is v.
-Vec2 twist_field_mm(const FrictionContact& contact, const Twist& twist, Vec2 at) {
-  if (!touches(contact) || twist.angle_rad == 0.0) return {};
-  const double a = contact.press.contact_radius_mm;
-  const double r = portable::hypot(at.x, at.y);
-  const double unit = angle_unit(contact);
-  if (std::abs(twist.angle_rad) / unit < kStuckTwist) {
-    return around(disc_motion_mm({a, twist.angle_rad, 0.0}, r), at, r);
-  }
-  const double c = twist.turning ? a * portable::exp(-kMostTwist) : twist.stick_radius_mm;
-  if (r <= c) return around(twist.angle_rad * r, at, r);
-  const double far = r / a;
-  const double begin = r > a ? std::sqrt((r - a) / r) : 0.0;
-  const double end = std::sqrt((r - c) / r);
-  // In lanes, for the compiler to work on several nodes at once.
-  std::array<double, kSix.size()> v;
-  std::array<double, kSix.size()> lags;
-  std::array<double, kSix.size()> part;
-  for (std::size_t i = 0; i < v.size(); ++i) v[i] = begin + (end - begin) * kSix[i].at;
-  lag_over_cube(v, lags);
-  for (std::size_t i = 0; i < v.size(); ++i) {
-    const double e = (1.0 - v[i]) * (1.0 + v[i]);
-    part[i] = kSix[i].weight * 2.0 * v[i] * e * e * lags[i] * perimeter(e * far);
-  }
-  double sum = 0.0;
-  for (const double value : part) sum += value;
-  sum *= kAngle * (end - begin);
-  if (r < a) sum += kAngle * elliptic(far, (1.0 - far) * (1.0 + far)).k_minus_e;
-  return around(std::copysign(sum * unit, twist.angle_rad) * r, at, r);
-}
-
-TwistDiscs twist_discs(const FrictionContact& contact, const Twist& twist) {
-  TwistDiscs result;
-  if (!touches(contact) || twist.angle_rad == 0.0) return result;
-  const double a = contact.press.contact_radius_mm;
-  const double unit = angle_unit(contact);
-  const double load = std::abs(twist.angle_rad) / unit;
-  if (load < kElasticTwist) {
-    result.discs[0] = {a, twist.angle_rad, 0.0};
-    result.count = 1;
-    return result;
-  }
-  const Rings r = rings(twist.turning ? kMostTwist : t_of_angle(load));
-  for (std::size_t i = 0; i < kSixteen.size(); ++i) {
-    result.discs[i] = {a * r.radius[i], std::copysign(r.turn[i] * unit, twist.angle_rad), 0.0};
-  }
-  result.count = static_cast<int>(kSixteen.size());
-  return result;
-}
-
 double disc_moment_nmm(const Gel& gel, const TwistDiscs::Disc& disc) {
   const double r = disc.radius_mm;
   return 16.0 / 3.0 * gel.shear_modulus_mpa * disc.turn_rad * r * (r * r + disc.spread_mm * disc.spread_mm);
@@ -373,13 +145,6 @@ double disc_motion_mm(const TwistDiscs::Disc& disc, double r) {
     return disc.turn_rad * r * (lag(e) + d * d / 6.0 * bend);
   }
   return disc.turn_rad * r * (lag_integral(outer / r) - lag_integral(inner / r)) / (2.0 * d);
-}
-
-Vec2 twist_field_mm(const TwistDiscs& discs, Vec2 at) {
-  const double r = portable::hypot(at.x, at.y);
-  double sum = 0.0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(discs.count); ++i) sum += disc_motion_mm(discs.discs[i], r);
-  return around(sum, at, r);
 }
 
 TwistSprings::TwistSprings(const TwistSpringSetup& setup)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/contact_round.hpp"
+#include "drivers/sim/scene/contact/round.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -40,26 +40,6 @@ double stick_ratio(const Layer& layer, double radius_mm) {
   return thin > 0.0 && thick > 0.0 && std::isfinite(thick / thin) ? thick / thin : 1.0;
 }
 
-// Motion on the half-space that takes the load of this motion on the layer: the middle of the contact moves as the
-// object does. Each part of the load is a punch on the stick disc of its time, so the slope is the ratio of punches.
-double half_space_motion_mm(const Layer& layer, const FrictionContact& contact, double motion_mm) {
-  const double a = contact.press.contact_radius_mm;
-  const double start = motion_mm * stick_ratio(layer, a);
-  const double gross_mm = gross_displacement_mm(contact);
-  if (std::isinf(layer.gel().thickness_mm) || !std::isfinite(gross_mm) || !(gross_mm > 0.0)) return start;
-  const double slope = contact.friction * dome_slope(contact.press);
-  const double full_mm = slope * layer.dome(a, 0.0).mean;
-  // Sliding: as far beyond the limit as the object is.
-  if (motion_mm >= full_mm) return gross_mm + (motion_mm - full_mm);
-  double guess = std::min(start, gross_mm);
-  for (int round = 0; round < 4; ++round) {
-    const double c = a * std::sqrt(std::max(1.0 - guess / gross_mm, 0.0));
-    const double reached = full_mm - slope * layer.dome(c, 0.0).mean;
-    guess = std::clamp(guess + (motion_mm - reached) * stick_ratio(layer, c), 0.0, gross_mm);
-  }
-  return guess;
-}
-
 // The same for a turn, where the disc's middle half moves.
 double turn_ratio(const Layer& layer, double radius_mm) {
   const double g = layer.gel().shear_modulus_mpa;
@@ -72,19 +52,6 @@ double sphere_radius(const Round& round) {
   return round.coefficient > 0.0 ? 0.5 / round.coefficient : 0.0;
 }
 
-// A load alone over its limit; beyond the limit, how far the motion is beyond it (share_friction()).
-double shear_load(const FrictionContact& contact, double half_space_mm) {
-  const Shear alone = shear_by_displacement(contact, half_space_mm);
-  if (alone.sliding) return half_space_mm / gross_displacement_mm(contact);
-  return alone.force_n / (contact.friction * contact.press.force_n);
-}
-
-double twist_load(const FrictionContact& contact, double half_space_rad) {
-  const Twist alone = twist_by_angle(contact, half_space_rad);
-  if (alone.turning) return half_space_rad / gross_angle_rad(contact);
-  return alone.moment_nmm / moment_limit_nmm(contact);
-}
-
 }  // namespace
 
 RoundField::RoundField(const RoundSetup& setup, std::span<const Vec2> markers_mm)
@@ -93,8 +60,7 @@ RoundField::RoundField(const RoundSetup& setup, std::span<const Vec2> markers_mm
       press_dilation_(setup.press_dilation),
       markers_mm_(markers_mm.begin(), markers_mm.end()) {
   from_mm_.resize(size());
-  for (auto* numbers : {&r_mm_, &mean_, &fan_, &outward_, &passed_, &full_mean_, &full_fan_, &stick_mean_, &stick_fan_})
-    numbers->resize(size());
+  for (auto* numbers : {&r_mm_, &turn_, &outward_, &passed_}) numbers->resize(size());
   move_center({});
 }
 
@@ -103,7 +69,7 @@ void RoundField::move_center(Vec2 center_mm) {
     from_mm_[i] = {markers_mm_[i].x - center_mm.x, markers_mm_[i].y - center_mm.y};
     r_mm_[i] = std::sqrt(from_mm_[i].x * from_mm_[i].x + from_mm_[i].y * from_mm_[i].y);
   }
-  full_radius_mm_ = outward_radius_mm_ = turn_radius_mm_ = -1.0;
+  outward_radius_mm_ = turn_radius_mm_ = -1.0;
   passed_known_ = false;
   for (Turned& turned : turned_) turned.radius_mm = -1.0;
 }
@@ -153,56 +119,9 @@ void RoundField::add_press(const Press& press, double friction, double stick_mm,
   }
 }
 
-// mean_ and fan_ hold what a load of 1 along +x does.
-void RoundField::add_spread(Vec2 load, std::span<Vec2> motion_mm) const {
-  for (std::size_t i = 0; i < size(); ++i) {
-    const double r2 = r_mm_[i] * r_mm_[i];
-    const double turn = r2 > 0.0 ? fan_[i] / r2 : 0.0;
-    const Vec2 f = from_mm_[i];
-    const double cos_2 = turn * (f.x - f.y) * (f.x + f.y);
-    const double sin_2 = turn * 2.0 * f.x * f.y;
-    motion_mm[i].x += (mean_[i] + cos_2) * load.x + sin_2 * load.y;
-    motion_mm[i].y += sin_2 * load.x + (mean_[i] - cos_2) * load.y;
-  }
-}
-
-void RoundField::add_domes(double contact_mm, double stick_mm, Vec2 slope_mpa_per_mm, std::span<Vec2> motion_mm) {
-  if (!(contact_mm > 0.0)) return;
-  if (full_radius_mm_ != contact_mm) {
-    full_radius_mm_ = contact_mm;
-    layer_.dome(contact_mm, r_mm_, full_mean_, full_fan_);
-  }
-  mean_ = full_mean_;
-  fan_ = full_fan_;
-  if (stick_mm > 0.0) {
-    layer_.dome(stick_mm, r_mm_, stick_mean_, stick_fan_);
-    for (std::size_t i = 0; i < size(); ++i) {
-      mean_[i] -= stick_mean_[i];
-      fan_[i] -= stick_fan_[i];
-    }
-  }
-  add_spread(slope_mpa_per_mm, motion_mm);
-}
-
-void RoundField::add_punch(double radius_mm, Vec2 force_n, std::span<Vec2> motion_mm) {
-  if (!(radius_mm > 0.0)) return;
-  layer_.punch(radius_mm, r_mm_, mean_, fan_);
-  add_spread(force_n, motion_mm);
-}
-
-void RoundField::add_twist(const FrictionContact& contact, const Twist& twist, std::span<Vec2> motion_mm) {
-  for (std::size_t i = 0; i < size(); ++i) {
-    const Vec2 u = twist_field_mm(contact, twist, from_mm_[i]);
-    motion_mm[i] = {motion_mm[i].x + u.x, motion_mm[i].y + u.y};
-  }
-  if (std::isfinite(layer_.gel().thickness_mm)) {
-    add_layer_turn(contact.press.contact_radius_mm, twist_discs(contact, twist), motion_mm);
-  }
-}
-
 void RoundField::add_discs(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm) {
   turned_.resize(std::max(turned_.size(), static_cast<std::size_t>(discs.count)));
-  std::fill(mean_.begin(), mean_.end(), 0.0);
+  std::fill(turn_.begin(), turn_.end(), 0.0);
   for (std::size_t k = 0; k < static_cast<std::size_t>(discs.count); ++k) {
     const TwistDiscs::Disc& disc = discs.discs[k];
     if (disc.turn_rad == 0.0) continue;
@@ -216,11 +135,11 @@ void RoundField::add_discs(double radius_mm, const TwistDiscs& discs, std::span<
             r_mm_[i] > 0.0 ? disc_motion_mm({disc.radius_mm, 1.0, disc.spread_mm}, r_mm_[i]) / r_mm_[i] : 1.0;
       }
     }
-    for (std::size_t i = 0; i < size(); ++i) mean_[i] += disc.turn_rad * turned.share[i];
+    for (std::size_t i = 0; i < size(); ++i) turn_[i] += disc.turn_rad * turned.share[i];
   }
   for (std::size_t i = 0; i < size(); ++i) {
-    motion_mm[i].x -= mean_[i] * from_mm_[i].y;
-    motion_mm[i].y += mean_[i] * from_mm_[i].x;
+    motion_mm[i].x -= turn_[i] * from_mm_[i].y;
+    motion_mm[i].y += turn_[i] * from_mm_[i].x;
   }
   if (std::isfinite(layer_.gel().thickness_mm)) add_layer_turn(radius_mm, discs, motion_mm);
 }
@@ -258,106 +177,6 @@ void RoundField::add_layer_turn(double radius_mm, const TwistDiscs& discs, std::
     motion_mm[i].y += turn * from_mm_[i].x;
   }
 }
-
-// --- B1 ---
-
-ClosedContact::ClosedContact(const RoundSetup& setup, std::span<const Vec2> markers_mm)
-    : setup_(setup), field_(setup, markers_mm) {
-  if (setup.bonded) setup_.static_friction = std::numeric_limits<double>::infinity();
-}
-
-const ContactState& ClosedContact::move_to(const ObjectPose& pose) {
-  return set(field_.layer().press_by_depth(sphere_radius(setup_.round), pose.depth_mm), pose.at_mm, pose.twist_rad);
-}
-
-const ContactState& ClosedContact::press_to(double force_n, Vec2 at_mm, double twist_rad) {
-  return set(field_.layer().press_by_force(sphere_radius(setup_.round), force_n), at_mm, twist_rad);
-}
-
-const ContactState& ClosedContact::set(const Press& press, Vec2 at_mm, double twist_rad) {
-  if (!(press.contact_radius_mm > kLeastRadius_mm)) {
-    touching_ = false;
-    for_shear_ = for_twist_ = {};
-    shear_ = {};
-    twist_ = {};
-    state_ = {};
-    return state_;
-  }
-  if (!touching_) {
-    touching_ = true;
-    touched_mm_ = anchor_mm_ = at_mm;
-    touched_rad_ = anchor_rad_ = twist_rad;
-    field_.move_center(anchor_mm_);
-  }
-  const Layer& layer = field_.layer();
-  const Vec2 way{at_mm.x - anchor_mm_.x, at_mm.y - anchor_mm_.y};
-  const double motion_mm = length(way);
-  along_ = motion_mm > 0.0 ? Vec2{way.x / motion_mm, way.y / motion_mm} : Vec2{1.0, 0.0};
-  const double angle_rad = twist_rad - anchor_rad_;
-
-  for_shear_ = for_twist_ = {setup_.gel, press, setup_.static_friction};
-  double turn_scale = 1.0;
-  if (angle_rad != 0.0) {
-    turn_scale = turn_ratio(layer, press.contact_radius_mm);
-    const FrictionShare share =
-        share_friction(shear_load(for_shear_, half_space_motion_mm(layer, for_shear_, motion_mm)),
-                       twist_load(for_twist_, angle_rad * turn_scale));
-    if (!setup_.bonded) {
-      for_shear_.friction *= share.for_shear;
-      for_twist_.friction *= share.for_twist;
-    }
-    twist_ = twist_by_angle(for_twist_, angle_rad * turn_scale);
-    if (twist_.turning) anchor_rad_ = twist_rad - twist_.angle_rad / turn_scale;
-  } else {
-    twist_ = {};
-  }
-  const double counted_mm = half_space_motion_mm(layer, for_shear_, motion_mm);
-  shear_ = shear_by_displacement(for_shear_, counted_mm);
-  if (shear_.sliding) {
-    const double held_mm = motion_mm - (counted_mm - shear_.displacement_mm);
-    anchor_mm_ = {at_mm.x - held_mm * along_.x, at_mm.y - held_mm * along_.y};
-    field_.move_center(anchor_mm_);
-  }
-
-  state_.depth_mm = press.depth_mm;
-  state_.normal_n = press.force_n;
-  state_.contact_radius_mm = press.contact_radius_mm;
-  state_.stick_radius_mm = shear_.stick_radius_mm;
-  if (angle_rad != 0.0) state_.stick_radius_mm = std::min(state_.stick_radius_mm, twist_.stick_radius_mm);
-  const double stick = state_.stick_radius_mm / press.contact_radius_mm;
-  state_.slip_fraction = (1.0 - stick) * (1.0 + stick);
-  state_.gross = shear_.sliding || twist_.turning;
-  if (state_.gross) {
-    state_.slip_fraction = 1.0;
-    state_.stick_radius_mm = 0.0;
-  }
-  state_.shear_n = {shear_.force_n * along_.x, shear_.force_n * along_.y};
-  state_.moment_nmm = twist_.moment_nmm;
-  state_.slid_mm = {anchor_mm_.x - touched_mm_.x, anchor_mm_.y - touched_mm_.y};
-  state_.slid_rad = anchor_rad_ - touched_rad_;
-  state_.center_mm = at_mm;
-  return state_;
-}
-
-void ClosedContact::field(std::span<Vec2> motion_mm) {
-  std::fill_n(motion_mm.begin(), field_.size(), Vec2{});
-  if (!touching_) return;
-  const Press& press = for_shear_.press;
-  field_.add_press(press, setup_.static_friction, state_.stick_radius_mm, motion_mm);
-  const double a = press.contact_radius_mm;
-  if (shear_.force_n != 0.0) {
-    const double limit_n = for_shear_.friction * press.force_n;
-    if (std::isinf(limit_n) || shear_.force_n / limit_n < kStuckLoad) {
-      field_.add_punch(a, state_.shear_n, motion_mm);
-    } else {
-      const double slope = for_shear_.friction * dome_slope(press);
-      field_.add_domes(a, shear_.stick_radius_mm, {slope * along_.x, slope * along_.y}, motion_mm);
-    }
-  }
-  if (twist_.moment_nmm != 0.0) field_.add_twist(for_twist_, twist_, motion_mm);
-}
-
-// --- B2 ---
 
 SpringsContact::SpringsContact(const RoundSetup& setup, std::span<const Vec2> markers_mm)
     : setup_(setup),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/contact_grid.hpp"
+#include "drivers/sim/scene/contact/grid.hpp"
 
 #include <algorithm>
 #include <array>
@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/sim/scene/layer.hpp"
+#include "drivers/sim/scene/contact/layer.hpp"
 #include "drivers/sim/scene/portable.hpp"
 
 namespace holdfast::scene {

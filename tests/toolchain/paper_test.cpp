@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Oracles: the layer's own press and shear (layer.hpp) for the limits, the trials' rules checked on their numbers, and
 // the simulation's truth.
-#include "drivers/sim/scene/paper.hpp"
+#include "toolchain/learn/paper.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -14,8 +14,8 @@
 #include <string>
 #include <vector>
 
-#include "drivers/sim/scene/layer.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/contact/layer.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -236,7 +236,7 @@ TEST(Paper, every_trial_is_a_scene_that_its_level_can_play) {
     for (const std::string& need : scene.needs) {
       const auto* capability = std::ranges::find(kCapabilities, need, &Capability::name);
       CHECK_TRUE_TEXT(capability != kCapabilities.end(), need.c_str());
-      CHECK_TRUE_TEXT((capability->contacts >> static_cast<int>(scene.level.contact)) & 1, need.c_str());
+      CHECK_TRUE_TEXT(can(scene.level.contact, *capability), need.c_str());
     }
   });
   // Two spheres, twelve motions.

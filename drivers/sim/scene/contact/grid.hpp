@@ -55,7 +55,7 @@
 #include <memory>
 #include <span>
 
-#include "drivers/sim/scene/contact.hpp"
+#include "drivers/sim/scene/contact/contact.hpp"
 #include "drivers/sim/scene/shape.hpp"
 
 namespace holdfast::scene {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/render.hpp"
+#include "drivers/sim/scene/picture/render.hpp"
 
 #include <algorithm>
 #include <array>

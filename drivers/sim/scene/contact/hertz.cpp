@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/contact/hertz.hpp"
 
 #include <cmath>
 #include <numbers>
@@ -62,54 +62,6 @@ double gross_displacement_mm(const FrictionContact& contact) {
          (16.0 * gel.shear_modulus_mpa * contact.press.contact_radius_mm);
 }
 
-Shear shear_by_force(const FrictionContact& contact, double force_n) {
-  if (!touches(contact)) return {};
-  const double a = contact.press.contact_radius_mm;
-  const double limit_n = friction_limit_n(contact);
-  if (force_n == 0.0) return {0.0, 0.0, a, false};
-  if (std::abs(force_n) >= limit_n) {
-    return {std::copysign(limit_n, force_n), std::copysign(gross_displacement_mm(contact), force_n), 0.0, true};
-  }
-  if (std::isinf(limit_n)) {
-    const double delta = force_n * (2.0 - contact.gel.poisson) / (8.0 * contact.gel.shear_modulus_mpa * a);
-    return {force_n, delta, a, false};
-  }
-  const double load = std::abs(force_n) / limit_n;
-  // 1 - (1 - load)^(2/3), exact for small loads.
-  const double share = -portable::expm1(2.0 / 3.0 * portable::log1p(-load));
-  return {force_n, std::copysign(gross_displacement_mm(contact) * share, force_n), a * portable::cbrt(1.0 - load),
-          false};
-}
-
-Shear shear_by_displacement(const FrictionContact& contact, double displacement_mm) {
-  if (!touches(contact)) return {};
-  const double a = contact.press.contact_radius_mm;
-  const double gross_mm = gross_displacement_mm(contact);
-  if (displacement_mm == 0.0) return {0.0, 0.0, a, false};
-  if (std::abs(displacement_mm) >= gross_mm) {
-    return {std::copysign(friction_limit_n(contact), displacement_mm), std::copysign(gross_mm, displacement_mm), 0.0,
-            true};
-  }
-  if (std::isinf(gross_mm)) {
-    const double force = displacement_mm * 8.0 * contact.gel.shear_modulus_mpa * a / (2.0 - contact.gel.poisson);
-    return {force, displacement_mm, a, false};
-  }
-  const double share = std::abs(displacement_mm) / gross_mm;
-  const double load = -portable::expm1(1.5 * portable::log1p(-share));
-  return {std::copysign(friction_limit_n(contact) * load, displacement_mm), displacement_mm, a * std::sqrt(1.0 - share),
-          false};
-}
-
-double tangent_stiffness_n_per_mm(const FrictionContact& contact, const Shear& shear) {
-  return 8.0 * contact.gel.shear_modulus_mpa * shear.stick_radius_mm / (2.0 - contact.gel.poisson);
-}
-
-double slip_fraction(const FrictionContact& contact, const Shear& shear) {
-  if (!touches(contact)) return 0.0;
-  const double ratio = shear.stick_radius_mm / contact.press.contact_radius_mm;
-  return (1.0 - ratio) * (1.0 + ratio);
-}
-
 Vec2 dome_field_mm(const Gel& gel, double radius_mm, double slope_mpa_per_mm, Vec2 at) {
   if (!(radius_mm > 0.0)) return {};
   const double nu = gel.poisson;
@@ -148,20 +100,6 @@ Vec2 stuck_field_mm(const Gel& gel, double radius_mm, double force_n, Vec2 at) {
   const Outside o = outside(radius_mm, at, r);
   const double fan = nu * o.ratio * complement(o.ratio);
   return {scale * ((2.0 - nu) * portable::asin(o.ratio) + fan * o.cos_2), scale * fan * o.sin_2};
-}
-
-Vec2 shear_field_mm(const FrictionContact& contact, const Shear& shear, Vec2 at) {
-  if (!touches(contact) || shear.force_n == 0.0) return {};
-  const double a = contact.press.contact_radius_mm;
-  if (std::abs(shear.force_n) / friction_limit_n(contact) < kStuckLoad) {
-    return stuck_field_mm(contact.gel, a, shear.force_n, at);
-  }
-  // mu p0 sqrt(1 - r^2/a^2) and (c/a) mu p0 sqrt(1 - r^2/c^2) are domes of the same slope mu p0 / a, so
-  // nothing is divided by c.
-  const double slope = std::copysign(contact.friction * contact.press.peak_pressure_mpa / a, shear.force_n);
-  const Vec2 full = dome_field_mm(contact.gel, a, slope, at);
-  const Vec2 stick = dome_field_mm(contact.gel, shear.stick_radius_mm, slope, at);
-  return {full.x - stick.x, full.y - stick.y};
 }
 
 }  // namespace holdfast::scene

@@ -56,8 +56,8 @@ struct SceneResult {
 //   shear            pressed, and x or y changes or something pulls
 //   twist            pressed, and the twist changes
 //   gross_slip       sheared or twisted and not bonded: friction is finite, so it may let go
-//   partial_slip     likewise, at any level but kinematic
-//   layer            pressed on a gel of finite thickness, at any level but kinematic
+//   partial_slip     likewise
+//   layer            pressed on a gel of finite thickness
 //   load_history     while in contact, the motion turns by more than a right angle or the twist turns back; or the
 //                    normal direction changes after the motion began, other than by a release straight to no contact
 //   shapes           anything but a smooth sphere or cone

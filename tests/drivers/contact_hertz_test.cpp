@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Oracles: quadrature of Boussinesq's and Cerruti's point-load solutions over the textbook tractions, force
-// balance, finite differences, and the limits where the answer is known without a formula.
-#include "drivers/sim/scene/contact_closed.hpp"
+// Hertz, and Cattaneo's and Mindlin's closed forms that the other contacts are measured with
+// (support/closed_forms.hpp). Oracles: quadrature of Boussinesq's and Cerruti's point-load solutions over the textbook
+// tractions, force balance, finite differences, and the limits where the answer is known without a formula.
+#include "drivers/sim/scene/contact/hertz.hpp"
 
 #include <array>
 #include <cmath>
@@ -9,9 +10,12 @@
 #include <limits>
 #include <numbers>
 
+#include "tests/support/closed_forms.hpp"
+// last: it redefines new
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast::scene;
+using namespace holdfast::test;
 using std::numbers::pi;
 
 namespace {
@@ -75,9 +79,9 @@ constexpr std::array<Vec2, 8> kPoints{{{0, 0}, {1, 0.5}, {2, -1.5}, {3.6, 0.2}, 
 
 }  // namespace
 
-TEST_GROUP(ContactClosed){};
+TEST_GROUP(ContactHertz){};
 
-TEST(ContactClosed, HertzCarriesTheForceAndMeetsTheSphere) {
+TEST(ContactHertz, HertzCarriesTheForceAndMeetsTheSphere) {
   const Press press = press_sphere(kGel, kSphere_mm, kPress_n);
   const double a = press.contact_radius_mm;
   // Sum of the pressure over rings, and Boussinesq's sinking (1 - nu) / G * integral of p dr in the centre.
@@ -96,7 +100,7 @@ TEST(ContactClosed, HertzCarriesTheForceAndMeetsTheSphere) {
   DOUBLES_EQUAL(2.0 * 0.1 / 0.51, effective_modulus_mpa(kGel), 1e-12);
 }
 
-TEST(ContactClosed, StickRadiusBalancesTheForce) {
+TEST(ContactHertz, StickRadiusBalancesTheForce) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   for (const double load : {0.1, 0.5, 0.9, 0.999}) {
@@ -112,7 +116,7 @@ TEST(ContactClosed, StickRadiusBalancesTheForce) {
   }
 }
 
-TEST(ContactClosed, FieldAgreesWithCerrutisIntegral) {
+TEST(ContactHertz, FieldAgreesWithCerrutisIntegral) {
   const FrictionContact contact = contact_of();
   for (const double load : {0.3, 0.9, 1.0}) {
     const Shear shear = shear_by_force(contact, load * kFriction * kPress_n);
@@ -136,7 +140,7 @@ TEST(ContactClosed, FieldAgreesWithCerrutisIntegral) {
   }
 }
 
-TEST(ContactClosed, StickZoneMovesAsOneByDelta) {
+TEST(ContactHertz, StickZoneMovesAsOneByDelta) {
   const FrictionContact contact = contact_of();
   for (const double load : {0.1, 0.5, 0.9, 0.999}) {
     const Shear shear = shear_by_force(contact, load * kFriction * kPress_n);
@@ -156,7 +160,7 @@ TEST(ContactClosed, StickZoneMovesAsOneByDelta) {
   }
 }
 
-TEST(ContactClosed, GrossDisplacementIsWhereTheStickDiscVanishes) {
+TEST(ContactHertz, GrossDisplacementIsWhereTheStickDiscVanishes) {
   const FrictionContact contact = contact_of();
   const double gross = gross_displacement_mm(contact);
   // The centre of a contact whose traction is mu p everywhere.
@@ -168,72 +172,7 @@ TEST(ContactClosed, GrossDisplacementIsWhereTheStickDiscVanishes) {
   DOUBLES_EQUAL(kFriction * kPress_n, shear_by_displacement(contact, 3.0 * gross).force_n, 1e-15);
 }
 
-TEST(ContactClosed, TangentStiffnessIsTheSlope) {
-  const FrictionContact contact = contact_of();
-  const double gross = gross_displacement_mm(contact);
-  for (const double share : {0.01, 0.3, 0.7, 0.95}) {
-    const double step = 1e-5 * gross;
-    const double slope = (shear_by_displacement(contact, share * gross + step).force_n -
-                          shear_by_displacement(contact, share * gross - step).force_n) /
-                         (2.0 * step);
-    const Shear shear = shear_by_displacement(contact, share * gross);
-    // Central difference: error of the third derivative and of 1e-16 / 1e-5, both below 1e-7.
-    DOUBLES_EQUAL(slope, tangent_stiffness_n_per_mm(contact, shear), 1e-7 * slope);
-  }
-  DOUBLES_EQUAL(0.0, tangent_stiffness_n_per_mm(contact, shear_by_displacement(contact, 2.0 * gross)), 0.0);
-}
-
-TEST(ContactClosed, ForceAndDisplacementUndoEachOther) {
-  const FrictionContact contact = contact_of();
-  for (const double load : {1e-300, 1e-15, 1e-9, 1e-3, 0.2, 0.7, 0.99, 0.999999}) {
-    for (const double sign : {1.0, -1.0}) {
-      const double force = sign * load * kFriction * kPress_n;
-      const Shear there = shear_by_force(contact, force);
-      const Shear back = shear_by_displacement(contact, there.displacement_mm);
-      // Near gross slip dQ/ddelta -> 0, so the way back loses nothing; 1e-14 is a few roundings.
-      DOUBLES_EQUAL(force, back.force_n, 1e-14 * std::abs(force));
-      DOUBLES_EQUAL(there.stick_radius_mm, back.stick_radius_mm, 1e-10);
-    }
-  }
-}
-
-TEST(ContactClosed, SmallLoadsKeepAllDigits) {
-  const FrictionContact contact = contact_of();
-  const double a = contact.press.contact_radius_mm;
-  for (const double force : {1e-300, 1e-30, 1e-18, 1e-12, 1e-9}) {
-    const double rigid = force * (2.0 - kGel.poisson) / (8.0 * kGel.shear_modulus_mpa * a);
-    const Shear shear = shear_by_force(contact, force);
-    // Next term of the series: load / 6.
-    DOUBLES_EQUAL(rigid, shear.displacement_mm, (1e-14 + force) * rigid);
-    for (const Vec2 at : kPoints) {
-      // 1e-5: what the switch between the two forms of the field costs at its worst.
-      const Vec2 u = shear_field_mm(contact, shear, at);
-      const Vec2 stuck = stuck_field_mm(kGel, a, force, at);
-      DOUBLES_EQUAL(stuck.x, u.x, 1e-5 * rigid);
-      DOUBLES_EQUAL(stuck.y, u.y, 1e-5 * rigid);
-    }
-  }
-}
-
-TEST(ContactClosed, BondedIsTheLimitOfHighFriction) {
-  const FrictionContact bonded = contact_of(kInfinity);
-  const FrictionContact rough = contact_of(1e6);
-  const Shear a = shear_by_force(bonded, 2.0);
-  const Shear b = shear_by_force(rough, 2.0);
-  DOUBLES_EQUAL(b.displacement_mm, a.displacement_mm, 1e-6 * a.displacement_mm);
-  DOUBLES_EQUAL(2.0, shear_by_displacement(bonded, a.displacement_mm).force_n, 1e-14);
-  DOUBLES_EQUAL(0.0, slip_fraction(bonded, a), 0.0);
-  CHECK_FALSE(a.sliding);
-  CHECK(std::isinf(gross_displacement_mm(bonded)));
-  for (const Vec2 at : kPoints) {
-    const Vec2 u = shear_field_mm(bonded, a, at);
-    const Vec2 v = shear_field_mm(rough, b, at);
-    DOUBLES_EQUAL(v.x, u.x, 1e-6 * a.displacement_mm);
-    DOUBLES_EQUAL(v.y, u.y, 1e-6 * a.displacement_mm);
-  }
-}
-
-TEST(ContactClosed, FarAwayTheContactIsAPointLoad) {
+TEST(ContactHertz, FarAwayTheContactIsAPointLoad) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   for (const double load : {0.4, 1.0}) {
@@ -253,7 +192,7 @@ TEST(ContactClosed, FarAwayTheContactIsAPointLoad) {
   }
 }
 
-TEST(ContactClosed, FieldIsContinuousAcrossEverySwitch) {
+TEST(ContactHertz, FieldIsContinuousAcrossEverySwitch) {
   const FrictionContact contact = contact_of();
   const double a = contact.press.contact_radius_mm;
   const Shear shear = shear_by_force(contact, 0.6 * kFriction * kPress_n);
@@ -272,26 +211,7 @@ TEST(ContactClosed, FieldIsContinuousAcrossEverySwitch) {
   }
 }
 
-TEST(ContactClosed, VanishingStickDiscLeavesTheSlidingField) {
-  const FrictionContact contact = contact_of();
-  const double limit = kFriction * kPress_n;
-  const Shear almost = shear_by_force(contact, std::nextafter(limit, 0.0));
-  const Shear over = shear_by_force(contact, 2.0 * limit);
-  CHECK_FALSE(almost.sliding);
-  CHECK_TRUE(over.sliding);
-  DOUBLES_EQUAL(limit, over.force_n, 0.0);
-  DOUBLES_EQUAL(0.0, over.stick_radius_mm, 0.0);
-  DOUBLES_EQUAL(1.0, slip_fraction(contact, over), 0.0);
-  for (const Vec2 at : kPoints) {
-    const Vec2 u = shear_field_mm(contact, almost, at);
-    const Vec2 v = shear_field_mm(contact, over, at);
-    // c/a = 1e-5 here, and the field differs by its square.
-    DOUBLES_EQUAL(v.x, u.x, 1e-9);
-    DOUBLES_EQUAL(v.y, u.y, 1e-9);
-  }
-}
-
-TEST(ContactClosed, NothingGivesNothing) {
+TEST(ContactHertz, NothingGivesNothing) {
   struct Case {
     Gel gel;
     double sphere_mm, force_n, friction;
@@ -314,28 +234,7 @@ TEST(ContactClosed, NothingGivesNothing) {
   }
 }
 
-TEST(ContactClosed, StiffnessScalesOutAndPoissonZeroHasNoSideways) {
-  for (const double g : {1e-6, 1.0, 1e6}) {
-    // The same contact radius: force scales with G.
-    const Gel gel{g, 0.49};
-    const FrictionContact contact{gel, press_sphere(gel, kSphere_mm, kPress_n * g / 0.1), kFriction};
-    const Shear shear = shear_by_force(contact, 0.5 * kFriction * kPress_n * g / 0.1);
-    const Shear expected = shear_by_force(contact_of(), 0.5 * kFriction * kPress_n);
-    DOUBLES_EQUAL(expected.displacement_mm, shear.displacement_mm, 1e-12);
-    // The same radius and force: delta goes as 1 / G.
-    FrictionContact other = contact_of();
-    other.gel.shear_modulus_mpa = g;
-    DOUBLES_EQUAL(expected.displacement_mm * 0.1 / g, shear_by_force(other, 0.5 * kFriction * kPress_n).displacement_mm,
-                  1e-12 * expected.displacement_mm * 0.1 / g);
-  }
-  const Gel cork{0.1, 0.0};
-  const FrictionContact contact{cork, press_sphere(cork, kSphere_mm, kPress_n), kFriction};
-  for (const Vec2 at : kPoints) {
-    DOUBLES_EQUAL(0.0, shear_field_mm(contact, shear_by_force(contact, 2.0), at).y, 0.0);
-  }
-}
-
-TEST(ContactClosed, EveryPlaceAndLoadIsFinite) {
+TEST(ContactHertz, EveryPlaceAndLoadIsFinite) {
   for (const double poisson : {0.0, 0.3, 0.5}) {
     for (const double modulus : {1e-6, 0.1, 1e6}) {
       const Gel gel{modulus, poisson};
@@ -350,20 +249,6 @@ TEST(ContactClosed, EveryPlaceAndLoadIsFinite) {
           }
         }
       }
-    }
-  }
-}
-
-TEST(ContactClosed, ReversedLoadReversesTheField) {
-  const FrictionContact contact = contact_of();
-  for (const double force : {1e-12, 2.0, 9.0}) {
-    const Shear shear = shear_by_force(contact, force);
-    const Shear back = shear_by_force(contact, -force);
-    for (const Vec2 at : kPoints) {
-      const Vec2 u = shear_field_mm(contact, shear, at);
-      const Vec2 v = shear_field_mm(contact, back, at);
-      DOUBLES_EQUAL(-u.x, v.x, 0.0);
-      DOUBLES_EQUAL(-u.y, v.y, 0.0);
     }
   }
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A round object pressed and dragged on the gel along any path, by the method of dimensionality reduction (contact
-// level B2): N independent springs on a line carry the same force at the same displacement as the contact they stand
-// for, so reversal, cycles and a normal force that changes under shear come for free. With 64 springs 2 us
-// a step, and 8 us with the motion of 63 markers.
+// level `springs`): N independent springs on a line carry the same force at the same displacement as the contact they
+// stand for, so reversal, cycles and a normal force that changes under shear come for free. With 64 springs 2 us a
+// step, and 8 us with the motion of 63 markers.
 //
 // Modelled
 //   * rigid body of revolution f(r) = A r^n on an elastic half-space: sphere (n = 2), cone (n = 1), blunter ones
@@ -11,11 +11,11 @@
 //     unstressed where the object then is
 //   * static and kinetic friction: a spring holds up to mu_s times its normal force; once it slips it carries
 //     mu_k times its normal force, until a step leaves it below that: then it sticks and holds up to mu_s again
-//   * shear given as displacement or as force; gross sliding; energy lost to friction
+//   * gross sliding; energy lost to friction
 //   * motion of the gel's surface (Traction, SpringField)
 //
 // Not modelled
-//   * the gel's finite thickness in the springs: they are a half-space's (contact_round.hpp scales them to a layer).
+//   * the gel's finite thickness in the springs: they are a half-space's (round.hpp scales them to a layer).
 //     SpringField knows the layer
 //   * twist; a body that is not round; coupling of press and shear (vanishes at nu = 1/2)
 //   * the sideways slip that Coulomb's law along x alone leaves in the annulus (Cattaneo's and Mindlin's neglect too)
@@ -46,8 +46,8 @@
 #include <span>
 #include <vector>
 
-#include "drivers/sim/scene/contact_closed.hpp"
-#include "drivers/sim/scene/layer.hpp"
+#include "drivers/sim/scene/contact/hertz.hpp"
+#include "drivers/sim/scene/contact/layer.hpp"
 
 namespace holdfast::scene {
 
@@ -114,23 +114,14 @@ class SpringContact {
 
   // Object to this depth, then to this place.
   const SpringState& move_to(double depth_mm, Vec2 displacement_mm);
-  // Object to this depth, then wherever friction carries `force_n` (to 1e-12 of the forces at work). Where it cannot,
-  // the object slides just until every spring carries its limit along the load.
-  const SpringState& load_to(double depth_mm, Vec2 force_n);
-
   [[nodiscard]] const SpringState& state() const { return state_; }
   [[nodiscard]] Traction traction() const;
 
  private:
-  struct Total;
   [[nodiscard]] double limit_n(int i, bool slips) const;
-  [[nodiscard]] Total total_at(Vec2 travel_mm) const;
-  [[nodiscard]] Vec2 travel_for(Vec2 force_n) const;
   void press_to(double depth_mm);
   void settle(int i, Vec2 trial_n, double start_limit_n);
   void travel(Vec2 travel_mm);
-  void slide_along(Vec2 force_n);
-  bool let_go(Vec2 travel_mm);
   const SpringState& summarize(Vec2 displacement_mm);
   [[nodiscard]] double stick_edge(int last_stuck) const;
 
@@ -158,9 +149,6 @@ class SpringContact {
   std::array<bool, kMostSprings> slips_{};
   SpringState state_;
 };
-
-// The half-space's motion at `at` (contact centre = 0).
-[[nodiscard]] Vec2 traction_field_mm(const Gel& gel, const Traction& traction, Vec2 at_mm);
 
 // The gel's motion at fixed points, half-space or layer. Remembers what each radius does to each point, so only radii
 // that changed (at the rim, while the depth changes) are worked out anew.

@@ -41,8 +41,8 @@
 #include <span>
 #include <vector>
 
-#include "drivers/sim/scene/contact.hpp"
-#include "drivers/sim/scene/underside.hpp"
+#include "drivers/sim/scene/contact/contact.hpp"
+#include "drivers/sim/scene/picture/underside.hpp"
 
 namespace holdfast::scene {
 

@@ -35,7 +35,7 @@
 #include <memory>
 #include <span>
 
-#include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/contact/hertz.hpp"
 
 namespace holdfast::scene {
 
@@ -103,7 +103,7 @@ class Layer {
   [[nodiscard]] LayerPoint point(double r_mm) const;
 
   [[nodiscard]] PressRatio press_ratio(double a_mm) const;
-  // As contact_closed.hpp's press_sphere: no force, no depth, no or an endless radius is no contact.
+  // As hertz.hpp's press_sphere: no force, no depth, no or an endless radius is no contact.
   [[nodiscard]] Press press_by_force(double sphere_radius_mm, double force_n) const;
   [[nodiscard]] Press press_by_depth(double sphere_radius_mm, double depth_mm) const;
 

@@ -8,7 +8,7 @@
 
 #include <span>
 
-#include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/contact/hertz.hpp"
 
 namespace holdfast::scene {
 
@@ -60,7 +60,7 @@ class Contact {
   virtual const ContactState& move_to(const ObjectPose& pose) = 0;
   // The same with the depth at which the object presses with `force_n`; no force, no contact.
   virtual const ContactState& press_to(double force_n, Vec2 at_mm, double twist_rad) = 0;
-  // Times both frictions from the next move on: water, oil, dust. Level `grid` alone; the others keep theirs.
+  // Times both frictions from the next move on: water, oil, dust. Level `grid` alone; springs keep theirs.
   virtual void scale_friction(double /*factor*/) {}
   // Motion of the markers that the contact was made with, in their order; motion_mm.size() at least their number.
   virtual void field(std::span<Vec2> motion_mm) = 0;

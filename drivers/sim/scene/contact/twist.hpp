@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sphere turned on the gel about the normal: Lubkin's partial slip in closed form (contact level B1), the same with
-// load history by springs (level B2), the motion of the gel's surface under both, and the rule by which shear and twist
-// share one friction.
+// A sphere turned on the gel about the normal: Lubkin's partial slip with load history by springs, the motion of the
+// gel's surface, and the rule by which shear and twist share one friction.
 //
 // Modelled
 //   * rigid sphere on an elastic half-space under Hertz's pressure; Coulomb friction: a stick disc inside a slip
 //     annulus
 //   * turning of the whole contact; a bonded contact (mu infinite) that never slips
-//   * TwistSprings: reversal, cycles, a normal force that changes under twist, static and kinetic friction
+//   * reversal, cycles, a normal force that changes under twist, static and kinetic friction
 //   * motion of every surface point, around the centre of the contact
 //   * shear and twist together: an ellipse of their limits (share_friction)
 //
@@ -26,43 +25,18 @@
 //   U = r inside s, (2/pi) (r asin(s/r) - s sqrt(1 - s^2/r^2)) outside.
 //
 // Units: mm, N, N mm, MPa, rad, mJ. Range: any finite numbers, friction may be infinite; no force, no friction, no
-// radius are no contact or no hold, as in contact_closed.hpp. No input of that range gives NaN. Only + - * / sqrt and
+// radius are no contact or no hold, as in hertz.hpp. No input of that range gives NaN. Only + - * / sqrt and
 // portable.hpp: the same bits on every IEEE machine.
 #pragma once
 
 #include <array>
 #include <cstddef>
 
-#include "drivers/sim/scene/contact_closed.hpp"
+#include "drivers/sim/scene/contact/hertz.hpp"
 
 namespace holdfast::scene {
 
 inline constexpr int kMostTwistSprings = 256;
-
-// --- one monotone twist ---
-
-// Moment and angle carry the sign of the twist.
-struct Twist {
-  double moment_nmm = 0.0;       // carried by friction, at most M_max
-  double angle_rad = 0.0;        // beta: stick disc against gel far away; gross_angle_rad in turning
-  double stick_radius_mm = 0.0;  // c; 0 in turning
-  bool turning = false;
-};
-
-// M_max = (3 pi / 16) mu P a. Infinite when bonded.
-[[nodiscard]] double moment_limit_nmm(const FrictionContact& contact);
-// beta at c = a / 1000: 1.741 mu P / (G a^2). Infinite when bonded.
-[[nodiscard]] double gross_angle_rad(const FrictionContact& contact);
-// Error of c and M: 1e-14 relative for c > a / 20, 4e-12 down to a / 1000; small twists keep all their digits.
-[[nodiscard]] Twist twist_by_angle(const FrictionContact& contact, double angle_rad);
-[[nodiscard]] Twist twist_by_moment(const FrictionContact& contact, double moment_nmm);
-// dM/dbeta = (16/3) G c^3; 0 in turning.
-[[nodiscard]] double tangent_stiffness_nmm_per_rad(const FrictionContact& contact, const Twist& twist);
-// 1 - (c/a)^2.
-[[nodiscard]] double slip_fraction(const FrictionContact& contact, const Twist& twist);
-// Motion of the surface point `at` (contact centre = 0), of the half-space. Error <= 5e-6 of the rim's motion. 1 us for
-// the twist and 3 to 5 us for 63 points.
-[[nodiscard]] Vec2 twist_field_mm(const FrictionContact& contact, const Twist& twist, Vec2 at_mm);
 
 // --- a twisted surface as turned discs ---
 
@@ -76,16 +50,10 @@ struct TwistDiscs {
   int count = 0;
 };
 
-// 16 discs without spread. Their moment is that of the twist, to its error; their field beyond the contact's rim to
-// 1e-6 of the rim's motion for c > a / 20 (4e-6 for less). In the annulus it bends at each disc, off by 10 % of the
-// rim's motion: twist_field_mm is the field there, these discs are for what a layer adds to it.
-[[nodiscard]] TwistDiscs twist_discs(const FrictionContact& contact, const Twist& twist);
-
 // (16/3) G turn (radius^3 + radius spread^2).
 [[nodiscard]] double disc_moment_nmm(const Gel& gel, const TwistDiscs::Disc& disc);
 // Around the centre, at distance r, of the half-space.
 [[nodiscard]] double disc_motion_mm(const TwistDiscs::Disc& disc, double r_mm);
-[[nodiscard]] Vec2 twist_field_mm(const TwistDiscs& discs, Vec2 at_mm);
 
 // --- twist with load history ---
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/paper.hpp"
+#include "toolchain/learn/paper.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/portable.hpp"
 #include "drivers/sim/scene/random.hpp"
-#include "drivers/sim/scene/scene_file.hpp"
 
 namespace holdfast::scene {
 namespace {

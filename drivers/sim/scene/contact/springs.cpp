@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/contact_springs.hpp"
+#include "drivers/sim/scene/contact/springs.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -14,9 +14,6 @@ using std::numbers::pi;
 constexpr double kMost = 1e40;
 // A spring on its limit carries it up to a few roundings.
 constexpr double kOnLimit = 1.0 - 1e-12;
-// Newton's steps double the digits once the slipping set is right; each step before that finds springs that slip.
-constexpr int kMostNewtonSteps = 100;
-constexpr double kForceAccuracy = 1e-14;
 // Below this the squares of radii in the traction underflow; no marker sees such a contact.
 constexpr double kLeastFieldRadius_mm = 1e-60;
 
@@ -66,14 +63,6 @@ double reduction_factor(int exponent) {
 Indenter sphere_indenter(double radius_mm) {
   return {radius_mm > 0.0 ? 0.5 / radius_mm : 0.0, 2};
 }
-
-// Force of all springs after a travel, and how it grows with it.
-struct SpringContact::Total {
-  Vec2 force_n;
-  double xx = 0.0;
-  double xy = 0.0;
-  double yy = 0.0;
-};
 
 SpringContact::SpringContact(const SpringSetup& setup)
     : gel_{positive(setup.gel.shear_modulus_mpa), std::clamp(setup.gel.poisson, 0.0, 0.5)},
@@ -187,129 +176,6 @@ const SpringState& SpringContact::move_to(double depth_mm, Vec2 displacement_mm)
   return summarize(to);
 }
 
-SpringContact::Total SpringContact::total_at(Vec2 travel_mm) const {
-  Total total;
-  for (int i = 0; i < touching_; ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
-    const Vec2 trial_n = force_n_[k] + stiffness * travel_mm;
-    const double trial = length(trial_n);
-    const double limit = limit_n(i, slips_[k]);
-    if (!(trial > limit)) {
-      total.force_n = total.force_n + trial_n;
-      total.xx += stiffness;
-      total.yy += stiffness;
-      continue;
-    }
-    // A force on its limit only turns.
-    const double share = limit / trial;
-    const Vec2 unit{trial_n.x / trial, trial_n.y / trial};
-    total.force_n = total.force_n + share * trial_n;
-    total.xx += stiffness * share * unit.y * unit.y;
-    total.xy -= stiffness * share * unit.x * unit.y;
-    total.yy += stiffness * share * unit.x * unit.x;
-  }
-  return total;
-}
-
-// Each spring's force is its trial force brought to the nearest point of a disc: the gradient of a convex function of
-// the travel. So is the sum, and Newton's direction always brings it nearer to the load.
-Vec2 SpringContact::travel_for(Vec2 force_n) const {
-  double stiffness = 0.0;
-  double at_work = length(force_n);
-  for (int i = 0; i < touching_; ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    stiffness += 2.0 * shear_modulus_ * extent_mm_ * width_[k];
-    at_work += length(force_n_[k]);
-  }
-  if (!(stiffness > 0.0)) return {};
-  Vec2 way;
-  Total total = total_at(way);
-  Vec2 missing = force_n - total.force_n;
-  for (int step = 0; step < kMostNewtonSteps && length(missing) > kForceAccuracy * at_work; ++step) {
-    const double xx = total.xx / stiffness + 1e-15;
-    const double yy = total.yy / stiffness + 1e-15;
-    const double xy = total.xy / stiffness;
-    const double determinant = xx * yy - xy * xy;
-    Vec2 push = missing;
-    if (determinant > 1e-30) {
-      push = {(yy * missing.x - xy * missing.y) / determinant, (xx * missing.y - xy * missing.x) / determinant};
-    }
-    bool nearer = false;
-    double share = 1.0 / stiffness;
-    for (int halving = 0; halving < 50 && !nearer; ++halving, share *= 0.5) {
-      const Vec2 next = way + share * push;
-      const Total there = total_at(next);
-      const Vec2 rest = force_n - there.force_n;
-      nearer = length(rest) < length(missing);
-      if (nearer) {
-        way = next;
-        total = there;
-        missing = rest;
-      }
-    }
-    if (!nearer) break;
-  }
-  return way;
-}
-
-// Springs which that travel tears off their static limit slip from now on.
-bool SpringContact::let_go(Vec2 travel_mm) {
-  bool any = false;
-  for (int i = 0; i < touching_; ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
-    if (!slips_[k] && length(force_n_[k] + stiffness * travel_mm) > limit_n(i, false)) slips_[k] = any = true;
-  }
-  return any;
-}
-
-void SpringContact::slide_along(Vec2 force_n) {
-  const double load = length(force_n);
-  const Vec2 unit = load > 0.0 ? Vec2{force_n.x / load, force_n.y / load} : Vec2{};
-  double way = 0.0;
-  for (int i = 0; i < touching_; ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
-    way = std::max(way, length(limit_n(i, true) * unit - force_n_[k]) / stiffness);
-  }
-  way = bounded(way);
-  for (int i = 0; i < touching_; ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const double stiffness = 2.0 * shear_modulus_ * extent_mm_ * width_[k];
-    const double held = length(force_n_[k]);
-    const Vec2 limit = limit_n(i, true) * unit;
-    const Vec2 slip = way * unit + (1.0 / stiffness) * (force_n_[k] - limit);
-    const double shed = std::max(std::min(held, limit_n(i, false)) - limit_n(i, true), 0.0);
-    state_.dissipated_mj += std::max(dot(limit, slip), 0.0) + 0.5 * shed * (shed / stiffness);
-    if (i == 0) state_.slid_mm = state_.slid_mm + slip;
-    force_n_[k] = limit;
-    slips_[k] = true;
-  }
-  state_.displacement_mm = {bounded(state_.displacement_mm.x + way * unit.x),
-                            bounded(state_.displacement_mm.y + way * unit.y)};
-}
-
-const SpringState& SpringContact::load_to(double depth_mm, Vec2 force_n) {
-  press_to(depth_mm);
-  const Vec2 load{bounded(force_n.x), bounded(force_n.y)};
-  if (touching_ == 0) return summarize(state_.displacement_mm);
-  // With kinetic below static friction each spring that lets go loads the others: at most one round per spring.
-  while (true) {
-    double hold = 0.0;
-    for (int i = 0; i < touching_; ++i) hold += limit_n(i, slips_[static_cast<std::size_t>(i)]);
-    if (length(load) > 0.0 && length(load) >= hold) {
-      slide_along(load);
-      return summarize(state_.displacement_mm);
-    }
-    const Vec2 way = travel_for(load);
-    if (kinetic_friction_ < static_friction_ && let_go(way)) continue;
-    const Vec2 to{bounded(state_.displacement_mm.x + way.x), bounded(state_.displacement_mm.y + way.y)};
-    travel(to - state_.displacement_mm);
-    return summarize(to);
-  }
-}
-
 // Radius (of the extent) at which the stick area that ends with this spring ends. The room to the limit is linear in
 // the pressure: mu q - G* delta under monotone shear, 2 mu q - G* delta after a reversal.
 double SpringContact::stick_edge(int last_stuck) const {
@@ -419,29 +285,6 @@ Traction SpringContact::traction() const {
     knot_before = here;
   }
   return result;
-}
-
-namespace {
-
-// Along a load in any direction the field is what it is along +x, turned.
-Vec2 turned_field(Vec2 (*unit)(const Gel&, double, double, Vec2), const Gel& gel, double radius_mm, Vec2 load,
-                  Vec2 at) {
-  const double size = length(load);
-  if (!(size > 0.0)) return {};
-  const Vec2 along{load.x / size, load.y / size};
-  const Vec2 u = unit(gel, radius_mm, size, {dot(at, along), at.y * along.x - at.x * along.y});
-  return {u.x * along.x - u.y * along.y, u.x * along.y + u.y * along.x};
-}
-
-}  // namespace
-
-Vec2 traction_field_mm(const Gel& gel, const Traction& traction, Vec2 at_mm) {
-  Vec2 sum;
-  for (int i = 0; i < traction.count; ++i) {
-    const Traction::Dome& dome = traction.domes[static_cast<std::size_t>(i)];
-    sum = sum + turned_field(dome_field_mm, gel, dome.radius_mm, dome.slope_mpa_per_mm, at_mm);
-  }
-  return sum + turned_field(stuck_field_mm, gel, traction.punch_radius_mm, traction.punch_n, at_mm);
 }
 
 SpringField::SpringField(Layer layer, std::span<const Vec2> points_mm)

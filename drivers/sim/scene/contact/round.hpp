@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A round object on the gel behind the one seam (contact.hpp): contact levels B1, closed forms, and B2, springs, with
-// what the two share - the press, the layer, the twist and how shear and twist share the friction.
+// A round object on the gel behind the one seam (contact.hpp), by springs: contact level `springs`.
 //
 // Modelled
-//   * everything that contact_closed.hpp (B1) or contact_springs.hpp and contact_twist.hpp (B2) models
+//   * everything that springs.hpp and twist.hpp model
 //   * press and marker motion of a gel of finite thickness (layer.hpp); outward motion under the press, held back by
 //     friction under the object (after level `grid`, not from first principles)
 //   * how much stiffer a layer is against shear and twist: the object's motion counts for the half-space's formulas as
@@ -13,8 +12,6 @@
 //
 // Not modelled
 //   * what the layer does to the shape of the stick area and of the pressure: both stay those of the half-space
-//   * B1: reversal, cycles, normal force that changes under shear, kinetic friction: each state is the one that
-//     monotone loading reaches
 //   * objects that are not round: level `grid`
 //
 // Units: contact.hpp. Range: as the files it joins; a contact smaller than 1e-60 mm is none. No NaN.
@@ -25,11 +22,11 @@
 #include <span>
 #include <vector>
 
-#include "drivers/sim/scene/contact.hpp"
-#include "drivers/sim/scene/contact_closed.hpp"
-#include "drivers/sim/scene/contact_springs.hpp"
-#include "drivers/sim/scene/contact_twist.hpp"
-#include "drivers/sim/scene/layer.hpp"
+#include "drivers/sim/scene/contact/contact.hpp"
+#include "drivers/sim/scene/contact/hertz.hpp"
+#include "drivers/sim/scene/contact/layer.hpp"
+#include "drivers/sim/scene/contact/springs.hpp"
+#include "drivers/sim/scene/contact/twist.hpp"
 #include "drivers/sim/scene/shape.hpp"
 
 namespace holdfast::scene {
@@ -38,14 +35,14 @@ struct RoundSetup {
   Gel gel;
   Round round;
   double static_friction = 0.5;
-  double kinetic_friction = 0.5;  // B2
+  double kinetic_friction = 0.5;
   bool bonded = false;
   double press_dilation = 0.0;  // FOTS's, added to the gel's own: dilation * depth * (r/a) exp((1 - r^2/a^2) / 2)
-  double extent_mm = 8.0;       // B2: largest contact radius; a harder press counts as this one
-  int springs = 64;             // B2
+  double extent_mm = 8.0;       // largest contact radius; a harder press counts as this one
+  int springs = 64;
 };
 
-// Motion of the gel around a contact: press, shear and twist of the markers, over whatever layer the gel is.
+// Motion of the gel around a contact: press and twist of the markers, over whatever layer the gel is.
 class RoundField {
  public:
   RoundField(const RoundSetup& setup, std::span<const Vec2> markers_mm);
@@ -57,11 +54,7 @@ class RoundField {
   // Each adds to motion_mm.
   // Friction holds back the outward flow where the object sticks.
   void add_press(const Press& press, double friction, double stick_mm, std::span<Vec2> motion_mm);
-  // The dome of one radius less the dome of another, 0 <= stick <= contact: partial slip.
-  void add_domes(double contact_mm, double stick_mm, Vec2 slope_mpa_per_mm, std::span<Vec2> motion_mm);
-  void add_punch(double radius_mm, Vec2 force_n, std::span<Vec2> motion_mm);
-  // A monotone twist, and one with history. `radius_mm`: of the contact.
-  void add_twist(const FrictionContact& contact, const Twist& twist, std::span<Vec2> motion_mm);
+  // `radius_mm`: of the contact.
   void add_discs(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm);
 
   [[nodiscard]] const Layer& layer() const { return layer_; }
@@ -73,7 +66,6 @@ class RoundField {
     double spread_mm = 0.0;
     std::vector<double> share;
   };
-  void add_spread(Vec2 load, std::span<Vec2> motion_mm) const;
   void add_layer_turn(double radius_mm, const TwistDiscs& discs, std::span<Vec2> motion_mm);
 
   Layer layer_;
@@ -81,10 +73,8 @@ class RoundField {
   double press_dilation_;
   std::vector<Vec2> markers_mm_;
   std::vector<Vec2> from_mm_;  // the centre
-  std::vector<double> r_mm_, mean_, fan_;
-  double full_radius_mm_ = -1.0;
-  std::vector<double> full_mean_, full_fan_;  // of the dome of full_radius_mm_, which stays while the force does
-  std::vector<double> stick_mean_, stick_fan_;
+  std::vector<double> r_mm_;
+  std::vector<double> turn_;  // of all discs together
   double outward_radius_mm_ = -1.0;
   double rim_outward_ = 0.0;
   bool passed_known_ = false;
@@ -93,31 +83,6 @@ class RoundField {
   double turn_radius_mm_ = -1.0;
   std::array<std::vector<double>, 2> layer_turn_;  // turn per moment that the layer adds, at two radii of the contact
   std::vector<Turned> turned_;
-};
-
-class ClosedContact final : public Contact {
- public:
-  ClosedContact(const RoundSetup& setup, std::span<const Vec2> markers_mm);
-
-  const ContactState& move_to(const ObjectPose& pose) override;
-  const ContactState& press_to(double force_n, Vec2 at_mm, double twist_rad) override;
-  void field(std::span<Vec2> motion_mm) override;
-
- private:
-  const ContactState& set(const Press& press, Vec2 at_mm, double twist_rad);
-
-  RoundSetup setup_;
-  RoundField field_;
-  bool touching_ = false;
-  Vec2 touched_mm_;  // where the object was when it touched
-  Vec2 anchor_mm_;   // where it would be without shear: moves when it slides
-  double touched_rad_ = 0.0;
-  double anchor_rad_ = 0.0;
-  FrictionContact for_shear_, for_twist_;
-  Shear shear_;
-  Vec2 along_;
-  Twist twist_;
-  ContactState state_;
 };
 
 class SpringsContact final : public Contact {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/layer.hpp"
+#include "drivers/sim/scene/contact/layer.hpp"
 
 #include <algorithm>
 #include <array>

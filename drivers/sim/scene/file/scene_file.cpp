@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/scene_file.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 
 #include <algorithm>
 #include <array>
@@ -20,8 +20,8 @@
 #include <variant>
 
 #include "base/status.hpp"
-#include "drivers/sim/scene/contact_springs.hpp"
-#include "drivers/sim/scene/scene_json.hpp"
+#include "drivers/sim/scene/contact/springs.hpp"
+#include "drivers/sim/scene/file/json.hpp"
 #include "vision/markers.hpp"
 
 namespace holdfast::scene {
@@ -277,7 +277,7 @@ std::string_view unless_relieved(const Scene& scene) {
 
 template <ContactLevel kLevel>
 std::string_view unless_level(const Scene& scene) {
-  constexpr std::array<std::string_view, 4> kWords{"level kinematic", "level closed", "level springs", "level grid"};
+  constexpr std::array<std::string_view, 2> kWords{"level springs", "level grid"};
   return scene.level.contact == kLevel ? "" : kWords[static_cast<std::size_t>(scene.level.contact)];
 }
 
@@ -675,12 +675,9 @@ constexpr auto kRules = std::to_array<Rule>({
     {"press", pressed},
     {"shear", sheared},
     {"twist", twisted},
-    {"partial_slip", [](const Scene& s) { return s.level.contact != ContactLevel::kKinematic && may_slip(s); }},
+    {"partial_slip", may_slip},
     {"gross_slip", may_slip},
-    {"layer",
-     [](const Scene& s) {
-       return s.level.contact != ContactLevel::kKinematic && pressed(s) && std::isfinite(s.gel.thickness_mm);
-     }},
+    {"layer", [](const Scene& s) { return pressed(s) && std::isfinite(s.gel.thickness_mm); }},
     {"load_history", has_history},
     {"cone",
      [](const Scene& s) {
@@ -699,10 +696,6 @@ bool uses(const Scene& scene, std::string_view capability) {
   return std::ranges::any_of(kSceneFields, [&](const Field<Scene>& field) {
     return field.capability == capability && field.access.get(scene) != field.access.get(standard);
   });
-}
-
-bool can(ContactLevel level, const Capability& capability) {
-  return ((capability.contacts >> static_cast<unsigned>(level)) & 1U) != 0;
 }
 
 std::vector<std::string_view> levels_that_can(const Capability& capability) {
@@ -919,6 +912,11 @@ class Reader {
         const auto found = std::ranges::find(field.access.names, node.text);
         if (found != field.access.names.end()) {
           return field.access.set(record, std::int64_t{found - field.access.names.begin()});
+        }
+        if (field.path == "level.contact" &&
+            std::ranges::find(kGoneContactLevels, node.text) != kGoneContactLevels.end()) {
+          return refuse("this level is gone " + pair(path, node) + may, "a scene of an earlier version",
+                        "write \"springs\", which is as fast and models all that " + node.text + " did");
         }
         const std::string near(nearest(node.text, field.access.names));
         return refuse("unknown value " + pair(path, node) + may + (near.empty() ? "" : "; nearest is \"" + near + "\""),
@@ -1379,20 +1377,6 @@ void add_fields(std::string_view prefix, std::span<const Field<Record>> fields, 
   }
 }
 
-constexpr auto kKinematicOmissions = std::to_array<std::string_view>({
-    "forces along the surface: the markers move alike whatever the press",
-    "partial slip and friction: markers follow the object up to a limit, then it slides",
-    "the gel's modulus and thickness in the motion of the markers",
-    "load history, kinetic friction, creep in the contact, large strain, inertia",
-});
-constexpr auto kClosedOmissions = std::to_array<std::string_view>({
-    "load history: each state is the one of monotone loading at the present normal force",
-    "kinetic friction below the static one",
-    "shapes that are not round, textures",
-    "what the layer does to the shape of pressure and stick area: both are those of a half-space",
-    "how shear and twist share the friction, other than by an ellipse of their limits",
-    "large strain, inertia of the gel, adhesion",
-});
 constexpr auto kSpringsOmissions = std::to_array<std::string_view>({
     "shapes that are not round, textures",
     "what the layer does to the shape of pressure and stick area: both are those of a half-space",
@@ -1458,17 +1442,8 @@ std::vector<std::string_view> used_capabilities(const Scene& scene) {
 }
 
 std::span<const std::string_view> omissions(ContactLevel level) {
-  switch (level) {
-    case ContactLevel::kKinematic:
-      return kKinematicOmissions;
-    case ContactLevel::kClosed:
-      return kClosedOmissions;
-    case ContactLevel::kSprings:
-      return kSpringsOmissions;
-    case ContactLevel::kGrid:
-      return kGridOmissions;
-  }
-  return {};
+  if (level == ContactLevel::kSprings) return kSpringsOmissions;
+  return kGridOmissions;
 }
 
 std::string describe(const Scene& scene) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/underside.hpp"
+#include "drivers/sim/scene/picture/underside.hpp"
 
 #include <algorithm>
 #include <array>
