@@ -100,7 +100,7 @@ TEST(RobotLink, CommandsAndAnswersAreReadAsTheyWereWritten) {
     for (const std::uint8_t byte : wire) event = firmware.push(byte);
     CHECK_TRUE(event == link::Event::kFrame && cf::read_command(firmware.payload()) == want);
 
-    const cf::AnswerFrame answer{want.sequence, want.command, static_cast<cf::Result>(any<std::uint8_t>(random))};
+    const cf::AnswerFrame answer{want.sequence, want.command, static_cast<cf::Outcome>(any<std::uint8_t>(random))};
     std::array<std::uint8_t, cf::kAnswerBytes> answer_wire{};
     cf::encode(answer, answer_wire);
     LONGS_EQUAL(HOLDFAST_KIND_ANSWER, pushed(receiver, answer_wire));

@@ -86,7 +86,7 @@ constexpr sf::StatusFrame kStatus{.sequence = 513,
                                   .entropy_nat_q16 = 131'072,
                                   .entropy_rate_nat_s_q8 = 1024};
 constexpr cf::CommandFrame kCommand{.sequence = 258, .command = cf::Command::kTare, .argument = 1};
-constexpr cf::AnswerFrame kAnswer{.sequence = 258, .command = cf::Command::kTare, .result = cf::Result::kDone};
+constexpr cf::AnswerFrame kAnswer{.sequence = 258, .command = cf::Command::kTare, .result = cf::Outcome::kDone};
 
 std::string examples() {
   std::array<std::uint8_t, sf::kWireBytes> status{};
@@ -244,10 +244,10 @@ std::string states_markdown() {
       case supervisor::Why::kRejection:
         why = "why the frame was rejected, or did not come";
         break;
-      case supervisor::Why::kHealthFault:
+      case supervisor::Why::kFault:
         why = "what is at fault";
         break;
-      case supervisor::Why::kHealthStrain:
+      case supervisor::Why::kStrain:
         why = "which of them";
         break;
     }
@@ -338,7 +338,7 @@ std::string errors_markdown() {
   }
   out += "\n## Refusals of a command frame\n\n" + head({"number", "name", "what", "likely cause", "next step"});
   for (const cf::ResultInfo& result : cf::kResults) {
-    if (result.result == cf::Result::kDone) continue;
+    if (result.result == cf::Outcome::kDone) continue;
     out += row({text(result.result), code(result.name), result.meaning, result.cause, result.next});
   }
   out +=
