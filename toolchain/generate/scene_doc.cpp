@@ -99,7 +99,7 @@ std::string levels() {
 std::string scene_markdown() {
   return fmt::format(
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by scene_doc from drivers/sim/scene/file/scene_file.cpp and scene.hpp; do not edit. -->\n"
+      "<!-- Written by scene_doc from drivers/sim/scene/file/schema.cpp and scene.hpp; do not edit. -->\n"
       "# Scene files\n\n"
       "A scene is gel, object, what moves it, what goes wrong, how much of it is modelled and what is expected. JSON; "
       "units are in the names of the keys; x to the right, y down, a positive twist turns x towards y. What is left "

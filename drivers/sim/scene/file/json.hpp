@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// JSON text as a tree in which every key and value knows its line, for files that people write. Used by scene_file.cpp.
+// JSON text as a tree in which every key and value knows its line, for files that people write.
 //
 // Strict JSON in UTF-8 within the limits of scene_file.hpp; no NUL, no byte-order mark, no comments. A key that is
 // given twice is a problem; the tree has both, the first of them first.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes as JSON text: reads, writes and describes them, from one table of fields (key, unit, range, default, help,
-// capability, member). tests/scenes/README.md is that table, printed.
+// Scenes as JSON text: reads, writes and describes them, from one table of fields (schema.hpp: key, unit, range,
+// default, help, capability, member). tests/scenes/README.md is that table, printed.
 //
 // A scene is read as a whole: every problem comes out with its line, not only the first. Refused are unknown and
 // doubled keys, values of another kind or out of range, keys that mean nothing beside the others (a radius on a box),
