@@ -598,7 +598,7 @@ TEST(ConsoleTool, RecordsMarkers) {
   double last = -1;
   int frames = 0;
   log::FrameVisit visit;
-  visit.slip = [&](const log::SlipState& state) {
+  visit.slip = [&](const log::FrameRecord& state) {
     const double t = state.header.stamp.sec + state.header.stamp.nanosec * 1e-9;
     CHECK(t > last);
     last = t;

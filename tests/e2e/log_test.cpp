@@ -193,7 +193,7 @@ TEST(LogFiles, SayWhatTheOtherTablesSay) {
       const auto picture = log::decode<log::CompressedImage>(m.data);
       pictures.append(picture->data.begin(), picture->data.end());
     } else if (topic == "/holdfast/slip") {
-      const auto state = log::decode<log::SlipState>(m.data);
+      const auto state = log::decode<log::FrameRecord>(m.data);
       DOUBLES_EQUAL(rows.at(states).at("t_s"), t_s, 1e-9);
       DOUBLES_EQUAL(rows.at(states).at("entropy_nat"), state->entropy_nat, 5e-7);
       LONGS_EQUAL(rows.at(states).at("reason"), state->reason);
@@ -336,14 +336,14 @@ TEST(LogFiles, RefusesLogsThatAreNotWhole) {
   const auto written = [&](std::string_view text) {
     std::ostringstream out;
     log::McapWriter writer(out);
-    const std::uint16_t channel = writer.add_channel(log::kSlipTopic, log::schema_name<log::SlipState>(), text);
+    const std::uint16_t channel = writer.add_channel(log::kSlipTopic, log::schema_name<log::FrameRecord>(), text);
     writer.write(channel, 0, 0, test::McapBytes{0, 1, 0, 0});
     writer.finish();
     write_file(dir / "other.mcap", out.str());
   };
   written("uint8 a\n");
   refuse({"log", "info", in("other.mcap")}, "written by another version");
-  written(log::schema_text<log::SlipState>());
+  written(log::schema_text<log::FrameRecord>());
   refuse({"log", "export", in("other.mcap"), "--csv", in("x")}, "a message that is not what its schema says");
   for (const Words& command : {Words{"log"}, Words{"log", "info"}, Words{"log", "export"}}) {
     Words words = command;

@@ -111,7 +111,7 @@ inline std::string check_mcap_bytes(std::span<const std::uint8_t> bytes) {
     if (!inside) finding = "a message outside of the file";
     if (!so_far.channels.contains(m.channel)) finding = "a message of no channel";
     seen.emplace_back(m.channel, m.sequence, m.logged_ns, std::string(m.data.begin(), m.data.end()));
-    if (!decodes_to_itself<log::SlipState>(m.data) || !decodes_to_itself<log::MarkerField>(m.data) ||
+    if (!decodes_to_itself<log::FrameRecord>(m.data) || !decodes_to_itself<log::MarkerField>(m.data) ||
         !decodes_to_itself<log::CompressedImage>(m.data)) {
       finding = "a message that is written otherwise again";
     }
@@ -185,7 +185,7 @@ inline McapBytes foreign_mcap() {
 
 // Files without and with messages, of our schemas and of others, and one that breaks off.
 inline std::vector<McapBytes> mcap_seeds() {
-  log::SlipState state;
+  log::FrameRecord state;
   state.state_name = "OK";
   state.reason_name = "none";
   log::MarkerField markers;

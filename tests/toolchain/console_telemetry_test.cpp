@@ -19,7 +19,7 @@ TEST_GROUP(ConsoleTelemetry) {
   StatusFrame status;
 
   // 40 ms later by both clocks.
-  Telemetry::Frame next(std::chrono::microseconds device = 40ms, std::chrono::microseconds receiver = 40ms) {
+  Telemetry::Received next(std::chrono::microseconds device = 40ms, std::chrono::microseconds receiver = 40ms) {
     at += receiver;
     status.timestamp_us += static_cast<std::uint32_t>(device.count());
     ++status.sequence;
@@ -33,7 +33,7 @@ TEST(ConsoleTelemetry, CountsFromTheFirstFrame) {
   status.sequence = 65'530;
   LONGS_EQUAL(0, next().time_us);
   for (int k = 1; k < 20; ++k) {  // both wrap in between
-    const Telemetry::Frame frame = next(40ms, 39ms + (k % 3) * 1ms);
+    const Telemetry::Received frame = next(40ms, 39ms + (k % 3) * 1ms);
     LONGS_EQUAL(k * 40'000, frame.time_us);
     LONGS_EQUAL(k, frame.number);
     CHECK(frame.accepted);
@@ -51,7 +51,7 @@ TEST(ConsoleTelemetry, TheStampMayWrapWithinAGap) {
 TEST(ConsoleTelemetry, LostFramesLeaveANumberOut) {
   (void)next();
   status.sequence = static_cast<std::uint16_t>(status.sequence + 3);
-  const Telemetry::Frame frame = next(160ms, 160ms);
+  const Telemetry::Received frame = next(160ms, 160ms);
   LONGS_EQUAL(3, frame.lost);
   LONGS_EQUAL(4, frame.number);
   LONGS_EQUAL(160'000, frame.time_us);
@@ -62,7 +62,7 @@ TEST(ConsoleTelemetry, TimeRunsWhileTheCameraStands) {
   (void)next();
   std::int64_t before = next().time_us;
   for (int k = 0; k < 100; ++k) {
-    const Telemetry::Frame frame = next(0us, 150ms);
+    const Telemetry::Received frame = next(0us, 150ms);
     CHECK(frame.time_us > before);
     before = frame.time_us;
   }
@@ -78,7 +78,7 @@ TEST(ConsoleTelemetry, ADeviceThatBeginsAnewGoesOnWhereTheReceiverIs) {
   status.timestamp_us = 17;
   status.sequence = 0;
   telemetry.begin_anew();
-  const Telemetry::Frame frame = next(0us, 3s);
+  const Telemetry::Received frame = next(0us, 3s);
   LONGS_EQUAL(before + 3'000'000, frame.time_us);
   LONGS_EQUAL(2, frame.number);
   LONGS_EQUAL(0, frame.lost);

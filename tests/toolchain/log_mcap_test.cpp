@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // MCAP files, written and read. The oracles: what was written, a second reader that knows the index only
-// (tests/fuzz/mcap_check.hpp), and the firmware's own CRC. The official reader has its say in tests/npm/check_logs.sh.
+// (tests/fuzz/mcap_check.hpp). The official reader, which checks the sums, has its say in tests/npm/check_logs.sh.
 #include "toolchain/log/mcap_reader.hpp"
 
 #include <map>
 #include <numeric>
 #include <random>
 
-#include "base/crc32.hpp"
 #include "tests/fuzz/mcap_check.hpp"
-#include "toolchain/log/crc32_stream.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -215,19 +213,5 @@ TEST(Mcap, TheSeedsOfTheFuzzerHoldWhatItChecks) {
     CHECK(seed.size() < 4096);
     STRCMP_EQUAL("", holdfast::test::check_mcap_bytes(seed).c_str());
     STRCMP_EQUAL("", holdfast::test::check_mcap_bytes(without_sums(seed)).c_str());
-  }
-}
-
-TEST(Mcap, SumsInPiecesAsTheFirmwareDoesAtOnce) {
-  std::mt19937 random(1);
-  McapBytes bytes(300);
-  for (auto& byte : bytes) byte = static_cast<std::uint8_t>(random());
-  for (std::size_t size = 0; size <= bytes.size(); ++size) {
-    const std::span<const std::uint8_t> whole = std::span(bytes).first(size);
-    const std::size_t cut = size == 0 ? 0 : random() % size;
-    Crc32Stream crc;
-    crc.add(whole.first(cut));
-    crc.add(whole.subspan(cut));
-    CHECK_EQUAL(holdfast::crc32(whole), crc.sum());
   }
 }

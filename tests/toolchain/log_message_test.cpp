@@ -20,13 +20,13 @@ const std::string kHeaderTypes = std::string(80, '=') +
                                  "\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n" +
                                  std::string(80, '=') + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";
 
-SlipState some_state() {
-  SlipState state;
+FrameRecord some_state() {
+  FrameRecord state;
   state.header.stamp = {3, 40'000'000};
   state.frame = 76;
-  state.state = 3;
+  state.state = holdfast::DeviceState::kSlip;
   state.state_name = "SLIP";
-  state.reason = 98;
+  state.reason = holdfast::Reason{98};
   state.reason_name = "slip";
   state.slip = state.alive = state.accepted = state.features_valid = state.rates_valid = true;
   state.markers = 63;
@@ -96,15 +96,15 @@ TEST(LogMessage, SchemasAreRosDefinitionsWithTheTypesInside) {
                 kHeaderTypes)
                    .c_str(),
                schema_text<MarkerField>().c_str());
-  STRCMP_CONTAINS("uint32[15] histogram", schema_text<SlipState>().c_str());
-  STRCMP_CONTAINS("\nbool slip\n", schema_text<SlipState>().c_str());
+  STRCMP_CONTAINS("uint32[15] histogram", schema_text<FrameRecord>().c_str());
+  STRCMP_CONTAINS("\nbool slip\n", schema_text<FrameRecord>().c_str());
   // The states that its comment lists are those of the firmware.
   std::string states;
   for (const holdfast::StateInfo& state : holdfast::kStates) {
     states +=
         (states.empty() ? "" : ", ") + std::to_string(static_cast<int>(state.state)) + " " + std::string(state.name);
   }
-  STRCMP_CONTAINS(("uint8 state  # " + states + "\n").c_str(), schema_text<SlipState>().c_str());
+  STRCMP_CONTAINS(("uint8 state  # " + states + "\n").c_str(), schema_text<FrameRecord>().c_str());
 }
 
 TEST(LogMessage, BytesAreCdr) {
@@ -136,21 +136,22 @@ TEST(LogMessage, BytesAreCdr) {
 
 TEST(LogMessage, DecodesWhatItEncodesAndNothingElse) {
   const Bytes state = encode(some_state());
-  const auto again = decode<SlipState>(state);
+  const auto again = decode<FrameRecord>(state);
   CHECK(again.has_value());
   CHECK(encode(*again) == state);
-  CHECK(again->state_name == "SLIP" && again->reason == 98 && again->slip && !again->grip_ok && again->markers == 63);
+  CHECK(again->state_name == "SLIP" && again->reason == holdfast::Reason{98} && again->slip && !again->grip_ok &&
+        again->markers == 63);
   CHECK(again->vx_mm_s == -2.125 && again->histogram[2] == 2 && again->header.stamp.nanosec == 40'000'000);
   const Bytes markers = encode(some_field(63));
   CHECK(decode<MarkerField>(markers)->dx_px[62] == 62.0 / 256);
   for (const Bytes& good : {state, markers}) {
     for (std::size_t size = 0; size < good.size(); ++size) {
       const std::span<const std::uint8_t> cut = std::span(good).first(size);
-      CHECK(!decode<SlipState>(cut) && !decode<MarkerField>(cut));
+      CHECK(!decode<FrameRecord>(cut) && !decode<MarkerField>(cut));
     }
     Bytes longer = good;
     longer.push_back(0);
-    CHECK(!decode<SlipState>(longer) && !decode<MarkerField>(longer));
+    CHECK(!decode<FrameRecord>(longer) && !decode<MarkerField>(longer));
   }
   // A count of four billion is not believed, a bool is 0 or 1, padding is 0, a text ends with its only zero.
   const auto with = [&](const Bytes& good, std::size_t at, std::uint8_t byte) {
@@ -159,13 +160,13 @@ TEST(LogMessage, DecodesWhatItEncodesAndNothingElse) {
     return bytes;
   };
   CHECK(!decode<MarkerField>(with(with(markers, 24, 0xFF), 27, 0xFF)));
-  CHECK(decode<SlipState>(with(state, 16, 'x')).has_value());
-  CHECK(!decode<SlipState>(with(state, 16, 0)));
-  CHECK(!decode<SlipState>(with(state, 19, 'x')));
-  CHECK(!decode<SlipState>(with(state, 25, 1)));  // between state and the length of its name
+  CHECK(decode<FrameRecord>(with(state, 16, 'x')).has_value());
+  CHECK(!decode<FrameRecord>(with(state, 16, 0)));
+  CHECK(!decode<FrameRecord>(with(state, 19, 'x')));
+  CHECK(!decode<FrameRecord>(with(state, 25, 1)));  // between state and the length of its name
   const std::size_t slip = std::string(state.begin(), state.end()).find(std::string("slip\0\1", 6)) + 5;
-  CHECK(!decode<SlipState>(with(state, slip, 2)));
-  CHECK(!decode<SlipState>(with(state, 1, 0)));  // big endian
+  CHECK(!decode<FrameRecord>(with(state, slip, 2)));
+  CHECK(!decode<FrameRecord>(with(state, 1, 0)));  // big endian
 }
 
 TEST(LogMessage, TheTableHasNumbersOnly) {
@@ -173,7 +174,7 @@ TEST(LogMessage, TheTableHasNumbersOnly) {
   STRCMP_EQUAL("t_s", names.front().c_str());
   LONGS_EQUAL(31, names.size());
   STRCMP_EQUAL("histogram_14", names.back().c_str());
-  SlipState state = some_state();
+  FrameRecord state = some_state();
   for (const double figure : {0.0, -0.0, 1e-9, -4096.0, 123456789.0, 1.0 / 3}) {
     state.vx_mm_s = state.vy_mm_s = state.entropy_nat = state.entropy_rate_nat_s = state.decided_us = figure;
     state.header.stamp = {2'000'000'000, 999'999'000};

@@ -96,16 +96,16 @@ std::vector<Arrow> arrows(double dx_px, bool all_valid = true) {
 }
 
 // 25 fps; slips from frame `slip_from` for 50 frames.
-ReportFrame frame(long number, long slip_from) {
-  ReportFrame f;
-  f.frame = number;
-  f.t_s = 0.04 * static_cast<double>(number);
+FrameRecord frame(long number, long slip_from) {
+  FrameRecord f;
+  f.frame = static_cast<std::uint32_t>(number);
+  f.set_time(0.04 * static_cast<double>(number));
   f.accepted = f.features_valid = f.rates_valid = number > 4;
   f.slip = number >= slip_from && number < slip_from + 50;
   f.state = number <= 4 ? DeviceState::kReference : f.slip ? DeviceState::kSlip : DeviceState::kOk;
   f.reason = f.slip ? Reason::kSlipDetected : Reason::kNone;
   f.grip_ok = f.state == DeviceState::kOk;
-  f.markers = number == 30 ? 59 : 63;
+  f.markers = number == 30 ? 59U : 63U;
   f.entropy_nat = 1 + std::sin(0.01 * static_cast<double>(number));
   f.entropy_rate_nat_s = std::cos(0.37 * static_cast<double>(number));
   f.vx_mm_s = std::sin(0.11 * static_cast<double>(number));
@@ -204,7 +204,7 @@ TEST(Report, EscapesEveryText) {
 TEST(Report, StaysSmallForLongRunsAndKeepsTheirExtremes) {
   Report report;
   for (long i = 0; i < 100'000; ++i) {
-    ReportFrame f = frame(i, 1'000'000);
+    FrameRecord f = frame(i, 1'000'000);
     f.entropy_nat = i == 54'321 ? 2.7 : 0.1;  // a single frame in a hundred per column
     f.slip = i == 77'777;
     f.grip_ok = i % 2 == 0;  // the worst case for runs of equal columns
@@ -234,10 +234,7 @@ TEST(Report, BoundsPicturesAndMarkersAndKeepsTheFramesOfEvents) {
     pixel = static_cast<std::uint8_t>((state = state * 1'664'525 + 1'013'904'223) >> 24);
   Report report;
   for (long i = 0; i < 3000; ++i) {
-    Seen seen{};
-    seen.picture = {pixels.data(), 410, 308, 410};
-    seen.width_px = 3280, seen.height_px = 2464;
-    report.add(frame(i, 1111), arrows(1), seen);
+    report.add(frame(i, 1111), arrows(1), {{pixels.data(), 410, 308, 410}, 3280, 2464});
   }
   const std::string html = report.html(info);
   check_well_formed(html);
@@ -259,7 +256,7 @@ TEST(Report, SurvivesExtremes) {
   check_well_formed(report_of(60, 10).html(info));
   Report bare;  // nothing valid, no arrows, time stands still
   for (int i = 0; i < 5; ++i) {
-    ReportFrame f;
+    FrameRecord f;
     f.state = DeviceState::kFault;
     f.reason = Reason::kNoLattice;
     bare.add(f, {});
@@ -270,7 +267,7 @@ TEST(Report, SurvivesExtremes) {
   CHECK(without_script_parts(html).find("nan") == std::string::npos);
   Report constant;
   for (long i = 0; i < 5; ++i) {
-    ReportFrame f = frame(i + 5, 100);
+    FrameRecord f = frame(i + 5, 100);
     f.entropy_nat = f.entropy_rate_nat_s = f.vx_mm_s = -1e-12;
     f.histogram.fill(0);
     constant.add(f, arrows(1e-9, false));
@@ -281,7 +278,7 @@ TEST(Report, SurvivesExtremes) {
 TEST(Report, DrawsTheAliveLineAsFreshnessOnceEdgesRunTogether) {
   Report report;
   for (long i = 0; i < 1000; ++i) {
-    ReportFrame f = frame(i, 10'000);
+    FrameRecord f = frame(i, 10'000);
     f.accepted = i < 400 || i >= 600;  // 8 s without an edge
     report.add(f, {});
   }

@@ -207,7 +207,7 @@ TEST(RobotLink, ConstantsAndTheirMeaningsAreThoseOfTheFirmware) {
   // The enums with a tag have no others.
   std::size_t found = 0;
   for (std::size_t at = header.find("enum holdfast_"); at < header.find("static inline"); ++at) {
-    found += header.compare(at, 3, " = ") == 0 ? 1 : 0;
+    found += header.compare(at, 3, " = ") == 0 ? 1U : 0U;
   }
   LONGS_EQUAL(found, constants);
 }

@@ -25,10 +25,10 @@ std::size_t bytes_of(const Thinned& thinned) {
   return bytes;
 }
 
-ReportFrame row(long number) {
-  ReportFrame frame;
-  frame.frame = number;
-  frame.t_s = 0.04 * static_cast<double>(number);
+FrameRecord row(long number) {
+  FrameRecord frame;
+  frame.frame = static_cast<std::uint32_t>(number);
+  frame.set_time(0.04 * static_cast<double>(number));
   frame.accepted = frame.features_valid = true;
   frame.state = DeviceState::kOk;
   return frame;
@@ -74,10 +74,10 @@ TEST(Track, APieceLargerThanTheBudgetIsKeptAlone) {
 TEST(Track, SaysWhatIsKnownOfTheLatency) {
   Track unknown, known;
   for (long i = 0; i < 101; ++i) {
-    Seen seen{};
-    unknown.add(row(i), {}, seen);
-    seen.decided_us = 1000.0 + 10.0 * static_cast<double>(i);
-    known.add(row(i), {}, seen);
+    FrameRecord record = row(i);
+    unknown.add(record, {}, {});
+    record.decided_us = 1000.0 + 10.0 * static_cast<double>(i);
+    known.add(record, {}, {});
   }
   CHECK(nlohmann::json::parse(unknown.json({}))["latency"].is_null());
   const auto latency = nlohmann::json::parse(known.json({}))["latency"];

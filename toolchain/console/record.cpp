@@ -33,27 +33,26 @@ class Sink {
     }
   }
 
-  void add(const Telemetry::Frame& frame) {
+  void add(const Telemetry::Received& frame) {
     flush();
     const status_frame::StatusFrame& status = frame.status;
-    const bool follows = waiting_.told.features_valid && frame.lost == 0 && frames_ > 0;
+    const bool follows = waiting_.features_valid && frame.lost == 0 && frames_ > 0;
     waiting_ = {};
+    arrows_.clear();
+    waiting_.frame = static_cast<std::uint32_t>(frame.number);
+    waiting_.set_time(static_cast<double>(frame.time_us) * 1e-6);
+    waiting_.set_state(status.state, status.reason);
     waiting_.alive = status.alive;
-    tool::ReportFrame& told = waiting_.told;
-    told.frame = static_cast<long>(frame.number);
-    told.t_s = static_cast<double>(frame.time_us) * 1e-6;
-    told.state = status.state;
-    told.reason = status.reason;
-    told.accepted = frame.accepted;
-    told.features_valid = status.features_valid;
-    told.rates_valid = status.features_valid && follows;
-    told.markers = status.markers;
-    told.vx_mm_s = status.vx_um_s * 1e-3;
-    told.vy_mm_s = status.vy_um_s * 1e-3;
-    told.entropy_nat = status.entropy_nat_q16 / 65536.0;
-    told.entropy_rate_nat_s = status.entropy_rate_nat_s_q8 / 256.0;
-    told.slip = status.slip;
-    told.grip_ok = status.grip_ok;
+    waiting_.accepted = frame.accepted;
+    waiting_.features_valid = status.features_valid;
+    waiting_.rates_valid = status.features_valid && follows;
+    waiting_.markers = static_cast<std::uint32_t>(status.markers);
+    waiting_.vx_mm_s = status.vx_um_s * 1e-3;
+    waiting_.vy_mm_s = status.vy_um_s * 1e-3;
+    waiting_.entropy_nat = status.entropy_nat_q16 / 65536.0;
+    waiting_.entropy_rate_nat_s = status.entropy_rate_nat_s_q8 / 256.0;
+    waiting_.slip = status.slip;
+    waiting_.grip_ok = status.grip_ok;
     sequence_ = status.sequence;
     waits_ = true;
     ++frames_;
@@ -64,14 +63,14 @@ class Sink {
     const DisplacementField& field = *telemetry.field();
     const DisplacementField& rest = *telemetry.rest();
     const auto histogram = features::histogram_of(field, range_um_);
-    std::copy(histogram.begin(), histogram.end(), waiting_.told.histogram.begin());
+    std::copy(histogram.begin(), histogram.end(), waiting_.histogram.begin());
     if (px_per_um <= 0 || rest.grid != field.grid) return;
-    waiting_.cols = field.grid.cols;
+    cols_ = field.grid.cols;
     for (std::int32_t i = 0; i < field.grid.count(); ++i) {
       const MarkerDisplacement& d = field.markers[idx(i)];
       const MarkerDisplacement& r = rest.markers[idx(i)];
-      waiting_.arrows.push_back({(r.dx.raw() + d.dx.raw()) * px_per_um, (r.dy.raw() + d.dy.raw()) * px_per_um,
-                                 d.dx.raw() * px_per_um, d.dy.raw() * px_per_um, d.valid && r.valid});
+      arrows_.push_back({(r.dx.raw() + d.dx.raw()) * px_per_um, (r.dy.raw() + d.dy.raw()) * px_per_um,
+                         d.dx.raw() * px_per_um, d.dy.raw() * px_per_um, d.valid && r.valid});
     }
     ++fields_;
   }
@@ -83,23 +82,25 @@ class Sink {
 
   [[nodiscard]] long frames() const { return frames_; }
   [[nodiscard]] long fields() const { return fields_; }
-  [[nodiscard]] double seconds() const { return waiting_.told.t_s; }
+  [[nodiscard]] double seconds() const { return waiting_.t_s(); }
   [[nodiscard]] bool good() const { return out_.good(); }
 
  private:
   void flush() {
     if (!std::exchange(waits_, false)) return;
     if (mcap_) {
-      mcap_->add(waiting_);
+      mcap_->add(waiting_, arrows_, cols_, {});
     } else {
-      out_ << log::csv_row(log::slip_state(waiting_));
+      out_ << log::csv_row(waiting_);
     }
   }
 
   std::ostream& out_;
   std::optional<log::FrameLog> mcap_;
   std::int32_t range_um_;
-  log::LogFrame waiting_;
+  log::FrameRecord waiting_;
+  std::vector<log::Arrow> arrows_;
+  int cols_ = 0;
   std::uint16_t sequence_ = 0;
   bool waits_ = false;
   long frames_ = 0, fields_ = 0;
@@ -130,7 +131,7 @@ std::string record(Device& device, const RecordOptions& options, const std::func
     progress.clear();
     note(line);
   });
-  watching.on_frame = [&](const Telemetry::Frame& frame) { sink.add(frame); };
+  watching.on_frame = [&](const Telemetry::Received& frame) { sink.add(frame); };
   watching.on_field = [&] { sink.add(watching.telemetry(), watching.px_per_um()); };
   if (std::string error = watching.begin(); !error.empty()) return error;
   const Clock::time_point begun = Clock::now();

@@ -18,8 +18,8 @@ constexpr std::int64_t kMostPerSecond = 200;
 
 }  // namespace
 
-Telemetry::Frame Telemetry::take(const status_frame::StatusFrame& status, Moment at) {
-  Frame frame;
+Telemetry::Received Telemetry::take(const status_frame::StatusFrame& status, Moment at) {
+  Received frame;
   frame.status = status;
   if (!last_) {
     offset_us_ = -std::int64_t{status.timestamp_us};

@@ -19,7 +19,7 @@ class Telemetry {
  public:
   using Moment = std::chrono::steady_clock::time_point;
 
-  struct Frame {
+  struct Received {
     status_frame::StatusFrame status;
     std::int64_t time_us = 0;  // since the first; strictly increasing
     std::int64_t number = 0;   // counted from 0, lost ones too
@@ -27,7 +27,7 @@ class Telemetry {
     bool accepted = false;     // ALIVE toggled since the one before; not known of the first, and behind lost ones
   };
   // `at`: when it came.
-  [[nodiscard]] Frame take(const status_frame::StatusFrame& status, Moment at);
+  [[nodiscard]] Received take(const status_frame::StatusFrame& status, Moment at);
   // The device was away: numbers and stamps begin anew.
   void begin_anew() { anew_ = true; }
 
@@ -50,7 +50,7 @@ class Telemetry {
     [[nodiscard]] bool take(const marker_frame::MarkerFrame& piece);
   };
 
-  std::optional<Frame> last_;
+  std::optional<Received> last_;
   Moment last_at_{};
   std::int64_t offset_us_ = 0;  // from the device's stamps, with all their bits, to time_us
   bool anew_ = false;

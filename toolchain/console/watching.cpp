@@ -48,7 +48,7 @@ Watching::Watching(Device& device, std::function<void(const std::string&)> note)
     : device_(device), note_(std::move(note)), before_(device.heard) {
   device_.heard.status = [this](const status_frame::StatusFrame& status) {
     heard_at_ = Clock::now();
-    const Telemetry::Frame frame = telemetry_.take(status, heard_at_);
+    const Telemetry::Received frame = telemetry_.take(status, heard_at_);
     if (on_frame) on_frame(frame);
   };
   device_.heard.line = {};

@@ -29,7 +29,7 @@ class Watching {
   Watching& operator=(const Watching&) = delete;
 
   // Called from turn(), for each.
-  std::function<void(const Telemetry::Frame&)> on_frame;
+  std::function<void(const Telemetry::Received&)> on_frame;
   std::function<void()> on_field;  // telemetry().field() is a new one
 
   // Empty, or the error line.

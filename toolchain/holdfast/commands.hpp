@@ -3,54 +3,15 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "drivers/sim/scene/scene.hpp"
-#include "toolchain/session/session.hpp"
-#include "toolchain/support/command.hpp"
-#include "toolchain/treec/tree_model.hpp"
+#include "toolchain/session/replay.hpp"
+#include "toolchain/support/cli.hpp"
 
 namespace holdfast::tool {
-
-struct CommonOptions {
-  OutputPaths paths;
-  std::string grid = "9x7";
-  std::string mode = "fast";
-  std::string model;
-  std::string feature_set;  // empty = whatever the tree reads
-  bool json = false;
-};
-
-// A check for names of files: a shell variable that is not set must not quietly mean "none". Empty, or what is wrong.
-[[nodiscard]] std::string not_empty(const std::string& text);
-
-// A check for numbers, "nan" among those refused: CLI11's own range check lets it pass.
-[[nodiscard]] std::function<std::string(const std::string&)> number_from_to(double least, double most);
-
-// `I/N`: piece I of N, counted from 1. Empty, or an error line.
-[[nodiscard]] std::string parse_shard(const std::string& text, int& shard, int& shards);
-
-// Adds the options that replay and sim share.
-void add_common_options(CLI::App& command, CommonOptions& options);
-
-// Grid and mode to parameters; the model file to `tree` (false: the compiled one stays). Returns empty or an
-// error line.
-[[nodiscard]] std::string settle(const CommonOptions& options, Params& params, bool& auto_grid,
-                                 std::unique_ptr<model::Tree>& tree, std::string& model_text);
-
-// A model's text, read and checked. Returns empty or an error line.
-[[nodiscard]] std::string read_model(const std::string& path, treec::Model& model);
-
-struct ReplayOptions {
-  CommonOptions common;
-  std::string input;
-  std::string reference = "first";
-  double fps = 0;
-};
-[[nodiscard]] int replay(const ReplayOptions& options);
 
 struct SimOptions {
   CommonOptions common;
@@ -127,17 +88,6 @@ void add_grip(CLI::App& app, std::vector<Command>& commands);
 void add_faults(CLI::App& app, std::vector<Command>& commands);
 void add_log(CLI::App& app, std::vector<Command>& commands);
 void add_page(CLI::App& app, std::vector<Command>& commands);
-
-// Lines for people and for programs.
-void print_summary(const Session& session, const Summary& summary, const CommonOptions& options);
-// One line on stderr, whatever is in it: control characters of file names become '?'. fail() returns the exit status.
-[[nodiscard]] int fail(const std::string& line);
-void note(const std::string& line);
-
-// After heed_interrupts() Ctrl-C ends a run between two frames, so that no temporary file stays behind; the second one
-// ends the program at once.
-void heed_interrupts();
-[[nodiscard]] bool interrupted();
-[[nodiscard]] std::string interrupted_line();
+void add_console(CLI::App& app, std::vector<Command>& commands);
 
 }  // namespace holdfast::tool

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "toolchain/holdfast/console_command.hpp"
-
 #include <fmt/format.h>
 #include <poll.h>
 #include <unistd.h>
@@ -36,7 +34,6 @@ using console_tool::Device;
 using console_tool::Millis;
 using console_tool::Port;
 using console_tool::Signals;
-using console_tool::trouble;
 
 struct ConsoleOptions {
   std::string port;

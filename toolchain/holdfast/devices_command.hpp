@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "toolchain/support/command.hpp"
+#include "toolchain/support/cli.hpp"
 
 namespace holdfast::tool {
 

@@ -20,6 +20,7 @@
 #include "toolchain/learn/charts.hpp"
 #include "toolchain/play/grasp.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/escape.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -108,7 +109,7 @@ std::string panel(const std::vector<GraspFrame>& frames, double top, double heig
   }
   out +=
       fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" font-size=\"12\" font-weight=\"600\" fill=\"#1d2126\">{}</text>\n",
-                  kLeft, top - 6, learn::charts::escape(title));
+                  kLeft, top - 6, escape(title));
   double legend = kLeft + kWidth;
   // NOLINTNEXTLINE(modernize-loop-convert): clang 14 cannot read libstdc++ 12's std::views
   for (auto line = lines.rbegin(); line != lines.rend(); ++line) {
@@ -123,7 +124,7 @@ std::string panel(const std::vector<GraspFrame>& frames, double top, double heig
     out += fmt::format(
         "<path d=\"M{:.1f} {:.1f}h18\" stroke=\"{}\" stroke-width=\"2\" stroke-dasharray=\"{}\"/>"
         "<text x=\"{:.1f}\" y=\"{:.1f}\" font-size=\"11\" fill=\"#4a525b\">{}</text>\n",
-        legend, top - 10, line->color, line->dash, legend + 22, top - 6, learn::charts::escape(line->name));
+        legend, top - 10, line->color, line->dash, legend + 22, top - 6, escape(line->name));
   }
   return out;
 }
@@ -181,7 +182,7 @@ std::string chart(const Played& played) {
       "Truth: more than half of the contact slips.</text>\n"
       "<text x=\"12\" y=\"70\" font-size=\"11\" fill=\"#4a525b\">Grip: blue gripping, vermilion tightening, yellow "
       "settling, green holding, purple releasing</text>\n",
-      learn::charts::escape(title), learn::charts::escape(played.pull.help));
+      escape(title), escape(played.pull.help));
   double top = kHead;
   body += band(frames, top, "state", state_color);
   body += band(frames, top + 18, "truth",
@@ -228,7 +229,7 @@ std::string chart(const Played& played) {
       "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0:.0f}\" height=\"{1:.0f}\" viewBox=\"0 0 {0:.0f} {1:.0f}\" "
       "role=\"img\" aria-label=\"{2}\" font-family=\"system-ui,sans-serif\">\n"
       "<rect width=\"{0:.0f}\" height=\"{1:.0f}\" fill=\"#ffffff\"/>\n{3}</svg>\n",
-      width, height, learn::charts::escape(title), body);
+      width, height, escape(title), body);
 }
 
 // --- tables ---
@@ -331,7 +332,7 @@ std::string summary_of(const std::vector<Played>& all) {
 
 std::string html_of(const std::vector<Played>& all, const std::vector<std::string>& charts) {
   std::string table;
-  for (const Played& played : all) table += learn::charts::escape(row(played)) + "\n";
+  for (const Played& played : all) table += escape(row(played)) + "\n";
   std::string pictures;
   for (const std::string& picture : charts) pictures += "<figure>" + picture + "</figure>\n";
   return fmt::format(
@@ -341,7 +342,7 @@ std::string html_of(const std::vector<Played>& all, const std::vector<std::strin
       "0}}svg{{max-width:100%;height:auto}}</style></head><body>\n"
       "<h1>Slip prevention in the closed loop</h1>\n<p>{}. Bound: the larger of 1.3 times the least force that holds "
       "and two steps above the start. Forces are of one finger.</p>\n<pre>{}\n{}</pre>\n{}</body></html>\n",
-      summary_of(all), learn::charts::escape(head()), table, pictures);
+      summary_of(all), escape(head()), table, pictures);
 }
 
 // --- the command ---

@@ -117,7 +117,7 @@ int write_out(const LogOptions& options) {
   if (csv != nullptr) *csv << log::csv_header();
   long rows = 0, pictures = 0;
   log::FrameVisit visit;
-  visit.slip = [&](const log::SlipState& state) {
+  visit.slip = [&](const log::FrameRecord& state) {
     ++rows;
     if (csv != nullptr) *csv << log::csv_row(state);
   };

@@ -7,7 +7,6 @@
 #include <exception>
 
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/holdfast/console_command.hpp"
 #include "toolchain/holdfast/devices_command.hpp"
 
 namespace holdfast::tool {

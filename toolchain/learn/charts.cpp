@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/learn/charts.hpp"
+#include "toolchain/support/escape.hpp"
 
 #include <fmt/format.h>
 
@@ -57,7 +58,7 @@ class Svg {
             std::string_view fill = kSoft, bool bold = false) {
     body_ +=
         fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\" font-size=\"{}\" fill=\"{}\"{}>{}</text>\n", x,
-                    y, anchor, size, fill, bold ? " font-weight=\"600\"" : "", escape(what));
+                    y, anchor, size, fill, bold ? " font-weight=\"600\"" : "", tool::escape(what));
   }
   void box(double x, double y, double width, double height, std::string_view fill) {
     body_ += fmt::format("<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{:.1f}\" fill=\"{}\"/>\n", x, y,
@@ -83,7 +84,7 @@ class Svg {
         "{1:.0f}\" "
         "role=\"img\" aria-label=\"{2}\" font-family=\"system-ui,sans-serif\">\n"
         "<rect width=\"{0:.0f}\" height=\"{1:.0f}\" fill=\"#ffffff\"/>\n{3}</svg>\n",
-        width_, height_, escape(title_), body_);
+        width_, height_, tool::escape(title_), body_);
   }
 
  private:
@@ -99,29 +100,6 @@ double entry_width(std::string_view name) {
 }
 
 }  // namespace
-
-std::string escape(std::string_view text) {
-  std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-    }
-  }
-  return out;
-}
 
 std::string draw(const Bars& chart) {
   constexpr double kLeft = 48, kTop = 62, kPlot = 220, kBottom = 46;

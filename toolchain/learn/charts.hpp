@@ -12,8 +12,6 @@
 namespace holdfast::learn::charts {
 
 // Text for XML and HTML; control characters become blanks.
-[[nodiscard]] std::string escape(std::string_view text);
-
 // Groups of upright bars. No value: no bar. Marks are short lines across the group, for figures of somebody else.
 struct Bars {
   struct Series {

@@ -12,6 +12,7 @@
 
 #include "toolchain/learn/charts.hpp"
 #include "toolchain/learn/paper_figures.hpp"
+#include "toolchain/support/escape.hpp"
 
 namespace holdfast::learn {
 namespace {
@@ -605,14 +606,14 @@ svg{max-width:100%;height:auto}
 )";
 
 std::string html_of(const Table& table) {
-  std::string out = fmt::format("<h2>{}</h2>\n", charts::escape(table.title));
-  if (!table.note.empty()) out += fmt::format("<p class=\"note\">{}</p>\n", charts::escape(table.note));
+  std::string out = fmt::format("<h2>{}</h2>\n", tool::escape(table.title));
+  if (!table.note.empty()) out += fmt::format("<p class=\"note\">{}</p>\n", tool::escape(table.note));
   out += fmt::format(R"(<div class="wide"><table{}><thead><tr class="over">)",
                      table.columns.size() > 14 ? R"( class="dense")" : "");
   for (std::size_t c = 0; c < table.columns.size();) {
     std::size_t end = c + 1;
     while (end < table.columns.size() && table.columns[end].group == table.columns[c].group) ++end;
-    out += fmt::format("<th colspan=\"{}\">{}</th>", end - c, charts::escape(table.columns[c].group));
+    out += fmt::format("<th colspan=\"{}\">{}</th>", end - c, tool::escape(table.columns[c].group));
     c = end;
   }
   out += "</tr><tr>";
@@ -625,7 +626,7 @@ std::string html_of(const Table& table) {
                        [&](const Cells& row) { return row[c].number.has_value(); });
   };
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
-    out += fmt::format("<th{}>{}</th>", css(c, numeric(c)), charts::escape(table.columns[c].title));
+    out += fmt::format("<th{}>{}</th>", css(c, numeric(c)), tool::escape(table.columns[c].title));
   }
   out += "</tr></thead>\n<tbody>\n";
   std::string group;
@@ -634,8 +635,7 @@ std::string html_of(const Table& table) {
     group = row.front().text;
     out += fresh ? R"(<tr class="new">)" : "<tr>";
     for (std::size_t c = 0; c < row.size(); ++c) {
-      out +=
-          fmt::format("<td{}>{}</td>", css(c, numeric(c)), charts::escape(shown(row[c], table.columns[c], "–", "±")));
+      out += fmt::format("<td{}>{}</td>", css(c, numeric(c)), tool::escape(shown(row[c], table.columns[c], "–", "±")));
     }
     out += "</tr>\n";
   }
@@ -769,21 +769,21 @@ std::string html(const ReportFacts& facts, const std::vector<Table>& tables, con
       "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/><meta name=\"viewport\" "
       "content=\"width=device-width,initial-scale=1\"/><title>Holdfast: evaluation</title><style>{}</style></head>\n"
       "<body><main>\n<h1>Slip detection on {} data, beside the paper</h1>\n",
-      kStyle, charts::escape(facts.source));
+      kStyle, tool::escape(facts.source));
   for (const std::string& warning : facts.warnings) {
-    out += fmt::format("<p class=\"warn\">{}</p>\n", charts::escape(warning));
+    out += fmt::format("<p class=\"warn\">{}</p>\n", tool::escape(warning));
   }
   out += "<table><tbody>\n";
   for (const auto& [name, value] : facts.facts) {
-    out += fmt::format("<tr><th>{}</th><td style=\"white-space:normal\">{}</td></tr>\n", charts::escape(name),
-                       charts::escape(value));
+    out += fmt::format("<tr><th>{}</th><td style=\"white-space:normal\">{}</td></tr>\n", tool::escape(name),
+                       tool::escape(value));
   }
   out += "</tbody></table>\n";
   const auto chart = [&](std::string_view id) {
     for (const Chart& c : charts) {
       if (c.id != id) continue;
       out +=
-          fmt::format("<figure>{}<figcaption class=\"note\">{}</figcaption></figure>\n", c.svg, charts::escape(c.note));
+          fmt::format("<figure>{}<figcaption class=\"note\">{}</figcaption></figure>\n", c.svg, tool::escape(c.note));
     }
   };
   for (const Table& table : tables) {

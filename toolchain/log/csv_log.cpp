@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <concepts>
+
 namespace holdfast::log {
 namespace {
 
@@ -13,18 +15,19 @@ std::string cell(double value) {
 std::string cell(bool value) {
   return value ? "1" : "0";
 }
-std::string cell(std::uint8_t value) {
+std::string cell(std::integral auto value) {
   return std::to_string(value);
 }
-std::string cell(std::uint32_t value) {
-  return std::to_string(value);
+template <typename Enum>
+requires std::is_enum_v<Enum> std::string cell(Enum value) {
+  return std::to_string(static_cast<unsigned>(value));
 }
 
 }  // namespace
 
 std::string csv_header() {
   std::string out = "t_s";
-  for_each_field<SlipState>([&]<typename M>(const Field<SlipState, M>& f) {
+  for_each_field<FrameRecord>([&]<typename M>(const Field<FrameRecord, M>& f) {
     if constexpr (IsNumber<M>) {
       out += fmt::format(",{}", f.name);
     } else if constexpr (IsArray<M>) {
@@ -34,10 +37,10 @@ std::string csv_header() {
   return out + "\n";
 }
 
-std::string csv_row(const SlipState& state) {
+std::string csv_row(const FrameRecord& state) {
   const Time& stamp = state.header.stamp;
   std::string out = fmt::format("{}.{:06}", stamp.sec, stamp.nanosec / 1000);
-  for_each_field<SlipState>([&]<typename M>(const Field<SlipState, M>& f) {
+  for_each_field<FrameRecord>([&]<typename M>(const Field<FrameRecord, M>& f) {
     if constexpr (IsNumber<M>) {
       out += "," + cell(state.*f.member);
     } else if constexpr (IsArray<M>) {

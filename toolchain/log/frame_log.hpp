@@ -5,19 +5,18 @@
 
 #include <optional>
 #include <ostream>
+#include <span>
 
-#include "toolchain/log/frame_record.hpp"
 #include "toolchain/log/mcap_writer.hpp"
 #include "toolchain/log/messages.hpp"
 
 namespace holdfast::log {
 
-[[nodiscard]] SlipState slip_state(const LogFrame& frame);
-
 class FrameLog {
  public:
   explicit FrameLog(std::ostream& out);
-  void add(const LogFrame& frame);
+  // `arrows`: row by row of `cols`, a lost marker not valid. `jpeg`: as the camera sent it; empty: none.
+  void add(const FrameRecord& record, std::span<const Arrow> arrows, int cols, std::span<const std::uint8_t> jpeg);
   // Once, after the last frame.
   void finish() { writer_.finish(); }
   [[nodiscard]] bool has_pictures() const { return camera_.has_value(); }

@@ -13,7 +13,7 @@
 namespace holdfast::log {
 
 struct FrameVisit {
-  std::function<void(const SlipState&)> slip;
+  std::function<void(const FrameRecord&)> slip;
   std::function<void(const CompressedImage&)> picture;
 };
 

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/log/mcap_reader.hpp"
 
+#include <zlib.h>
+
 #include <algorithm>
 #include <concepts>
 #include <optional>
 #include <set>
 #include <utility>
 
-#include "toolchain/log/crc32_stream.hpp"
 #include "toolchain/log/mcap_format.hpp"
 
 namespace holdfast::log {
@@ -16,9 +17,7 @@ namespace {
 using Bytes = std::span<const std::uint8_t>;
 
 std::uint32_t sum_of(Bytes bytes) {
-  Crc32Stream crc;
-  crc.add(bytes);
-  return crc.sum();
+  return static_cast<std::uint32_t>(::crc32_z(0, bytes.data(), bytes.size()));
 }
 
 // Takes a record's content apart. After something that does not fit in it is not ok() and gives zeros.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/log/mcap_writer.hpp"
 
+#include <zlib.h>
+
 #include <algorithm>
 #include <concepts>
 
@@ -20,6 +22,10 @@ void add_number(Bytes& to, std::unsigned_integral auto value) {
 
 void add_bytes(Bytes& to, std::span<const std::uint8_t> bytes) {
   to.insert(to.end(), bytes.begin(), bytes.end());
+}
+
+std::uint32_t sum(std::uint32_t before, std::span<const std::uint8_t> bytes) {
+  return static_cast<std::uint32_t>(::crc32_z(before, bytes.data(), bytes.size()));
 }
 
 void add_text(Bytes& to, std::string_view text) {
@@ -104,13 +110,11 @@ void McapWriter::write(std::uint16_t channel, std::uint32_t sequence, std::uint6
 
 void McapWriter::flush_chunk() {
   if (chunk_.empty()) return;
-  Crc32Stream crc;
-  crc.add(chunk_);
   Bytes head;
   add_number(head, chunk_span_.first);
   add_number(head, chunk_span_.last);
   add_number(head, std::uint64_t{chunk_.size()});
-  add_number(head, crc.sum());
+  add_number(head, sum(0, chunk_));
   add_text(head, "");  // no compression
   add_number(head, std::uint64_t{chunk_.size()});
 
@@ -151,11 +155,11 @@ void McapWriter::flush_chunk() {
 void McapWriter::finish() {
   flush_chunk();
   Bytes data_end;
-  add_number(data_end, crc_.sum());
+  add_number(data_end, crc_);
   put(record(Op::kDataEnd, data_end));
 
   const std::uint64_t summary_start = position_;
-  crc_ = {};
+  crc_ = 0;
   Bytes statistics;
   add_number(statistics, messages_);
   add_number(statistics, static_cast<std::uint16_t>(schemas_.size()));
@@ -192,14 +196,14 @@ void McapWriter::finish() {
   add_number(footer, offsets_start);
   put(footer);
   Bytes end;
-  add_number(end, crc_.sum());
+  add_number(end, crc_);
   put(end);
   put(kMcapMagic);
 }
 
 void McapWriter::put(std::span<const std::uint8_t> bytes) {
   out_.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-  crc_.add(bytes);
+  crc_ = sum(crc_, bytes);
   position_ += bytes.size();
 }
 

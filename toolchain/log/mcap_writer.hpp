@@ -16,7 +16,6 @@
 #include <utility>
 #include <vector>
 
-#include "toolchain/log/crc32_stream.hpp"
 #include "toolchain/log/mcap_format.hpp"
 
 namespace holdfast::log {
@@ -46,7 +45,7 @@ class McapWriter {
 
   std::ostream& out_;
   std::uint64_t position_ = 0;
-  Crc32Stream crc_;                           // of the data section, then of the summary
+  std::uint32_t crc_ = 0;                     // of the data section, then of the summary
   std::map<std::string, std::uint16_t> ids_;  // of schemas, by name
   std::vector<std::vector<std::uint8_t>> schemas_, channels_, chunk_indexes_;  // records, for the summary
   std::map<std::uint16_t, std::uint64_t> counts_;                              // messages of each channel

@@ -2,13 +2,16 @@
 // What a log says of a frame, as ROS 2 messages: the camera's picture, what was decided, and where the markers are.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <string_view>
 #include <tuple>
 #include <vector>
 
+#include "base/status.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/log/ros_message.hpp"
 
@@ -31,26 +34,51 @@ struct CompressedImage {
   std::span<const std::uint8_t> data;
 };
 
-struct SlipState {
+// A frame's facts, wherever the host keeps or shows them: report, page, logs, telemetry of a device. On the wire it is
+// the message SlipState; the columns of --log are its fields.
+struct FrameRecord {
   Header header;
   std::uint32_t frame = 0;
-  std::uint8_t state = 0;
+  DeviceState state = DeviceState::kBoot;
   std::string_view state_name;
-  std::uint8_t reason = 0;
+  Reason reason = Reason::kNone;
   std::string_view reason_name;
   bool slip = false;
   bool grip_ok = false;
-  bool alive = false;
-  bool accepted = false;
-  bool features_valid = false;
-  bool rates_valid = false;
+  bool alive = false;           // level of the line ALIVE
+  bool accepted = false;        // ALIVE toggled
+  bool features_valid = false;  // markers, entropy and histogram mean something
+  bool rates_valid = false;     // so do the speeds and the rate of entropy
   std::uint32_t markers = 0;
   double vx_mm_s = 0;
   double vy_mm_s = 0;
   double entropy_nat = 0;
   double entropy_rate_nat_s = 0;
-  double decided_us = 0;
+  double decided_us = 0;  // arrival to edge; 0: not known (virtual time)
   std::array<std::uint32_t, kHistogramBins> histogram{};
+
+  [[nodiscard]] double t_s() const { return static_cast<double>(time_ns() / 1000) * 1e-6; }
+  [[nodiscard]] std::uint64_t time_ns() const {
+    return static_cast<std::uint64_t>(header.stamp.sec) * 1'000'000'000 + header.stamp.nanosec;
+  }
+  // To the microsecond, as all times of the firmware. Range: below 2^31 s; what is negative counts as 0.
+  void set_time(double t_s) {
+    const auto us = static_cast<std::uint64_t>(std::llround(std::max(t_s, 0.0) * 1e6));
+    header.stamp = {static_cast<std::int32_t>(us / 1'000'000), static_cast<std::uint32_t>(us % 1'000'000 * 1000)};
+  }
+  void set_state(DeviceState now, Reason why) {
+    state = now, state_name = info(now).name;
+    reason = why, reason_name = info(why).name;
+  }
+};
+
+// A marker in pixels of a picture, as in the markers CSV: where it is now and how far it is from rest.
+struct Arrow {
+  double x_px = 0;
+  double y_px = 0;
+  double dx_px = 0;
+  double dy_px = 0;
+  bool valid = false;
 };
 
 struct MarkerField {
@@ -82,28 +110,28 @@ struct Message<CompressedImage> {
                                       field("format", &CompressedImage::format), field("data", &CompressedImage::data)};
 };
 template <>
-struct Message<SlipState> {
+struct Message<FrameRecord> {
   static constexpr std::string_view kPackage = "holdfast_msgs", kType = "SlipState";
   static constexpr std::tuple kFields{
-      field("header", &SlipState::header),
-      field("frame", &SlipState::frame, "counted from 0"),
-      field("state", &SlipState::state, "0 BOOT, 1 REFERENCE, 2 OK, 3 SLIP, 4 DEGRADED, 5 FAULT"),
-      field("state_name", &SlipState::state_name),
-      field("reason", &SlipState::reason, "why; numbers and names in firmware/app/STATES.md"),
-      field("reason_name", &SlipState::reason_name),
-      field("slip", &SlipState::slip),
-      field("grip_ok", &SlipState::grip_ok, "what the line GRIP_OK was told"),
-      field("alive", &SlipState::alive, "level of the line ALIVE"),
-      field("accepted", &SlipState::accepted, "the picture was used: ALIVE toggled"),
-      field("features_valid", &SlipState::features_valid, "markers, entropy and histogram mean something"),
-      field("rates_valid", &SlipState::rates_valid, "so do the speeds and the rate of entropy"),
-      field("markers", &SlipState::markers, "found"),
-      field("vx_mm_s", &SlipState::vx_mm_s, "mean speed of the markers, mm/s"),
-      field("vy_mm_s", &SlipState::vy_mm_s, "mm/s"),
-      field("entropy_nat", &SlipState::entropy_nat, "of the displacements, nat"),
-      field("entropy_rate_nat_s", &SlipState::entropy_rate_nat_s, "nat/s"),
-      field("decided_us", &SlipState::decided_us, "from the frame's arrival to the lines, us; 0: not known"),
-      field("histogram", &SlipState::histogram, "markers by the length of their displacement"),
+      field("header", &FrameRecord::header),
+      field("frame", &FrameRecord::frame, "counted from 0"),
+      field("state", &FrameRecord::state, "0 BOOT, 1 REFERENCE, 2 OK, 3 SLIP, 4 DEGRADED, 5 FAULT"),
+      field("state_name", &FrameRecord::state_name),
+      field("reason", &FrameRecord::reason, "why; numbers and names in firmware/app/STATES.md"),
+      field("reason_name", &FrameRecord::reason_name),
+      field("slip", &FrameRecord::slip),
+      field("grip_ok", &FrameRecord::grip_ok, "what the line GRIP_OK was told"),
+      field("alive", &FrameRecord::alive, "level of the line ALIVE"),
+      field("accepted", &FrameRecord::accepted, "the picture was used: ALIVE toggled"),
+      field("features_valid", &FrameRecord::features_valid, "markers, entropy and histogram mean something"),
+      field("rates_valid", &FrameRecord::rates_valid, "so do the speeds and the rate of entropy"),
+      field("markers", &FrameRecord::markers, "found"),
+      field("vx_mm_s", &FrameRecord::vx_mm_s, "mean speed of the markers, mm/s"),
+      field("vy_mm_s", &FrameRecord::vy_mm_s, "mm/s"),
+      field("entropy_nat", &FrameRecord::entropy_nat, "of the displacements, nat"),
+      field("entropy_rate_nat_s", &FrameRecord::entropy_rate_nat_s, "nat/s"),
+      field("decided_us", &FrameRecord::decided_us, "from the frame's arrival to the lines, us; 0: not known"),
+      field("histogram", &FrameRecord::histogram, "markers by the length of their displacement"),
   };
 };
 template <>

@@ -3,7 +3,7 @@
 //
 // A message is a struct, and a Message<T> that names it and lists its members. The type of a member says how it is
 // written in the schema and how in CDR (XCDR1, little endian, as rosbag2 has it), so that the two cannot drift apart:
-//   bool, std::uint8_t, std::int32_t, std::uint32_t, double   of that width
+//   bool, std::uint8_t, std::int32_t, std::uint32_t, double   of that width; an enum as its underlying type
 //   std::string_view                                           string; of the bytes, when decoded
 //   std::span<const std::uint8_t>                              uint8[]; likewise
 //   std::vector<number>, std::array<number, N>                 number[], number[N]
@@ -47,7 +47,7 @@ concept IsMessage = requires {
   Message<T>::kFields;
 };
 template <typename T>
-concept IsNumber = std::is_arithmetic_v<T>;
+concept IsNumber = std::is_arithmetic_v<T> || std::is_enum_v<T>;
 template <typename T>
 struct IsArrayType : std::false_type {};
 template <typename T, std::size_t N>
@@ -76,6 +76,8 @@ template <typename T>
 [[nodiscard]] std::string type_name() {
   if constexpr (IsMessage<T>) {
     return std::string(Message<T>::kPackage) + "/" + std::string(Message<T>::kType);
+  } else if constexpr (std::is_enum_v<T>) {
+    return type_name<std::underlying_type_t<T>>();
   } else if constexpr (std::is_same_v<T, bool>) {
     return "bool";
   } else if constexpr (std::is_same_v<T, std::uint8_t>) {

@@ -10,9 +10,9 @@
 #include <memory>
 
 #include "drivers/common/ed25519.hpp"
-#include "toolchain/holdfast/commands.hpp"
 #include "toolchain/sealed/owner_key.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/cli.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -7,16 +7,11 @@
 #include <span>
 #include <string>
 
+#include "toolchain/log/messages.hpp"
+
 namespace holdfast::tool {
 
-// A marker in pixels of a picture, as in the markers CSV: where it is now and how far it is from rest.
-struct Arrow {
-  double x_px = 0;
-  double y_px = 0;
-  double dx_px = 0;
-  double dy_px = 0;
-  bool valid = false;
-};
+using log::Arrow;
 
 inline constexpr int kOverlayWidth = 960;  // pixels at least: smaller pictures are magnified by a whole number
 

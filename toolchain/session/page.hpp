@@ -11,9 +11,6 @@
 
 namespace holdfast::tool::page {
 
-// For text and for quoted attributes.
-[[nodiscard]] std::string escape(std::string_view text);
-
 // In this order, with what is to be read without a script between them.
 [[nodiscard]] std::string begin(std::string_view title);
 [[nodiscard]] std::string explorer();

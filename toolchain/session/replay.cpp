@@ -14,6 +14,7 @@
 #include "drivers/sim/recording.hpp"
 #include "toolchain/log/frame_reader.hpp"
 #include "toolchain/play/reference_picture.hpp"
+#include "toolchain/support/cli.hpp"
 #include "toolchain/support/progress.hpp"
 #include "vision/luma_input.hpp"
 

@@ -1,18 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// `holdfast replay` without its output, for a program that looks at every frame.
+// A recording through the whole firmware.
 #pragma once
 
 #include <functional>
 #include <string>
 
-#include "toolchain/holdfast/commands.hpp"
+#include "toolchain/session/run.hpp"
 
 namespace holdfast::tool {
+
+struct ReplayOptions {
+  CommonOptions common;
+  std::string input;
+  std::string reference = "first";
+  double fps = 0;
+};
+// The command. 0: done; else one line on stderr was printed.
+[[nodiscard]] int replay(const ReplayOptions& options);
 
 // After every frame of the recording, used or rejected.
 using ReplayWatch = std::function<void(const App&)>;
 
-// Empty, or an error line.
+// Without output, for a program that looks at every frame. Empty, or an error line.
 [[nodiscard]] std::string replay_quietly(const ReplayOptions& options, const ReplayWatch& watch);
 
 }  // namespace holdfast::tool

@@ -13,11 +13,10 @@
 
 #include "toolchain/session/page.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/escape.hpp"
 
 namespace holdfast::tool {
 namespace {
-
-using page::escape;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 // The receiver's rule (DESIGN.md, Outputs): GRIP_OK counts only while the last ALIVE edge is younger than
@@ -102,10 +101,10 @@ struct Column {
 
 class TimePlots {
  public:
-  TimePlots(const std::vector<ReportFrame>& frames, const ReportInfo& info) : frames_(frames), info_(info) {
-    t0_ = frames.front().t_s;
-    const double span = frames.back().t_s - t0_;
-    last_dt_s_ = frames.size() > 1 ? frames.back().t_s - frames[frames.size() - 2].t_s : 0.04;
+  TimePlots(const std::vector<FrameRecord>& frames, const ReportInfo& info) : frames_(frames), info_(info) {
+    t0_ = frames.front().t_s();
+    const double span = frames.back().t_s() - t0_;
+    last_dt_s_ = frames.size() > 1 ? frames.back().t_s() - frames[frames.size() - 2].t_s() : 0.04;
     scale_ = kColumns / std::max(span + last_dt_s_, 1e-6);
     fill_columns();
   }
@@ -114,12 +113,12 @@ class TimePlots {
   std::string svg() {
     y_ = info_.marks.empty() ? 6 : 22;
     top_ = y_;
-    panel("Entropy E", "nat", 128, 0, {{"a", "", series(&ReportFrame::entropy_nat, &ReportFrame::features_valid)}});
+    panel("Entropy E", "nat", 128, 0, {{"a", "", series(&FrameRecord::entropy_nat, &FrameRecord::features_valid)}});
     panel("Entropy rate dE/dt", "nat/s", 96, kNone,
-          {{"a", "", series(&ReportFrame::entropy_rate_nat_s, &ReportFrame::rates_valid)}});
+          {{"a", "", series(&FrameRecord::entropy_rate_nat_s, &FrameRecord::rates_valid)}});
     panel("Mean marker speed", "mm/s", 118, kNone,
-          {{"a", "Vx", series(&ReportFrame::vx_mm_s, &ReportFrame::rates_valid)},
-           {"b", "Vy", series(&ReportFrame::vy_mm_s, &ReportFrame::rates_valid)}});
+          {{"a", "Vx", series(&FrameRecord::vx_mm_s, &FrameRecord::rates_valid)},
+           {"b", "Vy", series(&FrameRecord::vy_mm_s, &FrameRecord::rates_valid)}});
     if (info_.series) {
       panel("Truth: " + info_.series->name, info_.series->unit, 84, 0, {{"v", "", info_.series->points}});
     }
@@ -148,29 +147,29 @@ class TimePlots {
   void fill_columns() {
     double last_edge_s = -1e9;
     for (std::size_t i = 0; i < frames_.size(); ++i) {
-      const ReportFrame& f = frames_[i];
-      const double until = i + 1 < frames_.size() ? frames_[i + 1].t_s : f.t_s + last_dt_s_;
+      const FrameRecord& f = frames_[i];
+      const double until = i + 1 < frames_.size() ? frames_[i + 1].t_s() : f.t_s() + last_dt_s_;
       if (f.accepted) {
-        last_edge_s = f.t_s;
+        last_edge_s = f.t_s();
         ++edges_;
       }
-      const std::size_t first = column(f.t_s);
+      const std::size_t first = column(f.t_s());
       const std::size_t end = std::max(first, column(until - 0.5 / scale_));
       for (std::size_t c = first; c <= end; ++c) {
         Column& column = columns_[c];
         column.severity = std::max(column.severity, severity(f.state));
         column.slip |= f.slip;
         (f.grip_ok ? column.high : column.low) = true;
-        const double t_s = std::max(f.t_s, t0_ + static_cast<double>(c) / scale_);
+        const double t_s = std::max(f.t_s(), t0_ + static_cast<double>(c) / scale_);
         column.fresh |= t_s - last_edge_s <= kAliveFresh_s;
       }
     }
   }
 
-  [[nodiscard]] Points series(double ReportFrame::*value, bool ReportFrame::*valid) const {
+  [[nodiscard]] Points series(double FrameRecord::*value, bool FrameRecord::*valid) const {
     Points points;
     points.reserve(frames_.size());
-    for (const ReportFrame& f : frames_) points.emplace_back(f.t_s, f.*valid ? f.*value : kNone);
+    for (const FrameRecord& f : frames_) points.emplace_back(f.t_s(), f.*valid ? f.*value : kNone);
     return points;
   }
 
@@ -310,10 +309,10 @@ class TimePlots {
     if (edges_ <= kMaxAliveEdges) {
       std::string d = fmt::format("M{} {}", kLeft, px(low));
       bool level = false;
-      for (const ReportFrame& f : frames_) {
+      for (const FrameRecord& f : frames_) {
         if (!f.accepted) continue;
         level = !level;
-        d += fmt::format("H{}V{}", px(x(f.t_s)), px(level ? high : low));
+        d += fmt::format("H{}V{}", px(x(f.t_s())), px(level ? high : low));
       }
       body_ += fmt::format(R"(<path class="io" d="{}H{}"/>)", d, kLeft + kColumns);
     } else {
@@ -375,7 +374,7 @@ class TimePlots {
     return out;
   }
 
-  const std::vector<ReportFrame>& frames_;
+  const std::vector<FrameRecord>& frames_;
   const ReportInfo& info_;
   std::array<Column, kColumns> columns_{};
   std::size_t edges_ = 0;
@@ -446,9 +445,9 @@ std::string quiver(const Report::Moment& moment, const ReportInfo& info, double 
   return out + "</svg>";
 }
 
-std::string histogram(const ReportFrame& frame, const ReportInfo& info) {
+std::string histogram(const FrameRecord& frame, const ReportInfo& info) {
   constexpr double kHigh = 84, kBottom = 96, kX0 = 26, kBar = 18;
-  const int most = std::max(1, *std::max_element(frame.histogram.begin(), frame.histogram.end()));
+  const std::uint32_t most = std::max(1U, *std::max_element(frame.histogram.begin(), frame.histogram.end()));
   std::string out = R"(<svg viewBox="0 0 300 130" role="img" aria-label="displacement histogram">)";
   const Axis axis = nice_axis(0, most * 1.04, 3);
   for (const double v : ticks(axis)) {
@@ -473,7 +472,7 @@ std::string histogram(const ReportFrame& frame, const ReportInfo& info) {
 }
 
 // Frames in which `slip` begins.
-std::vector<std::size_t> slip_starts(const std::vector<ReportFrame>& frames) {
+std::vector<std::size_t> slip_starts(const std::vector<FrameRecord>& frames) {
   std::vector<std::size_t> starts;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     if (frames[i].slip && (i == 0 || !frames[i - 1].slip)) starts.push_back(i);
@@ -489,16 +488,21 @@ struct Delay {
   std::size_t at = 0;
 };
 
+// Frames keep whole microseconds, marks do not.
+bool is_before(const FrameRecord& frame, double t_s) {
+  return frame.t_s() < t_s - 0.5e-6;
+}
+
 // From the first frame that could show the onset to the first frame that says slip.
-Delay delay_from(const std::vector<ReportFrame>& frames, double onset_s) {
+Delay delay_from(const std::vector<FrameRecord>& frames, double onset_s) {
   Delay delay;
-  const auto first = std::find_if(frames.begin(), frames.end(), [&](const auto& f) { return f.t_s >= onset_s; });
-  const auto raised = std::find_if(first, frames.end(), [](const ReportFrame& f) { return f.slip; });
+  const auto first = std::find_if(frames.begin(), frames.end(), [&](const auto& f) { return !is_before(f, onset_s); });
+  const auto raised = std::find_if(first, frames.end(), [](const FrameRecord& f) { return f.slip; });
   if (raised == frames.end()) return delay;
   delay.raised = true;
   delay.early = raised == first && first != frames.begin() && std::prev(first)->slip;
   delay.frames = static_cast<long>(raised - first);
-  delay.ms = (raised->t_s - onset_s) * 1000;
+  delay.ms = (raised->t_s() - onset_s) * 1000;
   delay.at = static_cast<std::size_t>(raised - frames.begin());
   return delay;
 }
@@ -513,15 +517,15 @@ std::string delay_text(const Delay& delay, const std::string& mark) {
 struct Summary {
   long accepted = 0, with_features = 0, grip_ok = 0;
   double mean_markers = 0;
-  int worst_markers = 0;
+  std::uint32_t worst_markers = 0;
   long worst_markers_frame = 0;
   std::map<Reason, long> reasons;
 };
 
-Summary summarise(const std::vector<ReportFrame>& frames) {
+Summary summarise(const std::vector<FrameRecord>& frames) {
   Summary s;
-  s.worst_markers = std::numeric_limits<int>::max();
-  for (const ReportFrame& f : frames) {
+  s.worst_markers = std::numeric_limits<std::uint32_t>::max();
+  for (const FrameRecord& f : frames) {
     s.accepted += f.accepted ? 1 : 0;
     s.grip_ok += f.grip_ok ? 1 : 0;
     if (f.reason != Reason::kNone) ++s.reasons[f.reason];
@@ -540,7 +544,7 @@ std::string percent(long part, std::size_t whole) {
   return part == static_cast<long>(whole) ? "100 %" : fmt::format("{:.1f} %", std::min(value, 99.9));
 }
 
-std::string verdict(const std::vector<ReportFrame>& frames, const ReportInfo& info,
+std::string verdict(const std::vector<FrameRecord>& frames, const ReportInfo& info,
                     const std::vector<std::size_t>& starts) {
   std::string text, small;
   std::string_view css = starts.empty() ? "ok" : "slip";
@@ -550,19 +554,19 @@ std::string verdict(const std::vector<ReportFrame>& frames, const ReportInfo& in
     text = delay_text(delay, onset->name);
     small = fmt::format("Truth: {} at {:.3f} s.", onset->name, onset->t_s);
     if (delay.raised)
-      small += fmt::format(" Raised in frame {}, {:.3f} s.", frames[delay.at].frame, frames[delay.at].t_s);
+      small += fmt::format(" Raised in frame {}, {:.3f} s.", frames[delay.at].frame, frames[delay.at].t_s());
     const auto before =
-        std::count_if(starts.begin(), starts.end(), [&](std::size_t i) { return frames[i].t_s < onset->t_s; });
+        std::count_if(starts.begin(), starts.end(), [&](std::size_t i) { return is_before(frames[i], onset->t_s); });
     small += fmt::format(" {} before it.", before == 0 ? "No alarm" : plural(before, "alarm"));
     if (!delay.raised) css = "fault";
   } else if (starts.empty()) {
     text = "No slip raised";
     small = fmt::format("{} over {:.2f} s.", plural(static_cast<long>(frames.size()), "frame"),
-                        frames.back().t_s - frames.front().t_s);
+                        frames.back().t_s() - frames.front().t_s());
   } else {
-    const ReportFrame& first = frames[starts.front()];
+    const FrameRecord& first = frames[starts.front()];
     text = fmt::format("Slip raised {}, first at {:.3f} s",
-                       starts.size() == 1 ? "once" : plural(static_cast<long>(starts.size()), "time"), first.t_s);
+                       starts.size() == 1 ? "once" : plural(static_cast<long>(starts.size()), "time"), first.t_s());
     small = fmt::format("First in frame {}.", first.frame);
   }
   return fmt::format(R"(<div class="verdict {}">{}<small>{}</small></div>)", css, escape(text), escape(small));
@@ -576,12 +580,12 @@ std::string row(const std::string& name, const std::string& value) {
   return value.empty() ? "" : fmt::format("<tr><th>{}</th><td>{}</td></tr>\n", escape(name), escape(value));
 }
 
-std::string summary_table(const std::vector<ReportFrame>& frames, const ReportInfo& info, const Summary& s,
+std::string summary_table(const std::vector<FrameRecord>& frames, const ReportInfo& info, const Summary& s,
                           const std::vector<std::size_t>& starts) {
   std::string out = "<table>";
   out += row("Input", info.input) + row("Grid", info.grid) + row("Mode", info.mode) + row("Model", info.model) +
          row("Reference", info.reference);
-  out += row("Frames", fmt::format("{} over {:.3f} s", frames.size(), frames.back().t_s - frames.front().t_s));
+  out += row("Frames", fmt::format("{} over {:.3f} s", frames.size(), frames.back().t_s() - frames.front().t_s()));
   out += row("Accepted frames", fmt::format("{} ({})", s.accepted, percent(s.accepted, frames.size())));
   if (s.with_features > 0) {
     out += row("Markers", fmt::format("mean {:.2f} of {}, worst {} in frame {}", s.mean_markers, info.grid_markers,
@@ -590,7 +594,7 @@ std::string summary_table(const std::vector<ReportFrame>& frames, const ReportIn
   std::string times;
   constexpr std::size_t kListed = 12;
   for (std::size_t i = 0; i < std::min(starts.size(), kListed); ++i) {
-    times += fmt::format("{}{:.3f} s (frame {})", i == 0 ? "" : ", ", frames[starts[i]].t_s, frames[starts[i]].frame);
+    times += fmt::format("{}{:.3f} s (frame {})", i == 0 ? "" : ", ", frames[starts[i]].t_s(), frames[starts[i]].frame);
   }
   if (starts.size() > kListed) times += fmt::format(" and {} more", starts.size() - kListed);
   out += row("Slip raised", starts.empty() ? "never" : times);
@@ -619,11 +623,11 @@ std::string reason_table(const Summary& s) {
   return out + "</table>\n";
 }
 
-std::string state_legend(const std::vector<ReportFrame>& frames, bool shaded) {
+std::string state_legend(const std::vector<FrameRecord>& frames, bool shaded) {
   const auto accepted = static_cast<std::size_t>(
-      std::count_if(frames.begin(), frames.end(), [](const ReportFrame& f) { return f.accepted; }));
+      std::count_if(frames.begin(), frames.end(), [](const FrameRecord& f) { return f.accepted; }));
   std::array<bool, kBySeverity.size()> seen{};
-  for (const ReportFrame& f : frames) seen[static_cast<std::size_t>(severity(f.state))] = true;
+  for (const FrameRecord& f : frames) seen[static_cast<std::size_t>(severity(f.state))] = true;
   std::string out = "<div class=\"legend\">";
   for (std::size_t i = 0; i < seen.size(); ++i) {
     if (!seen[i]) continue;
@@ -638,7 +642,7 @@ std::string state_legend(const std::vector<ReportFrame>& frames, bool shaded) {
 
 }  // namespace
 
-void Report::add(const ReportFrame& frame, std::span<const Arrow> arrows, const Seen& seen) {
+void Report::add(const FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture) {
   const auto keep = [&] { return Moment{frame, {arrows.begin(), arrows.end()}}; };
   if (frame.slip && !first_slip_) first_slip_ = keep();
   if (frame.features_valid) {
@@ -647,7 +651,7 @@ void Report::add(const ReportFrame& frame, std::span<const Arrow> arrows, const 
     end_ = keep();
   }
   frames_.push_back(frame);
-  track_.add(frame, arrows, seen);
+  track_.add(frame, arrows, picture);
 }
 
 std::string Report::html(const ReportInfo& info) const {
@@ -681,9 +685,9 @@ std::string Report::html(const ReportInfo& info) const {
         "displacement; a cross marks a lost marker.</p>\n<div class=\"moments\">\n",
         fmt::format("{:g}", factor));
     for (const Card& card : cards) {
-      const ReportFrame& f = card.moment->frame;
+      const FrameRecord& f = card.moment->frame;
       out += fmt::format("<figure><h3>{}</h3><figcaption>frame {}, {:.3f} s · {}{}</figcaption>", card.name, f.frame,
-                         f.t_s, holdfast::info(f.state).name,
+                         f.t_s(), holdfast::info(f.state).name,
                          f.features_valid ? fmt::format("<br/>E = {:.3f} nat", f.entropy_nat) : "");
       if (!card.moment->arrows.empty()) out += quiver(*card.moment, info, factor);
       if (f.features_valid) out += histogram(f, info);

@@ -17,30 +17,12 @@
 #include <utility>
 #include <vector>
 
-#include "base/status.hpp"
-#include "tactile/types.hpp"
 #include "toolchain/session/overlay.hpp"
 #include "toolchain/session/track.hpp"
 
 namespace holdfast::tool {
 
-struct ReportFrame {
-  long frame = 0;
-  double t_s = 0;  // strictly increasing
-  DeviceState state = DeviceState::kBoot;
-  Reason reason = Reason::kNone;
-  bool accepted = false;        // ALIVE toggled
-  bool features_valid = false;  // markers, entropy and histogram mean something
-  bool rates_valid = false;     // so do the speeds and the rate of entropy
-  int markers = 0;
-  double vx_mm_s = 0;
-  double vy_mm_s = 0;
-  double entropy_nat = 0;
-  double entropy_rate_nat_s = 0;
-  bool slip = false;
-  bool grip_ok = false;
-  std::array<int, kHistogramBins> histogram{};
-};
+using log::FrameRecord;
 
 struct TruthMark {
   double t_s = 0;
@@ -76,7 +58,7 @@ struct ReportInfo {
 class Report {
  public:
   // In order of time. `arrows` may be empty.
-  void add(const ReportFrame& frame, std::span<const Arrow> arrows, const Seen& seen = {});
+  void add(const FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture = {});
 
   [[nodiscard]] std::string html(const ReportInfo& info) const;
   // Atomic; returns empty, or one line that says what is wrong.
@@ -84,12 +66,12 @@ class Report {
                                   const std::filesystem::path& input = {}) const;
 
   struct Moment {
-    ReportFrame frame;
+    FrameRecord frame;
     std::vector<Arrow> arrows;
   };
 
  private:
-  std::vector<ReportFrame> frames_;
+  std::vector<FrameRecord> frames_;
   std::optional<Moment> rest_, peak_, first_slip_, end_;
   Track track_;
 };

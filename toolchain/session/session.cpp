@@ -113,11 +113,6 @@ Session::Session(SessionInfo info, OutputPaths paths)
   log_ = open(paths_.log);
   mcap_ = open(paths_.mcap);
   (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
-  if (features_) {
-    features_->stream()
-        << "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
-           "imprint_patches,imprint_um\n";
-  }
   if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
   if (log_) log_->stream() << log::csv_header();
   if (mcap_) frame_log_ = std::make_unique<log::FrameLog>(mcap_->stream());
@@ -159,29 +154,25 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
   }
   slip_before_ = outputs.slip;
 
-  if (features_) {
-    const Reason reason = accepted ? outputs.reason : result.quality.reason;
-    fmt::print(features_->stream(), "{},{:.6f},{},{},", frame, t_s, info(outputs.state).name, info(reason).name);
-    if (has_features) {
-      fmt::print(features_->stream(), "{},{:.3f},{:.3f},{:.6f},{:.6f}", f.markers, mm_per_s(f.vx), mm_per_s(f.vy),
-                 nat(f.entropy), nat_per_s(f.entropy_rate));
-    } else if (accepted) {
-      fmt::print(features_->stream(), "{},,,,", result.markers);
-    } else {
-      fmt::print(features_->stream(), ",,,,");
-    }
-    fmt::print(features_->stream(), ",{},{},", outputs.slip ? 1 : 0, outputs.grip_ok ? 1 : 0);
-    // Where the model does not read the picture, nothing of it is computed; what does not move has no figure either.
-    if (has_features && result.contact.judged) fmt::print(features_->stream(), "{}", result.contact.touching ? 1 : 0);
-    if (has_features && f.imprint.patches.raw() > 0) {
-      fmt::print(features_->stream(), ",{},", f.imprint.patches.raw());
-      if (f.imprint.motion.raw() > 0)
-        fmt::print(features_->stream(), "{:.1f}", std::exp2(f.imprint.motion.raw() / 256.0));
-    } else {
-      fmt::print(features_->stream(), ",,");
-    }
-    fmt::print(features_->stream(), "\n");
+  FrameRecord row;
+  row.frame = static_cast<std::uint32_t>(frame);
+  row.set_time(t_s);
+  row.set_state(outputs.state, outputs.reason);
+  row.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
+  row.accepted = accepted;
+  row.features_valid = has_features;
+  row.rates_valid = has_features && f.rates_valid;
+  row.slip = outputs.slip;
+  row.grip_ok = outputs.grip_ok;
+  if (has_features) {
+    row.markers = static_cast<std::uint32_t>(f.markers);
+    row.vx_mm_s = mm_per_s(f.vx);
+    row.vy_mm_s = mm_per_s(f.vy);
+    row.entropy_nat = nat(f.entropy);
+    row.entropy_rate_nat_s = nat_per_s(f.entropy_rate);
+    std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
   }
+  if (features_) write_features(row);
 
   arrows_.clear();
   const MarkerField& field = app_->state().tracker.field;
@@ -208,56 +199,54 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     }
   }
 
-  ReportFrame row{};
-  row.frame = frame;
-  row.t_s = t_s;
-  row.state = outputs.state;
-  row.reason = outputs.reason;
-  row.accepted = accepted;
-  row.features_valid = has_features;
-  row.rates_valid = has_features && f.rates_valid;
-  row.slip = outputs.slip;
-  row.grip_ok = outputs.grip_ok;
-  if (has_features) {
-    row.markers = f.markers;
-    row.vx_mm_s = mm_per_s(f.vx);
-    row.vy_mm_s = mm_per_s(f.vy);
-    row.entropy_nat = nat(f.entropy);
-    row.entropy_rate_nat_s = nat_per_s(f.entropy_rate);
-    std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
-  }
-  if (!paths_.report.empty()) report_.add(row, arrows_, seen(scale, given));
-  if (log_ || frame_log_) write_logs(row);
+  if (!paths_.report.empty()) report_.add(row, arrows_, picture_of(scale, given));
+  if (log_) log_->stream() << log::csv_row(row);
+  if (frame_log_) frame_log_->add(row, arrows_, field.grid.cols, tap_->jpeg());
   if (!paths_.overlay.empty() && has_features) keep_for_overlay(scale, given);
 }
 
-void Session::write_logs(const ReportFrame& row) {
-  log::LogFrame frame;
-  frame.told = row;
-  frame.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
-  if (log_) log_->stream() << log::csv_row(log::slip_state(frame));
-  if (!frame_log_) return;
-  frame.arrows = arrows_;
-  frame.cols = app_->state().tracker.field.grid.cols;
-  frame.jpeg = tap_->jpeg();
-  frame_log_->add(frame);
+// One list of columns and cells; the first row writes the header before it.
+void Session::write_features(const FrameRecord& row) {
+  const pipeline::Result& result = app_->result();
+  const Features& f = result.features;
+  const Reason reason = row.accepted ? row.reason : result.quality.reason;
+  const bool valid = row.features_valid;
+  const std::int32_t patches = f.imprint.patches.raw();
+  std::string names, cells;
+  const auto add = [&](std::string_view name, bool known, std::string_view format, const auto& value) {
+    const std::string_view comma = names.empty() ? "" : ",";
+    names.append(comma).append(name);
+    cells.append(comma).append(known ? fmt::format(fmt::runtime(format), value) : std::string());
+  };
+  add("frame", true, "{}", row.frame);
+  add("t_s", true, "{:.6f}", row.t_s());
+  add("state", true, "{}", row.state_name);
+  add("reason", true, "{}", info(reason).name);
+  add("markers", row.accepted, "{}", valid ? f.markers : result.markers);
+  add("vx_mm_s", valid, "{:.3f}", row.vx_mm_s);
+  add("vy_mm_s", valid, "{:.3f}", row.vy_mm_s);
+  add("entropy_nat", valid, "{:.6f}", row.entropy_nat);
+  add("entropy_rate_nat_s", valid, "{:.6f}", row.entropy_rate_nat_s);
+  add("slip", true, "{:d}", row.slip);
+  add("grip_ok", true, "{:d}", row.grip_ok);
+  // Where the model does not read the picture, nothing of it is computed; what does not move has no figure either.
+  add("contact", valid && result.contact.judged, "{:d}", result.contact.touching);
+  add("imprint_patches", valid && patches > 0, "{}", patches);
+  add("imprint_um", valid && patches > 0 && f.imprint.motion.raw() > 0, "{:.1f}",
+      std::exp2(f.imprint.motion.raw() / 256.0));
+  if (summary_.frames <= 1) features_->stream() << names << '\n';
+  features_->stream() << cells << '\n';
 }
 
 // The picture for the page: as the firmware saw it, at its working size. A frame that was rejected shows none: what it
 // would be is not known to be a picture.
-Seen Session::seen(double scale, const hal::Frame& given) const {
-  Seen out{};
-  out.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
-  if (!app_->result().quality.ok()) return out;
-  if (given.format == hal::PixelFormat::kMjpeg) {
-    out.picture = app_->state().luma.decoded.view();
-  } else {
-    out.picture = {given.bytes.data(), given.width, given.height, given.stride};
-  }
-  out.width_px = out.picture.width * scale;
-  out.height_px = out.picture.height * scale;
-  if (given.bytes.empty() || out.picture.width <= 0) out.picture.data = nullptr;
-  return out;
+TrackPicture Session::picture_of(double scale, const hal::Frame& given) const {
+  if (!app_->result().quality.ok()) return {};
+  LumaView luma = given.format == hal::PixelFormat::kMjpeg
+                      ? app_->state().luma.decoded.view()
+                      : LumaView{given.bytes.data(), given.width, given.height, given.stride};
+  if (given.bytes.empty() || luma.width <= 0) luma.data = nullptr;
+  return {luma, luma.width * scale, luma.height * scale};
 }
 
 // The overlay shows the frame that raised slip first; without one, the frame of the largest entropy.

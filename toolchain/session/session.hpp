@@ -112,8 +112,8 @@ class Session {
 
  private:
   [[nodiscard]] std::unique_ptr<AtomicFile> open(const std::filesystem::path& path);
-  void write_logs(const ReportFrame& row);
-  [[nodiscard]] Seen seen(double scale, const hal::Frame& given) const;
+  void write_features(const FrameRecord& row);
+  [[nodiscard]] TrackPicture picture_of(double scale, const hal::Frame& given) const;
   void keep_for_overlay(double scale, const hal::Frame& given);
   [[nodiscard]] std::string draw_overlay() const;
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/session/track.hpp"
 
+#include <sodium.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -44,19 +46,12 @@ class Bytes {
 };
 
 std::string base64(const Thinned& thinned) {
-  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  std::uint32_t bits = 0;
-  int count = 0;
-  for (const Thinned::Piece& piece : thinned.pieces()) {
-    for (const std::uint8_t byte : piece.bytes) {
-      bits = bits << 8 | byte;
-      for (count += 8; count >= 6; count -= 6) out += kDigits[bits >> (count - 6) & 63U];
-      bits &= 63U;
-    }
-  }
-  if (count > 0) out += kDigits[bits << (6 - count) & 63U];
-  while (out.size() % 4 != 0) out += '=';
+  std::vector<std::uint8_t> bytes;
+  for (const Thinned::Piece& piece : thinned.pieces())
+    bytes.insert(bytes.end(), piece.bytes.begin(), piece.bytes.end());
+  std::string out(sodium_base64_ENCODED_LEN(bytes.size(), sodium_base64_VARIANT_ORIGINAL), '\0');
+  ::sodium_bin2base64(out.data(), out.size(), bytes.data(), bytes.size(), sodium_base64_VARIANT_ORIGINAL);
+  out.pop_back();  // the terminating zero
   return out;
 }
 
@@ -105,39 +100,39 @@ void Thinned::keep(Piece piece) {
   }
 }
 
-void Track::add(const ReportFrame& frame, std::span<const Arrow> arrows, const Seen& seen) {
+void Track::add(const FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture) {
   const bool event = static_cast<int>(frame.state) != last_state_ || frame.slip != last_slip_;
   last_state_ = static_cast<int>(frame.state);
   last_slip_ = frame.slip;
-  width_px_ = std::max(width_px_, seen.width_px);
-  height_px_ = std::max(height_px_, seen.height_px);
+  width_px_ = std::max(width_px_, picture.width_px);
+  height_px_ = std::max(height_px_, picture.height_px);
   if (width_px_ <= 0) {  // markers without a picture: whatever holds them
     for (const Arrow& a : arrows) height_px_ = std::max({height_px_, 1.1 * a.x_px, 1.1 * a.y_px});
   }
-  keep_row(frame, seen, event);
+  keep_row(frame, event);
   // A simulation that enters at the features has no markers; a frame that lost all of them was rejected.
   const bool seen_any = std::any_of(arrows.begin(), arrows.end(), [](const Arrow& a) { return a.valid; });
   if (seen_any && markers_.wants(frames_, event)) keep_markers(arrows, event);
-  if (seen.picture.data != nullptr && pictures_.wants(frames_, event)) keep_picture(seen.picture, event);
+  if (picture.luma.data != nullptr && pictures_.wants(frames_, event)) keep_picture(picture.luma, event);
   ++frames_;
 }
 
-void Track::keep_row(const ReportFrame& f, const Seen& seen, bool event) {
-  if (seen.decided_us > 0) decided_us_.push_back(static_cast<float>(seen.decided_us));
-  if (f.accepted) last_edge_s_ = f.t_s;
-  const bool fresh = f.t_s - last_edge_s_ <= kFresh_s;
+void Track::keep_row(const FrameRecord& f, bool event) {
+  if (f.decided_us > 0) decided_us_.push_back(static_cast<float>(f.decided_us));
+  if (f.accepted) last_edge_s_ = f.t_s();
+  const bool fresh = f.t_s() - last_edge_s_ <= kFresh_s;
   if (!rows_.wants(frames_, event)) return;
-  const bool bits[]{f.slip, f.grip_ok, f.accepted, f.features_valid, f.rates_valid, seen.alive, fresh};
+  const bool bits[]{f.slip, f.grip_ok, f.accepted, f.features_valid, f.rates_valid, f.alive, fresh};
   unsigned flags = 0;
   for (std::size_t i = 0; i < std::size(bits); ++i) flags |= (bits[i] ? 1U : 0U) << i;
   Bytes row;
-  row.put(frames_).put(static_cast<std::uint32_t>(f.frame)).put(f.t_s);
+  row.put(frames_).put(f.frame).put(f.t_s());
   row.put(static_cast<std::uint8_t>(f.state)).put(static_cast<std::uint8_t>(f.reason));
   row.put(static_cast<std::uint8_t>(flags)).put(static_cast<std::uint8_t>(f.markers));
   row.put(f.entropy_nat, f.features_valid).put(f.entropy_rate_nat_s, f.rates_valid);
   row.put(f.vx_mm_s, f.rates_valid).put(f.vy_mm_s, f.rates_valid);
-  row.put(seen.decided_us, true);
-  for (const int count : f.histogram) row.put(static_cast<std::uint8_t>(std::clamp(count, 0, 255)));
+  row.put(f.decided_us, true);
+  for (const std::uint32_t count : f.histogram) row.put(static_cast<std::uint8_t>(std::min(count, 255U)));
   rows_.keep({frames_, event, row.take()});
 }
 

@@ -16,15 +16,12 @@
 
 namespace holdfast::tool {
 
-struct ReportFrame;
 struct ReportInfo;
 
-// What a frame brings beside its row. All may be left out.
-struct Seen {
-  bool alive = false;     // level of the line ALIVE
-  double decided_us = 0;  // arrival to edge; 0: not known (virtual time)
-  LumaView picture;       // borrowed; no data: none
-  double width_px = 0;    // of the input, which the arrows are measured in
+// What a frame shows beside its record; may be left out.
+struct TrackPicture {
+  LumaView luma;        // borrowed; no data: none
+  double width_px = 0;  // of the input, which the arrows are measured in
   double height_px = 0;
 };
 
@@ -55,13 +52,13 @@ class Thinned {
 class Track {
  public:
   // In order of time.
-  void add(const ReportFrame& frame, std::span<const Arrow> arrows, const Seen& seen);
+  void add(const log::FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture);
 
   // For the page's script; safe inside a script element.
   [[nodiscard]] std::string json(const ReportInfo& info) const;
 
  private:
-  void keep_row(const ReportFrame& frame, const Seen& seen, bool event);
+  void keep_row(const log::FrameRecord& frame, bool event);
   void keep_markers(std::span<const Arrow> arrows, bool event);
   void keep_picture(const LumaView& picture, bool event);
 

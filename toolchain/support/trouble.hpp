@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-namespace holdfast::console_tool {
+namespace holdfast {
 
 [[nodiscard]] inline std::string trouble(std::string_view what, std::string_view cause, std::string_view next) {
   std::string line(what);
@@ -16,4 +16,4 @@ namespace holdfast::console_tool {
   return line;
 }
 
-}  // namespace holdfast::console_tool
+}  // namespace holdfast

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/support/cli.hpp"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <csignal>
+#include <cstdio>
+
+#include "toolchain/support/trouble.hpp"
+
+namespace holdfast::tool {
+namespace {
+
+volatile std::sig_atomic_t stop_asked = 0;
+
+}  // namespace
+
+std::string parse_shard(const std::string& text, int& shard, int& shards) {
+  const char* const end = text.data() + text.size();
+  const auto [slash, first] = std::from_chars(text.data(), end, shard);
+  if (first == std::errc{} && slash != end && *slash == '/') {
+    const auto [rest, second] = std::from_chars(slash + 1, end, shards);
+    if (second == std::errc{} && rest == end && shard >= 1 && shard <= shards) return {};
+  }
+  return fmt::format(
+      "--shard '{}': not a piece of a whole. Likely cause: not written as I/N, or counted from 0. Next: give 1/4, 2/4, "
+      "3/4 and 4/4 to four runs",
+      text);
+}
+
+std::function<std::string(const std::string&)> number_from_to(double least, double most) {
+  return [least, most](const std::string& text) {
+    double value = 0.0;
+    if (CLI::detail::lexical_cast(text, value) && value >= least && value <= most) return std::string{};
+    return fmt::format("'{}' is no number from {:g} to {:g}", text, least, most);
+  };
+}
+
+std::string not_empty(const std::string& text) {
+  return text.empty() ? "the name is empty" : "";
+}
+
+void note(const std::string& line) {
+  std::string shown = line;
+  std::replace_if(
+      shown.begin(), shown.end(), [](unsigned char c) { return c < 0x20 || c == 0x7F; }, '?');
+  fmt::print(stderr, "holdfast: {}\n", shown);
+}
+
+int fail(const std::string& line) {
+  note(line);
+  return 1;
+}
+
+void heed_interrupts() {
+  struct sigaction once {};
+  once.sa_handler = [](int) { stop_asked = 1; };
+  once.sa_flags = static_cast<int>(SA_RESETHAND);
+  ::sigaction(SIGINT, &once, nullptr);
+  ::sigaction(SIGTERM, &once, nullptr);
+}
+
+bool interrupted() {
+  return stop_asked != 0;
+}
+
+std::string interrupted_line() {
+  return trouble("interrupted", "Ctrl-C", "run it again; nothing was written");
+}
+
+}  // namespace holdfast::tool

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every command of the tool needs: checks of arguments, lines on stderr, Ctrl-C.
+#pragma once
+
+#include <functional>
+#include <string>
+
+namespace CLI {
+class App;
+}
+
+namespace holdfast::tool {
+
+// A command that brings its own options: what adds it puts it into the list of those that can be run.
+struct Command {
+  CLI::App* app = nullptr;
+  std::function<int()> run;
+};
+
+// A check for names of files: a shell variable that is not set must not quietly mean "none". Empty, or what is wrong.
+[[nodiscard]] std::string not_empty(const std::string& text);
+
+// A check for numbers, "nan" among those refused: CLI11's own range check lets it pass.
+[[nodiscard]] std::function<std::string(const std::string&)> number_from_to(double least, double most);
+
+// `I/N`: piece I of N, counted from 1. Empty, or an error line.
+[[nodiscard]] std::string parse_shard(const std::string& text, int& shard, int& shards);
+
+// One line on stderr, whatever is in it: control characters of file names become '?'. fail() returns the exit status.
+[[nodiscard]] int fail(const std::string& line);
+void note(const std::string& line);
+
+// After heed_interrupts() Ctrl-C ends a run between two frames, so that no temporary file stays behind; the second one
+// ends the program at once.
+void heed_interrupts();
+[[nodiscard]] bool interrupted();
+[[nodiscard]] std::string interrupted_line();
+
+}  // namespace holdfast::tool
