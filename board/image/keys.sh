@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The owner's keys for updates: an authority (CA) that boards trust, and signers that it confirms, one at a time in use.
+# The owner's keys for updates: an authority (CA) that boards trust, and signers that it certifies, one at a time in use.
 #   board/image/keys.sh DIR                    makes the authority and the first signer
 #   board/image/keys.sh DIR --new-signer       the next signer; boards take what it signs without hearing of it first
 #   board/image/keys.sh DIR --revoke CERT.pem  a signer that is not to be trusted any more: boards hear of it by the next release
 # DIR/ca.key.pem             the authority's key, used for the three commands above alone: keep it apart, off the building machine
 # DIR/signer.key.pem         signs bundles (board/image/bundle.sh)
-# DIR/signer.cert.pem        goes into every bundle, confirmed by the authority; DIR/signers/ keeps all that there were
+# DIR/signer.cert.pem        goes into every bundle, certified by the authority; DIR/signers/ keeps all that there were
 # DIR/keyring.pem            goes into images (board/image/build.sh --keyring): the authority's certificate, and what it revoked
 # DIR/index.txt, serial, crlnumber   what the authority has signed and revoked
 # Both keys are encrypted (AES-256, scrypt), each by a passphrase of its own, which is asked for at the terminal; for scripts

@@ -68,7 +68,7 @@ refuses "a board does not take it" "unable to get local issuer certificate" info
 cp -r "$keys" "$work/mixed"
 cp "$work/other_keys"/signer.* "$work/mixed/"
 refuses "no bundle by a signer of another authority" "would not take" bundle never 9.0 9 "$work/mixed"
-# A signer confirms nobody: not an authority, so what it signs is nobody's.
+# A signer certifies nobody: not an authority, so what it signs is nobody's.
 openssl req -new -newkey rsa:2048 -nodes -keyout "$work/under.key" -subj "/O=Holdfast owner/CN=authority" -out "$work/under.csr" 2>/dev/null
 openssl x509 -req -in "$work/under.csr" -CA "$keys/signer.cert.pem" -CAkey "$keys/signer.key.pem" -passin "$HOLDFAST_SIGNER_PASS" \
   -days 30 -out "$work/under.pem" 2>/dev/null
@@ -76,8 +76,8 @@ mkdir "$work/content"
 cp "$work/slot"/* "$work/content/"
 printf '[update]\ncompatible=holdfast-virt\nversion=9.0\nbuild=9\n[bundle]\nformat=verity\n[image.rootfs]\nfilename=root.img\n' >"$work/content/manifest.raucm"
 rauc bundle --cert="$work/under.pem" --key="$work/under.key" --intermediate="$keys/signer.cert.pem" "$work/content" "$work/under" >/dev/null 2>&1 ||
-  fails "a bundle by one that a signer confirms"
-refuses "a board does not take what a signer confirms" "invalid CA certificate|unable to get|path length" info "$work/before.pem" "$work/under"
+  fails "a bundle by one that a signer certifies"
+refuses "a board does not take what a signer certifies" "invalid CA certificate|unable to get|path length" info "$work/before.pem" "$work/under"
 
 # The next signer: boards take it without having heard of it.
 cp "$keys/signer.cert.pem" "$work/old.cert.pem"
