@@ -59,17 +59,42 @@ std::int32_t row_steps_scalar(const Rows& rows, std::int32_t columns, std::int32
   return sum;
 }
 
+std::int32_t worst_cell(const LumaView& luma, std::int32_t cap, std::int32_t block) {
+  const std::int32_t width = 2 * block;
+  using Steps = std::array<std::int32_t, kMaxLumaWidth / (2 * kLeastCellBlock)>;  // of a row of cells
+  std::array<Steps, 3> steps{};  // this rim, and those one and two blocks above; above the picture: none
+  std::int32_t worst = 0;
+  for (std::int32_t y = block; y + 1 < luma.height; y += block) {
+    std::rotate(steps.begin(), steps.end() - 1, steps.end());
+    const Rows rows{luma.row(y - 2), luma.row(y - 1), luma.row(y), luma.row(y + 1)};
+    for (std::int32_t cell = 0; cell < luma.width / width; ++cell) {
+      const std::int32_t x = cell * width;
+      const std::int32_t now =
+          row_steps_scalar({rows.two_above + x, rows.above + x, rows.row + x, rows.below + x}, width, cap);
+      steps[0][idx(cell)] = now;
+      for (const std::size_t above : {1U, 2U}) {
+        const std::int32_t before = steps[above][idx(cell)];
+        worst = std::max(worst, std::max(std::min(now, -before), std::min(-now, before)));
+      }
+    }
+  }
+  return worst * 100 / (width * cap);
+}
+
 Status update(State& state, const Config& config, const LumaView& luma, std::int32_t block) {
   measure(luma, config.cap, state.seen);
+  const std::int32_t cell = block >= kLeastCellBlock ? worst_cell(luma, config.cap, block) : 0;
   const bool first = state.width != luma.width || state.height != luma.height;
-  const bool implausible = !first && worst_excess(state.seen, state.believed, luma.height, block) * 100 >
-                                         columns_of(luma.width) * config.cap * config.limit_pct;
+  const bool implausible = !first && (worst_excess(state.seen, state.believed, luma.height, block) * 100 >
+                                          columns_of(luma.width) * config.cap * config.limit_pct ||
+                                      cell - state.believed_cell > config.limit_pct);
   if (implausible && state.refused_in_a_row < config.patience) {
     ++state.refused_in_a_row;
     return {Reason::kJpegDamaged};
   }
   state.refused_in_a_row = 0;
   state.believed = state.seen;
+  state.believed_cell = cell;
   state.width = luma.width;
   state.height = luma.height;
   return kOkStatus;

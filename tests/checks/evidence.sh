@@ -4,9 +4,10 @@
 # the figures in all other documents.
 #   evidence.sh [--measure [ID...]] [--check] [--list]
 #     (nothing)   writes EVIDENCE.md and the figures in the documents
-#     --measure   first runs the commands of all claims, or of those named, and puts figure and date into evidence.csv
+#     --measure   first runs the commands of all claims, or of those named, and puts figure, date and commit into
+#                 evidence.csv; a + behind the commit: with changes that are not in it
 #     --check     fails when a document is not what would be written, when a claim has no figure or a figure no claim,
-#                 and when a claim that reads a committed file (its command is `awk ...`) would read another figure now
+#                 and when a cheap claim (its command is `awk ...`, or it has a line `again`) would say another figure now
 #     --list      the claims' names and commands
 # In a document <!--ID-->FIGURE<!--/-->, on one line, takes the figure of claim ID, <!--ID.2--> its second part (parts are
 # separated by "; "), <!--ID.2-4--> a range of parts.
@@ -17,6 +18,8 @@
 #   run       the command, from the project's folder; claims that share one are measured together
 #   find      sed -n script that prints the figure from the command's output, its last line counts
 #   short     only where the goal is not reached: why
+#   again     only where every machine says the same within two seconds or so: --check runs it where its program is built
+# A claim that reads a committed .csv, which its command names, has that file's last commit.
 # Times depend on the machine; ratios and counts are what may be compared.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -33,7 +36,7 @@ documents() {
   fi
 }
 
-# "ID<tab>claim<tab>goal<tab>run<tab>find<tab>short", one a line. An empty cell is "-", because read skips empty ones.
+# "ID<tab>claim<tab>goal<tab>run<tab>find<tab>short<tab>again", one a line. An empty cell is "-", because read skips empty ones.
 table() {
   awk -v OFS='\t' '
     function text() { sub(/^[a-z]+ +/, ""); return $0 }
@@ -43,24 +46,37 @@ table() {
         print "claims.txt: [" id "] lacks a line" > "/dev/stderr"
         exit bad = 1
       }
-      print id, claim, goal, run, find, short == "" ? "-" : short
+      print id, claim, goal, run, find, short == "" ? "-" : short, again == "" ? "-" : again
     }
     /^#/ || /^$/ { next }
-    /^\[/ { put(); id = substr($0, 2, length($0) - 2); claim = goal = run = find = short = ""; next }
+    /^\[/ { put(); id = substr($0, 2, length($0) - 2); claim = goal = run = find = short = again = ""; next }
     $1 == "claim" { claim = text() }
     $1 == "goal" { goal = text() }
     $1 == "run" { run = text() }
     $1 == "find" { find = text() }
     $1 == "short" { short = text() }
+    $1 == "again" { again = text() }
     END { if (!bad) put(); exit bad }' "$claims"
+}
+
+# commit_of RUN: what a figure of this command is measured on.
+commit_of() {
+  local file
+  file=$(grep -oE '[a-z/]+\.csv' <<<"$1" || true)
+  if [[ -n $file ]]; then
+    printf '%s of %s' "$(git log -1 --format=%h -- "$file")" "${file##*/}"
+  else
+    git rev-parse --short HEAD | tr -d '\n'
+    git diff --quiet HEAD -- . ':!*.md' ":!$figures" ":!$claims" || printf +
+  fi
 }
 
 measure() {
   local -A wanted=()
-  local id claim goal run find short out log figure status=0 all=$(($# == 0))
+  local id claim goal run find short again out log figure status=0 all=$(($# == 0))
   for id in "$@"; do wanted[$id]=1; done
   out=$(mktemp -d)
-  while IFS=$'\t' read -r id claim goal run find short; do
+  while IFS=$'\t' read -r id claim goal run find short again; do
     ((all == 1)) || [[ -n ${wanted[$id]:-} ]] || continue
     unset "wanted[$id]"
     log=$out/$(cksum <<<"$run" | cut -d' ' -f1)
@@ -82,7 +98,7 @@ measure() {
     figure=${figure//,/;}
     touch "$figures"
     awk -F, -v id="$id" '$1 != id' "$figures" >"$out/kept"
-    { [[ -s $out/kept ]] && cat "$out/kept"; printf '%s,%s,%s\n' "$id" "$(date -u +%F)" "$figure"; } | sort >"$out/new"
+    { [[ -s $out/kept ]] && cat "$out/kept"; printf '%s,%s,%s,%s\n' "$id" "$(date -u +%F)" "$(commit_of "$run")" "$figure"; } | sort >"$out/new"
     cp "$out/new" "$figures"
     say "$id: $figure"
   done < <(table)
@@ -99,23 +115,24 @@ render() {
 # Evidence
 
 What README and the design promise, the command that measures it, and what it said. Written by `tests/checks/evidence.sh` from
-[claims.txt](checks/claims.txt) and [evidence.csv](checks/evidence.csv); `--measure` runs the commands again. Times are of one machine of two
-cores; ratios, counts and errors are what may be compared.
+[claims.txt](checks/claims.txt) and [evidence.csv](checks/evidence.csv); `--measure` runs the commands again. `commit` is the commit that was
+measured (with +: and changes to it), or, of a figure that is read from a committed file, the commit that last changed that file. Times are of
+one machine of two cores; ratios, counts and errors are what may be compared.
 
-| promise | goal | measured | on | by |
-|---|---|---|---|---|
+| promise | goal | measured | on | commit | by |
+|---|---|---|---|---|---|
 END
-  local id claim goal run find short row date figure
-  while IFS=$'\t' read -r id claim goal run find short; do
+  local id claim goal run find short again row date commit figure
+  while IFS=$'\t' read -r id claim goal run find short again; do
     row=$(awk -F, -v id="$id" '$1 == id' "$figures" 2>/dev/null || true)
     if [[ -z $row ]]; then
       complain "[$id] has no figure" "never measured" "tests/checks/evidence.sh --measure $id"
       return 1
     fi
-    IFS=, read -r _ date figure <<<"$row"
+    IFS=, read -r _ date commit figure <<<"$row"
     [[ $short == "-" ]] || figure="$figure. **Short**: $short"
     # shellcheck disable=SC2016  # backquotes of Markdown
-    printf '| %s | %s | %s | %s | `%s` |\n' "$claim" "$goal" "$figure" "$date" "${run//|/\\|}"
+    printf '| %s | %s | %s | %s | %s | `%s` |\n' "$claim" "$goal" "$figure" "$date" "$commit" "${run//|/\\|}"
   done < <(table)
   local orphan
   orphan=$(comm -13 <(table | cut -f1 | sort) <(cut -d, -f1 "$figures" | sort))
@@ -150,7 +167,7 @@ render_attacks() {
 # fill FILE: the document with its figures put in.
 fill() {
   awk -v file="$1" '
-    FNR == NR { id = $0; sub(/,.*/, "", id); sub(/^[^,]*,[^,]*,/, ""); figure[id] = $0; next }
+    FNR == NR { id = $0; sub(/,.*/, "", id); sub(/^[^,]*,[^,]*,[^,]*,/, ""); figure[id] = $0; next }
     {
       rest = $0
       out = ""
@@ -187,7 +204,7 @@ write() {
 }
 
 check() {
-  local status=0 document id claim goal run find short figure committed
+  local status=0 document id claim goal run find short again figure committed program
   diff <(render) "$page" || {
     complain "$page is not what claims and figures say (lines above)" "one of the three was changed alone" \
       "tests/checks/evidence.sh"
@@ -200,12 +217,16 @@ check() {
       status=1
     }
   done < <(documents)
-  while IFS=$'\t' read -r id claim goal run find short; do
-    [[ $run == "awk "* ]] || continue
-    figure=$(bash -c "$run" </dev/null | sed -n "$find" | tail -n 1)
-    committed=$(awk -F, -v id="$id" '$1 == id { sub(/^[^,]*,[^,]*,/, ""); print }' "$figures")
+  local -A said=()
+  while IFS=$'\t' read -r id claim goal run find short again; do
+    [[ $run == "awk "* || $again != "-" ]] || continue
+    program=$(grep -oE 'build/[a-z]+/bin/[a-z_]+' <<<"$run" | head -n 1 || true)
+    [[ -z $program || -x $program ]] || continue
+    [[ -n ${said[$run]:-} ]] || said[$run]=$(bash -c "$run" 2>&1 </dev/null || true)
+    figure=$(sed -n "$find" <<<"${said[$run]}" | tail -n 1)
+    committed=$(awk -F, -v id="$id" '$1 == id { sub(/^[^,]*,[^,]*,[^,]*,/, ""); print }' "$figures")
     [[ ${figure//,/;} == "$committed" ]] || {
-      complain "[$id] is '$committed' in $figures and '$figure' in the file that it reads" "the file was written anew" \
+      complain "[$id] is '$committed' in $figures and '$figure' now" "the code, or the file that it reads, has changed" \
         "tests/checks/evidence.sh --measure $id"
       status=1
     }

@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -129,6 +130,17 @@ TEST_GROUP(ConsoleFlood) {
     }
     return {};
   }
+  // Minor and major ones of the process so far; fields 10 and 12 of its stat, behind the name in brackets.
+  std::pair<long, long> page_faults() {
+    std::ifstream file("/proc/" + std::to_string(board.pid()) + "/stat");
+    std::string skipped;
+    std::getline(file, skipped, ')');
+    for (int field = 3; field < 10; ++field) file >> skipped;
+    long minor = -1, of_children = 0, major = -1;
+    file >> minor >> of_children >> major;
+    CHECK(minor > 0 && major >= 0);
+    return {minor, major};
+  }
   // So many status frames come, each of them fine; `beside` is done between them.
   bool frames_pass(int count, const std::function<void()>& beside) {
     int seen = 0, poor = 0;
@@ -153,7 +165,9 @@ TEST(ConsoleFlood, IsNotNoticedByTheFrames) {
   CHECK(until([this] { return ask("\rstatus json\r", "state").find("\"state\":\"OK\"") != std::string::npos; }));
   (void)link.take();
   clear();
+  const auto [minor_before, major_before] = page_faults();
   CHECK(frames_pass(frames_wanted(), [] {}));
+  const auto [minor, major] = page_faults();
   const auto [quiet, quiet_frames] = frame_p999_us();
 
   clear();
@@ -184,7 +198,9 @@ TEST(ConsoleFlood, IsNotNoticedByTheFrames) {
   const double back = std::chrono::duration<double>(std::chrono::steady_clock::now() - ended).count();
   const auto [flooded, flooded_frames] = frame_p999_us();
   std::printf(
-      " frame p99.9 %ld us quiet (%ld frames), %ld us under noise (%ld frames, %zu kB taken); back after %.2f s;",
-      quiet, quiet_frames, flooded, flooded_frames, taken / 1000, back);
+      " page faults in %d frames: %ld minor, %ld major; frame p99.9 %ld us quiet (%ld frames), %ld us under noise (%ld "
+      "frames, %zu kB taken); back after %.2f s;",
+      frames_wanted(), minor - minor_before, major - major_before, quiet, quiet_frames, flooded, flooded_frames,
+      taken / 1000, back);
   CHECK(quiet_frames >= frames_wanted() && flooded_frames >= frames_wanted());
 }

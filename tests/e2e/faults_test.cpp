@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <string>
 
@@ -126,6 +127,9 @@ TEST(FaultsSoak, IsSafeThroughRandomFaults) {
   const Setup setup = soak_setup(frames, 20261122);
   CHECK_TRUE(setup.windows.size() > frames / 600);
   const Run run = play("soak", setup);
+  std::printf(" %llu frames, %zu faults: \"fine\" against the rule for %.3f ms; %d FAULT states, %d without a cause;",
+              static_cast<unsigned long long>(frames), setup.windows.size(),
+              static_cast<double>(run.judgement.unsafe_fine.count()) / 1e3, run.judgement.faults, false_faults(run));
   check(run);
   CHECK_TRUE(run.judgement.fine > kFrame * static_cast<std::int64_t>(frames) * 6 / 10);
   CHECK_TRUE(false_faults(run) <= 1);

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Builds the fuzz targets (preset fuzz): the JPEG decoder, and the readers of scene files, compiled
-# models, frames on the link, a gripper's replies, the console and MCAP files. Writes their seeds and runs them one after
-# the other on one core. See --help.
-# The last line is "no finding", or names the input that was found and how to replay it; exit status 0 and 1.
+# Builds the fuzz targets (preset fuzz; the table below), writes their seeds and runs them one after the other on one
+# core. See --help.
+# The last line is "N executions, no finding", or names the input that was found and how to replay it; exit status 0
+# and 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
@@ -11,9 +11,10 @@ source toolchain/say.sh
 
 usage() {
   cat <<'USAGE'
-usage: tests/fuzz/run.sh [SECONDS] [--build DIR] [--lines]
-  SECONDS      how long to run, 1 to 1000000; default 60. Scenes take a fifth of it, models, frames,
-               replies, the console and MCAP files a tenth each, the decoder the rest.
+usage: tests/fuzz/run.sh [SECONDS | --runs N] [--build DIR] [--lines]
+  SECONDS      how long to run, 1 to 1000000; default 60. The decoder takes a fifth of it, the others a tenth each.
+  --runs N     instead: N inputs in all, 1000 or more, the fast readers more: of a hundred 50 frames,
+               30 replies, 7 stored records, 5 MCAP files, 3 models, 2 trees, 1 scene, 1 picture, 1 of the console.
   --build DIR  where to build; default build/fuzz. The corpus stays there, so that the next run goes on from it.
   --lines      then tell which share of the code's lines the corpora reach (a second build in DIR-lines)
 Needs clang-14 and libclang-rt-14-dev, and llvm-14 for --lines.
@@ -21,7 +22,7 @@ Example: tests/fuzz/run.sh 600 --lines
 USAGE
 }
 
-seconds=60 build=build/fuzz lines=0
+seconds=60 runs=0 build=build/fuzz lines=0
 while (($# > 0)); do
   case $1 in
     --build)
@@ -30,6 +31,14 @@ while (($# > 0)); do
       shift
       ;;
     --lines) lines=1 ;;
+    --runs)
+      [[ ${2:-} =~ ^[1-9][0-9]{3,8}$ ]] || {
+        complain "--runs names no number from 1000 on" "a typing error" "see tests/fuzz/run.sh --help"
+        exit 2
+      }
+      runs=$2
+      shift
+      ;;
     --help | -h) usage && exit 0 ;;
     *)
       if ! [[ $1 =~ ^[1-9][0-9]{0,6}$ ]]; then
@@ -61,32 +70,50 @@ built() {
   fi
 }
 
-say "building in $build"
-built "$build" "jpeg_fuzz jpeg_seeds scene_fuzz scene_seeds model_fuzz model_seeds link_fuzz link_seeds \
-  modbus_fuzz modbus_seeds console_fuzz console_seeds mcap_fuzz mcap_seeds"
-mkdir -p "$build"/{seeds,corpus,findings} "$build"/{scene,model,link,modbus,console,mcap}_{seeds,corpus}
-"$build/bin/jpeg_seeds" "$build/seeds" 1000
-"$build/bin/scene_seeds" "$build/scene_seeds" "$build/scene.dict"
-"$build/bin/model_seeds" "$build/model_seeds" "$build/model.dict"
-"$build/bin/link_seeds" "$build/link_seeds" "$build/link.dict"
-"$build/bin/modbus_seeds" "$build/modbus_seeds" "$build/modbus.dict"
-"$build/bin/console_seeds" "$build/console_seeds" "$build/console.dict"
-"$build/bin/mcap_seeds" "$build/mcap_seeds" "$build/mcap.dict"
+# TARGET SHARE CODE: of a hundred inputs; what --lines reports on.
+targets="scene 1 drivers/sim/scene/scene_*.cpp
+model 3 firmware/slip/model_file.cpp
+tree 2 toolchain/treec/tree_model.cpp
+link 50 firmware/link/link.cpp
+modbus 30 firmware/grip/modbus_rtu.cpp
+stored 7 firmware/store/settings.cpp firmware/store/models.cpp firmware/store/slot_store.cpp firmware/store/sealed.cpp
+console 1 firmware/console/*.cpp
+mcap 5 toolchain/log/mcap_reader.cpp
+jpeg 1 firmware/vision/jpeg_*"
 
-# fuzzed TARGET SECONDS CORPUS SEEDS DICTIONARY KNOWN CODE: runs one target; CODE is what --lines reports on. The corpora
-# keep their folders from run to run.
+say "building in $build"
+built "$build" "$(awk '{ printf "%s_fuzz ", $1 }' <<<"$targets") jpeg_seeds scene_seeds model_seeds link_seeds modbus_seeds \
+  console_seeds mcap_seeds"
+while read -r name _; do mkdir -p "$build/findings" "$build/${name}_"{seeds,corpus}; done <<<"$targets"
+"$build/bin/jpeg_seeds" "$build/jpeg_seeds" 1000
+for name in scene model link modbus console mcap; do
+  "$build/bin/${name}_seeds" "$build/${name}_seeds" "$build/$name.dict"
+done
+cp "$build"/console_seeds/* "$build/stored_seeds"
+cp toolchain/model/*.tree "$build/tree_seeds"
+cp tests/fuzz/jpeg.dict "$build"
+cp "$build/console.dict" "$build/stored.dict"
+awk '/^[a-z]/ { for (k = 1; k <= NF; ++k) if (!seen[$k]++) print "\"" $k "\"" }' toolchain/model/slip_v1.tree \
+  >"$build/tree.dict"
+
+executed=0
+# fuzzed NAME SHARE CODE: runs one target. The corpora keep their folders from run to run.
 fuzzed() {
-  local target=$1 seconds=$2 corpus=$build/$3 seeds=$build/$4 dictionary=$5 code=$7
-  local log=$build/$target.log status=0 known=() executions rate edges inputs found
-  [[ ! -d $6 ]] || known=("$6")
-  say "running $target for $seconds s"
-  "$build/bin/$target" -seed=1 -max_total_time="$seconds" -max_len=4096 -timeout=10 -use_value_profile=1 \
-    -dict="$dictionary" -artifact_prefix="$build/findings/" -print_final_stats=1 \
+  local target=$1_fuzz corpus=$build/$1_corpus seeds=$build/$1_seeds code=$3 known=() limit status=0
+  local log=$build/$target.log executions rate edges inputs found part=$((seconds / 10))
+  [[ $1 != jpeg ]] || part=$((seconds / 5))
+  limit=-max_total_time=$((part > 0 ? part : 1))
+  ((runs == 0)) || limit=-runs=$((runs * $2 / 100))
+  [[ ! -d tests/fuzz/regressions/$1 ]] || known=("tests/fuzz/regressions/$1")
+  say "running $target with $limit"
+  "$build/bin/$target" -seed=1 "$limit" -max_len=4096 -timeout=10 -use_value_profile=1 \
+    -dict="$build/$1.dict" -artifact_prefix="$build/findings/" -print_final_stats=1 \
     "$corpus" "$seeds" "${known[@]}" >"$log" 2>&1 || status=$?
   executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
   edges=$(sed -n 's/.* cov: \([0-9]*\) .*/\1/p' "$log" | tail -n 1)
   inputs=$(find "$corpus" -type f | wc -l)
+  executed=$((executed + ${executions:-0}))
   say "$target: ${executions:-?} executions (${rate:-?}/s), ${edges:-?} edges covered, $inputs inputs in $corpus"
 
   if ((lines == 1)); then
@@ -112,20 +139,5 @@ fuzzed() {
   fi
 }
 
-scene_seconds=$((seconds / 5 > 0 ? seconds / 5 : 1))
-tenth=$((seconds / 10 > 0 ? seconds / 10 : 1))
-rest=$((seconds - scene_seconds - 5 * tenth))
-fuzzed scene_fuzz "$scene_seconds" scene_corpus scene_seeds "$build/scene.dict" tests/fuzz/regressions/scene \
-  "drivers/sim/scene/file/*.cpp"
-fuzzed model_fuzz "$tenth" model_corpus model_seeds "$build/model.dict" tests/fuzz/regressions/model \
-  "firmware/slip/model_file.cpp"
-fuzzed link_fuzz "$tenth" link_corpus link_seeds "$build/link.dict" tests/fuzz/regressions/link "firmware/link/link.cpp"
-fuzzed modbus_fuzz "$tenth" modbus_corpus modbus_seeds "$build/modbus.dict" tests/fuzz/regressions/modbus \
-  "firmware/grip/modbus_rtu.cpp"
-fuzzed console_fuzz "$tenth" console_corpus console_seeds "$build/console.dict" tests/fuzz/regressions/console \
-  "firmware/console/*.cpp firmware/store/settings.cpp firmware/store/models.cpp"
-fuzzed mcap_fuzz "$tenth" mcap_corpus mcap_seeds "$build/mcap.dict" tests/fuzz/regressions/mcap \
-  "toolchain/log/mcap_reader.cpp"
-fuzzed jpeg_fuzz $((rest > 0 ? rest : 1)) corpus seeds tests/fuzz/jpeg.dict \
-  tests/fuzz/regressions/jpeg "firmware/vision/jpeg_*"
-say "no finding"
+while read -r name share code; do fuzzed "$name" "$share" "$code"; done <<<"$targets"
+say "$executed executions, no finding"

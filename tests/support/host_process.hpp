@@ -31,6 +31,7 @@ class HostProcess {
   // False: it ended, or the deadline passed, without having said so.
   [[nodiscard]] bool err_says(std::string_view text, std::chrono::seconds deadline = std::chrono::seconds(300));
   void send(int signal) const;
+  [[nodiscard]] pid_t pid() const { return pid_; }
   // Reads to the end; kills the program at the deadline.
   [[nodiscard]] Finished finish(std::chrono::seconds deadline = std::chrono::seconds(300));
 

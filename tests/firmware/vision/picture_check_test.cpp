@@ -124,10 +124,47 @@ TEST(PictureCheck, AcceptsTheFirstPictureWhateverItIs) {
 
 TEST(PictureCheck, AcceptsEveryFrameOfTheScenes) {
   for (const scene::Scene& scene : {scene::sphere_slip(), scene::sphere_hold(), scene::sphere_shake()}) {
-    *state = {};
     const test::ScenePictures film = test::film(scene, view);
-    for (const LumaView& luma : film.views) CHECK_TRUE(picture_check::update(*state, config, luma, 1).ok());
+    for (const std::int32_t block : {1, 4, 8}) {
+      *state = {};
+      for (const LumaView& luma : film.views) CHECK_TRUE(picture_check::update(*state, config, luma, block).ok());
+    }
   }
+}
+
+// Of two blocks' width at least, and one or two blocks high: the next restart marker ends it. Not where a block is
+// small; nor a line, nor what lies across the blocks; and what is there in each frame is the scene's.
+TEST(PictureCheck, RefusesAStepThatARestartMarkerEnds) {
+  const Picture grey = flat(320, 240, 100);
+  const auto accepts_at = [&](std::int32_t block, const Picture& shown) {
+    return picture_check::update(*state, config, shown.view(), block).ok();
+  };
+  const auto with_cell = [&](int x, int y, int wide, int tall, int levels) {
+    Picture out = grey;
+    for (int k = 0; k < wide * tall; ++k) add(out, x + k % wide, y + k / wide, levels);
+    return out;
+  };
+  for (const std::int32_t block : {1, 2, 4, 8}) {
+    for (const int levels : {-60, -16, 16, 140}) {
+      for (const int rows : {1, 2}) {
+        for (const auto& [x, y] : {std::pair{0, block}, {304, 240 - (rows + 1) * block}, {160, 14 * block}}) {
+          *state = {};
+          CHECK_TRUE(accepts_at(block, grey));
+          const Picture shown = with_cell(x, y, 2 * block, rows * block, levels);
+          CHECK_EQUAL(block < 4, accepts_at(block, shown));
+          CHECK_TRUE(accepts_at(block, grey));
+        }
+      }
+    }
+  }
+  *state = {};
+  CHECK_TRUE(accepts_at(4, grey));
+  CHECK_TRUE(accepts_at(4, with_cell(80, 101, 8, 4, 60)));   // a row lower than a block
+  CHECK_TRUE(accepts_at(4, with_cell(80, 100, 8, 12, 60)));  // as high as three
+  CHECK_TRUE(accepts_at(4, with_cell(80, 100, 3, 4, 60)));   // three of eight columns
+  CHECK_TRUE(accepts_at(4, with_cell(80, 100, 8, 4, 6)));    // 6 of 16 levels
+  const Picture scratched = with_cell(80, 100, 8, 4, 60);
+  for (int frame = 0; frame < 6; ++frame) CHECK_EQUAL(frame >= config.patience, accepts_at(4, scratched));
 }
 
 // 6 px are 8.6 mm/s at 25 frames a second, in all dots at once; a jump may even be half a pitch.
