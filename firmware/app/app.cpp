@@ -187,6 +187,7 @@ bool App::resume(const checkpoint::Contents& contents) {
   // Of a process whose model did not read the picture: what the gripper holds now would be learned as the empty gel.
   if (config_.with_imprint && contents.empty.frames == 0) return false;
   pipeline::resume(state_, contents);
+  supervisor::resume(supervisor_);
   return true;
 }
 

@@ -85,6 +85,7 @@ struct State {
   int good_frames = 0;        // accepted ones in a row since the last rejection or fault
   std::uint32_t history = 0;  // of the last kHistory frames, newest in bit 0: 1 = rejected
   bool armed = false;         // ARM came since the fault
+  bool resumed = false;       // goes on with what an earlier process learned
   Micros lost_until{};        // the contact was lost not long ago
   std::uint32_t faults = 0;   // how often FAULT was entered since the first accepted frame
 };
@@ -142,7 +143,7 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Findings::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},
     {"the setting `latch` is on and ARM has not come since the fault",
      &Findings::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
-    {"fewer than `recover_frames` accepted frames in a row since the fault",
+    {"fewer than `recover_frames` accepted frames in a row since the fault, or since a process that resumed has started",
      &Findings::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
     {"no rest position is known, and the light changed while it was being learned",
      &Findings::light_changed, false, false, DeviceState::kReference, Why::kRow, Reason::kLightChanged},
@@ -211,6 +212,14 @@ inline void fail(State& state, Reason why) {
   detail::follow_rules(state, seen, Reason::kNone, why, Reason::kNone);
 }
 
+// With an earlier process's rest position the first frame could be OK. As after a FAULT a few must come in a row: a
+// camera that is frozen shows a new process its old picture as if it were new, once.
+inline void resume(State& state) {
+  state.device = DeviceState::kFault;
+  state.reason = Reason::kRecovering;
+  state.resumed = true;
+}
+
 // ARM: leaves a latched FAULT once its cause is gone.
 inline void arm(State& state) {
   state.armed = true;
@@ -257,7 +266,7 @@ inline void arm(State& state) {
   seen.fault = fault != Reason::kNone;
   if (seen.fault) state.good_frames = 0;
   seen.needs_arm = config.latch && !state.armed && state.faults > 0;
-  seen.recovering = state.faults > 0 && state.good_frames < config.recover_frames;
+  seen.recovering = (state.faults > 0 || state.resumed) && state.good_frames < config.recover_frames;
   seen.learning = !result.referenced;
   seen.light_changed = seen.learning && result.light_changed;
   seen.bent = seen.learning && result.bent;

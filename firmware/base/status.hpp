@@ -152,7 +152,7 @@ inline constexpr std::array<ReasonInfo, 50> kReasons{{
     {Reason::kManyRejected, "many_rejected", "more than 3 of the last 10 frames were rejected",
      "USB payload lost on the way", "check the cable; look at the counters of rejected frames"},
     {Reason::kRecovering, "recovering", "a fault has passed; a few good frames must follow",
-     "the camera or the gripper came back", "wait; look at the fault before it if it repeats"},
+     "the camera, the gripper or holdfastd came back", "wait; look at the fault before it if it repeats"},
     {Reason::kNeedsArm, "needs_arm", "a fault has passed and is latched", "the setting `latch` asks for a command",
      "look at what happened, then send ARM"},
     {Reason::kOpening, "opening", "the gripper opens: loss of contact is no slip", "OPENING was commanded",

@@ -38,9 +38,15 @@ bool needs_jpeg(Trouble trouble) {
   return trouble == Trouble::kCameraTruncated || trouble == Trouble::kCameraComment;
 }
 
-bool uses_jpeg(const Setup& setup) {
-  return std::any_of(setup.windows.begin(), setup.windows.end(),
-                     [](const Window& window) { return needs_jpeg(window.trouble); });
+// What dies for good does so the last time that it fails.
+Setup finished(Setup setup) {
+  setup.jpeg = std::any_of(setup.windows.begin(), setup.windows.end(),
+                           [](const Window& window) { return needs_jpeg(window.trouble); });
+  Window& last = setup.windows.back();
+  setup.end = last.to + kCalmAfter;
+  Window* const dead = last.trouble == Trouble::kUsbDead ? &last : &setup.windows.front();
+  if (dead->trouble == Trouble::kUsbDead) dead->to = setup.end;
+  return setup;
 }
 
 }  // namespace
@@ -98,7 +104,7 @@ const std::array<Cell, 49>& cells() {
       {C::kStorage, T::kIntermittent, B::kKeepTorn, ""},
       {C::kModel, T::kOff, {}, "without a file the compiled tree decides; it is code"},
       {C::kModel, T::kStuck, {}, "a tree is read-only; its features are the camera's to be stuck"},
-      {C::kModel, T::kGarbage, {}, "refused when it is loaded: every flipped bit (tests/firmware/slip/model_file_test.cpp)"},
+      {C::kModel, T::kGarbage, B::kModelDamaged, ""},
       {C::kModel, T::kWrong, {}, "refused when it is loaded: version, set, features, formats (model_file_test.cpp)"},
       {C::kModel, T::kSlow, {}, "at most kMaxDepth comparisons, whatever the tree (model_file_test.cpp)"},
       {C::kModel, T::kDelayed, {}, "it is loaded before the start, and never again"},
@@ -124,20 +130,20 @@ const std::array<Row, 26>& rows() {
       {10, "automatic exposure halves the rate", B::kCameraHalfRate, ""},
       {11, "light off", B::kDark, ""},
       {12, "markers missing or dirty", B::kLostMarkers, ""},
-      {13, "under-voltage of the board", {}, "not read while it runs, only by holdfast doctor; torn frames (5, 6) are what it leads to"},
+      {13, "under-voltage of the board", B::kSupplyLow, ""},
       {14, "thermal throttling: frames are decided late", B::kCameraLate, ""},
-      {15, "SD card worn or cut off from power", {}, "the store is not part of this world: tests/drivers/power_cut_test.cpp, tests/linux/failing_calls_test.cpp"},
-      {16, "disk full when settings are saved", {}, "likewise: AStoreLosesNothing in failing_calls_test.cpp, AFullFileSystemRefusesAndTakesAgain in file_keep_test.cpp"},
+      {15, "SD card worn or cut off from power", B::kCardTorn, ""},
+      {16, "disk full when settings are saved", B::kDiskFull, ""},
       {17, "the clock jumps", B::kClockAhead, ""},
       {18, "flood of bytes on a port", B::kLinkFlood, ""},
       {19, "serial adaptor unplugged", B::kGripperPortOff, ""},
       {20, "the gripper's replies are damaged", B::kGripperWrongCrc, ""},
-      {21, "chips of GPIO lines are renumbered", {}, "met at the start only: tests/drivers/gpio_wiring_test.cpp"},
+      {21, "chips of GPIO lines are renumbered", B::kChipsRenumbered, ""},
       {22, "an output line refuses or is stolen", B::kLinesRefuse, ""},
       {23, "the process is killed and started again", B::kKilled, ""},
-      {24, "model or settings damaged", {}, "FAULT (config) from the start on: HoldsFault... in tests/firmware/console/console_test.cpp, model_file_test.cpp"},
-      {25, "the USB controller dies for good", {}, "the same as 8 here; switching its power is the USB helper's business"},
-      {26, "two faults at once", {}, "all pairs of the others"},
+      {24, "model or settings damaged", B::kRecordsDamaged, ""},
+      {25, "the USB controller dies for good", B::kUsbDead, ""},
+      {26, "two faults at once, or one twice", {}, "all pairs of the 25 others: --pairs"},
   }};
   // clang-format on
   return all;
@@ -147,17 +153,15 @@ Setup setup_of(Trouble trouble, bool held) {
   Setup setup;
   setup.held = held;
   setup.windows = {{trouble, kFaultAt, kFaultAt + kFaultFor}};
-  setup.jpeg = uses_jpeg(setup);
-  setup.end = kFaultAt + kFaultFor + kCalmAfter;
-  return setup;
+  return finished(std::move(setup));
 }
 
 Setup setup_of(Trouble first, Trouble second, bool held) {
   Setup setup = setup_of(first, held);
-  setup.windows.push_back({second, kFaultAt + kSecondAfter, kFaultAt + kSecondAfter + kFaultFor});
-  setup.jpeg = uses_jpeg(setup);
-  setup.end += kSecondAfter;
-  return setup;
+  setup.windows[0].to = kFaultAt + kFaultFor;
+  const Micros from = (first == second ? setup.windows[0].to : kFaultAt) + kSecondAfter;
+  setup.windows.push_back({second, from, from + kFaultFor});
+  return finished(std::move(setup));
 }
 
 Setup soak_setup(std::uint64_t frames, std::uint64_t seed) {
@@ -178,6 +182,9 @@ Setup soak_setup(std::uint64_t frames, std::uint64_t seed) {
 bool Run::passed() const {
   if (crashed || !judgement.ended || judgement.unsafe_fine > Micros{0}) return false;
   if (expect_fine) return judgement.faults == 0;
+  const bool for_good = std::any_of(setup.windows.begin(), setup.windows.end(),
+                                    [&](const Window& window) { return window.to >= setup.end; });
+  if (for_good) return judgement.last_state == DeviceState::kFault;
   const bool traces = std::any_of(setup.windows.begin(), setup.windows.end(),
                                   [](const Window& window) { return leaves_traces(window.trouble); });
   return judgement.last_state == DeviceState::kOk || (traces && judgement.last_state == DeviceState::kDegraded);
@@ -233,7 +240,8 @@ Run play(std::string name, Setup setup, bool expect_fine) {
 }
 
 bool must_stay_fine(Trouble trouble) {
-  return info(trouble).component == Component::kSerial || trouble == Trouble::kGripperSlow;
+  return info(trouble).component == Component::kSerial || trouble == Trouble::kGripperSlow ||
+         trouble == Trouble::kDiskFull;
 }
 
 Run play(Trouble trouble, bool held) {

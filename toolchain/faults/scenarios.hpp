@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is tried: the faults known from the field (rows), every kind of trouble of every component (cells),
-// and all pairs of the rows. What cannot happen in this world says why.
+// and all pairs of the rows, each row with itself among them. What cannot happen in this world says why.
 #pragma once
 
 #include <array>
@@ -44,7 +44,7 @@ struct Run {
   Judgement judgement;
   Outcome outcome;
   bool crashed = false;
-  // Nothing unsafe, no crash, and well again at the end where that can be.
+  // Nothing unsafe, no crash, and well again at the end where that can be; FAULT where the fault lasts.
   [[nodiscard]] bool passed() const;
   bool expect_fine = false;  // told "fine" all through: a fault that must not disturb
 };
@@ -63,7 +63,8 @@ struct Run {
 [[nodiscard]] Run play(Trouble trouble, bool held);
 [[nodiscard]] Run play(Trouble first, Trouble second, bool held);
 
-// Windows of 2 s from about 4 s on; the second of a pair begins 0.4 s later.
+// Windows of 2 s from about 4 s on; the second of a pair begins 0.4 s later, or, of the same fault, 0.4 s after its
+// end. What dies for good lasts to the end.
 [[nodiscard]] Setup setup_of(Trouble trouble, bool held);
 [[nodiscard]] Setup setup_of(Trouble first, Trouble second, bool held);
 

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -12,9 +13,12 @@
 #include <map>
 #include <optional>
 #include <span>
+#include <string>
 #include <utility>
 
 #include "app/daemon.hpp"
+#include "console/console.hpp"
+#include "drivers/common/gpio_wiring.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/film.hpp"
 #include "drivers/sim/hande.hpp"
@@ -23,7 +27,10 @@
 #include "drivers/sim/scene/random.hpp"
 #include "drivers/sim/serial.hpp"
 #include "link/command_frame.hpp"
+#include "store/models.hpp"
+#include "store/settings.hpp"
 #include "toolchain/play/rig.hpp"
+#include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::faults {
 namespace {
@@ -105,6 +112,13 @@ constexpr std::array<TroubleInfo, kTroubles> kInfos{{
     {Trouble::kKeepTorn, Component::kStorage, "keep_torn", false},
     {Trouble::kKilled, Component::kProcess, "killed", true},
     {Trouble::kStopped, Component::kProcess, "stopped", true},
+    {Trouble::kDiskFull, Component::kStorage, "disk_full", false},
+    {Trouble::kCardTorn, Component::kStorage, "card_torn", true},
+    {Trouble::kModelDamaged, Component::kModel, "model_damaged", false},
+    {Trouble::kRecordsDamaged, Component::kStorage, "records_damaged", true},
+    {Trouble::kSupplyLow, Component::kBoard, "supply_low", true, Micros{1'000'000}},
+    {Trouble::kChipsRenumbered, Component::kGpio, "chips_renumbered", false},
+    {Trouble::kUsbDead, Component::kBoard, "usb_dead", true},
 }};
 // clang-format on
 
@@ -112,7 +126,7 @@ constexpr std::array<TroubleInfo, kTroubles> kInfos{{
 struct Films {
   sim::Film luma, jpeg;
 };
-constexpr std::size_t kJpegs = 320;
+constexpr std::size_t kJpegs = 370;
 
 const Films& films() {
   static const Films films = [] {
@@ -246,7 +260,7 @@ class WorldCamera final : public hal::Camera {
  private:
   [[nodiscard]] bool do_start() override {
     const Micros now = situation_.clock.now();
-    if (situation_.is(Trouble::kCameraGone) || situation_.is(Trouble::kCameraRefused)) return false;
+    if (is_absent()) return false;
     identity_ = situation_.is(Trouble::kCameraOther) ? "ABCD-1234" : "28D1-D7C6";
     next_ = (now + setup_.period - 1us) / setup_.period;
     return true;
@@ -274,7 +288,8 @@ class WorldCamera final : public hal::Camera {
       const Micros due = arrival + lateness(arrival);
       const Micros unplugged =
           std::min({situation_.next(Trouble::kCameraGone), situation_.next(Trouble::kCameraRefused),
-                    situation_.next(Trouble::kCameraOther), situation_.next(Trouble::kCameraHangs)});
+                    situation_.next(Trouble::kUsbDead), situation_.next(Trouble::kCameraOther),
+                    situation_.next(Trouble::kCameraHangs)});
       if (unplugged < std::min(due, deadline)) {
         situation_.pass_until(unplugged);
         continue;
@@ -291,8 +306,11 @@ class WorldCamera final : public hal::Camera {
   // Another sensor in its place is a replug: this stream ends when the window opens, and when it closes.
   [[nodiscard]] bool is_unplugged() const {
     const bool other = situation_.is(Trouble::kCameraOther);
+    return is_absent() || other != (identity_ == "ABCD-1234");
+  }
+  [[nodiscard]] bool is_absent() const {
     return situation_.is(Trouble::kCameraGone) || situation_.is(Trouble::kCameraRefused) ||
-           other != (identity_ == "ABCD-1234");
+           situation_.is(Trouble::kUsbDead);
   }
 
   [[nodiscard]] bool is_missing(Micros arrival) {
@@ -436,6 +454,34 @@ class WorldGpio final : public hal::Gpio {
   WorldGpio(Situation& situation, sim::Tape& tape, std::uint64_t seed)
       : situation_(situation), tape_(tape), random_(seed) {}
 
+  // What a process that starts finds: the board's header beside an expander, in either order. False: not its lines.
+  [[nodiscard]] bool open() {
+    using drivers::ChipInfo;
+    using drivers::LineInfo;
+    const auto named = [](std::string_view name) { return LineInfo{name, false, {}}; };
+    const std::array<LineInfo, 6> header{named("GPIO4"), named("GPIO17"), named("GPIO22"),
+                                         named(""),      named("GPIO23"), named("GPIO27")};
+    const std::array<LineInfo, 4> expander{named("BT_ON"), named("WL_ON"), named(""), named("PWR_LED_OFF")};
+    static constexpr std::array<drivers::Wiring, hal::kLineCount> kWiring{
+        {{.role = Line::kGripOk, .line = "GPIO17", .chip = {}},
+         {.role = Line::kAlive, .line = "GPIO27", .chip = {}},
+         {.role = Line::kIncrease, .line = "GPIO22", .chip = {}},
+         {.role = Line::kDecrease, .line = "GPIO23", .chip = {}}}};
+    const bool other = situation_.is(Trouble::kChipsRenumbered);
+    std::array<ChipInfo, 2> chips{{{other ? "gpiochip4" : "gpiochip0", "pinctrl-bcm2711", header},
+                                   {other ? "gpiochip0" : "gpiochip1", "raspberrypi-exp-gpio", expander}}};
+    if (other) std::swap(chips[0], chips[1]);
+    std::array<drivers::Place, hal::kLineCount> places{};
+    if (!drivers::find_all(chips, kWiring, places).empty()) return false;
+    for (std::size_t k = 0; k < places.size(); ++k) {
+      const LineInfo& found = chips[places[k].chip].lines[places[k].offset];
+      const auto* const wire = std::find_if(kWiring.begin(), kWiring.end(),
+                                            [&](const drivers::Wiring& row) { return row.line == found.name; });
+      wired_[k] = wire == kWiring.end() ? std::nullopt : std::optional(std::get<Line>(wire->role));
+    }
+    return true;
+  }
+
   void settle() {
     for (Pending& pending : pending_) {
       if (!pending.level || situation_.clock.now() < pending.at) continue;
@@ -455,7 +501,9 @@ class WorldGpio final : public hal::Gpio {
     Level& now = levels_[static_cast<std::size_t>(line)];
     if (now == level) return;
     now = level;
-    tape_.write({at.count(), sim::TapeKind::kLine, static_cast<std::uint8_t>(line),
+    const std::optional<Line> wire = wired_[static_cast<std::size_t>(line)];
+    if (!wire) return;  // a pin of somebody else's
+    tape_.write({at.count(), sim::TapeKind::kLine, static_cast<std::uint8_t>(*wire),
                  static_cast<std::uint8_t>(level == Level::kHigh ? 1 : 0)});
   }
 
@@ -491,6 +539,7 @@ class WorldGpio final : public hal::Gpio {
   sim::Tape& tape_;
   scene::Random random_;
   std::array<Level, hal::kLineCount> levels_{};
+  std::array<std::optional<Line>, hal::kLineCount> wired_{};  // what the process takes for each line
   std::array<Pending, hal::kLineCount> pending_{};
   std::uint64_t calls_ = 0;
   const Window* fought_ = nullptr;  // the window in which the line first did not obey
@@ -594,6 +643,136 @@ class WorldKeep final : public hal::Keep {
   std::vector<std::uint8_t> bytes_, lost_;
 };
 
+// One file of the card: it outlives every process.
+struct Card {
+  explicit Card(std::size_t slot_bytes) { slots.fill(std::vector<std::uint8_t>(slot_bytes)); }
+
+  void put(sealed::Kind kind, std::span<const std::uint8_t> payload) {
+    (void)sealed::write(kind, 1, payload, slots[0]);
+  }
+  // A bit of every record that is there; once, until it is written anew.
+  void damage() {
+    for (std::size_t k = 0; k < slots.size(); ++k) {
+      if (slots[k][0] == 0 || std::exchange(damaged[k], true)) continue;
+      slots[k][sealed::kSequenceAt] ^= 0x10;
+    }
+  }
+  [[nodiscard]] bool is_damaged() const { return damaged[0] || damaged[1]; }
+
+  std::array<std::vector<std::uint8_t>, hal::Store::kSlots> slots;
+  std::array<bool, hal::Store::kSlots> damaged{};
+  std::uint32_t saves = 0, failed = 0;
+};
+
+// A process's view of it. What is on its way when the process ends is not written.
+class WorldStore final : public hal::Store {
+ public:
+  WorldStore(Situation& situation, Card& card) : situation_(situation), card_(card), found_(card.slots) {}
+
+ private:
+  static constexpr Micros kTakes = 30ms;  // a write and a flush of a card
+
+  [[nodiscard]] std::size_t do_slot_bytes() const override { return found_[0].size(); }
+  [[nodiscard]] std::span<const std::uint8_t> do_found(std::size_t slot) const override { return found_[slot]; }
+  [[nodiscard]] bool do_readable(std::size_t /*slot*/) const override { return true; }
+  void do_begin(std::size_t slot, std::span<const std::uint8_t> bytes, bool both) override {
+    asked_.assign(bytes.begin(), bytes.end());
+    into_ = slot;
+    both_ = both;
+    due_ = situation_.clock.now() + kTakes;
+    state_ = State::kBusy;
+  }
+  [[nodiscard]] State do_state() const override {
+    if (state_ == State::kBusy && situation_.clock.now() >= due_) end();
+    return state_;
+  }
+  [[nodiscard]] int do_error() const override { return error_; }
+
+  void end() const {
+    const bool full = situation_.is(Trouble::kDiskFull);
+    const bool torn = !full && situation_.is(Trouble::kCardTorn);
+    error_ = full ? ENOSPC : torn ? EIO : 0;
+    state_ = error_ == 0 ? State::kDone : State::kFailed;
+    ++(error_ == 0 ? card_.saves : card_.failed);
+    if (full) return;
+    const auto count = static_cast<std::ptrdiff_t>(torn ? asked_.size() / 2 : asked_.size());
+    for (std::size_t k = 0; k < kSlots; ++k) {
+      if (k != into_ && (!both_ || torn)) continue;
+      std::copy(asked_.begin(), asked_.begin() + count, card_.slots[k].begin());
+      card_.damaged[k] = torn;
+    }
+  }
+
+  Situation& situation_;
+  Card& card_;
+  const std::array<std::vector<std::uint8_t>, kSlots> found_;
+  std::vector<std::uint8_t> asked_;
+  std::size_t into_ = 0;
+  bool both_ = false;
+  Micros due_{};
+  mutable State state_ = State::kIdle;
+  mutable int error_ = 0;
+};
+
+// The console's port: what somebody types waits until a process reads it. Answers are not kept.
+class WorldHost final : public hal::Serial {
+ public:
+  void type(std::string_view lines) { typed_ += lines; }
+
+ private:
+  [[nodiscard]] bool do_write(std::span<const std::uint8_t>) override { return true; }
+  [[nodiscard]] std::size_t do_read(std::span<std::uint8_t> bytes) override {
+    const std::size_t count = typed_.copy(reinterpret_cast<char*>(bytes.data()), bytes.size());
+    typed_.erase(0, count);
+    return count;
+  }
+
+  std::string typed_;
+};
+
+// Read once a second, as on a board (drivers/common/sysfs_supply.hpp).
+class WorldSupply final : public hal::Supply {
+ public:
+  explicit WorldSupply(const Situation& situation) : situation_(situation) {}
+
+ private:
+  [[nodiscard]] State do_state() const override {
+    const Micros read_at = situation_.clock.now() / 1s * 1s;
+    return situation_.was(Trouble::kSupplyLow, read_at) ? State::kLow : State::kGood;
+  }
+
+  const Situation& situation_;
+};
+
+// A stored model: no slip below 3 mm of the imprint's motion against the gel. (The compiled tree decides in all worlds
+// where none is damaged.)
+treec::Binary stored_model() {
+  treec::Model model;
+  model.name = "stored";
+  model.feature_set = "imprint";
+  const FeatureSet& set = *find_feature_set(model.feature_set);
+  for (int i = 0; i < set.size(); ++i) {
+    model.features.push_back({std::string(set[i].name), std::string(set[i].unit), set[i].q, 0});
+  }
+  model.nodes = {{.id = 0, .threshold = 2957, .child_true = 1, .child_false = 2},
+                 {.id = 1, .is_leaf = true, .verdict = Verdict::kHold},
+                 {.id = 2, .is_leaf = true, .verdict = Verdict::kSlip}};
+  return treec::to_binary(model);
+}
+
+constexpr std::string_view kCode = "world";
+
+// Met by a process that is started in the middle of the window.
+constexpr std::array kMet{Trouble::kKeepOff,      Trouble::kKeepStuck,      Trouble::kKeepGarbage,
+                          Trouble::kKeepWrong,    Trouble::kKeepTorn,       Trouble::kCardTorn,
+                          Trouble::kModelDamaged, Trouble::kRecordsDamaged, Trouble::kChipsRenumbered};
+constexpr bool meets(Trouble trouble) {
+  return std::find(kMet.begin(), kMet.end(), trouble) != kMet.end();
+}
+constexpr Micros middle(const Window& window) {
+  return window.from + (window.to - window.from) / 2;
+}
+
 }  // namespace
 
 struct World::Parts {
@@ -606,9 +785,19 @@ struct World::Parts {
         gpio(situation, out, setup.seed + 1),
         link(situation, setup.seed + 2),
         keep(situation),
+        supply(situation),
         hand(situation.clock),
         jpeg(Params{}) {
+    Params params;
     params.gripper = setup.gripper ? 1 : 0;
+    std::array<std::uint8_t, settings::kMostPayload> payload{};
+    settings_card.put(sealed::Kind::kSettings, std::span(payload).first(settings::write(params, payload)));
+    const auto damages_model = [](const Window& window) {
+      return window.trouble == Trouble::kModelDamaged || window.trouble == Trouble::kRecordsDamaged;
+    };
+    if (std::any_of(setup.windows.begin(), setup.windows.end(), damages_model)) {
+      models_card.put(sealed::Kind::kModel, stored_model());
+    }
     hand.put_object({.width_mm = 20.0});
     situation.watch = [this] {
       gpio.settle();
@@ -618,15 +807,23 @@ struct World::Parts {
 
   void tell_truth() const {
     for (const Window& window : setup.windows) {
-      const bool told_later = window.trouble == Trouble::kObjectLost || window.trouble == Trouble::kLinesRandom;
+      const bool told_later = window.trouble == Trouble::kObjectLost || window.trouble == Trouble::kLinesRandom ||
+                              window.trouble == Trouble::kCardTorn || window.trouble == Trouble::kRecordsDamaged;
       if (info(window.trouble).unsafe && !told_later) tell_truth(window);
     }
   }
   void tell_truth(const Window& window) const {
     const auto which = static_cast<std::uint8_t>(window.trouble);
     const Micros from = window.from + info(window.trouble).honest;
+    Micros to = window.to;
+    if (window.trouble == Trouble::kCameraOther) {  // a process that begins with it measures with it
+      for (const Window& other : setup.windows) {
+        if (meets(other.trouble) && middle(other) > from) to = std::min(to, middle(other));
+      }
+    }
+    if (from >= to) return;
     tape.write({from.count(), sim::TapeKind::kUnsafe, which, 1});
-    tape.write({window.to.count(), sim::TapeKind::kUnsafe, which, 0});
+    tape.write({to.count(), sim::TapeKind::kUnsafe, which, 0});
   }
 
   [[nodiscard]] Devices devices() { return {camera, gpio, link, clock, jpeg.get()}; }
@@ -634,13 +831,41 @@ struct World::Parts {
   void start() {
     keep.before_start(setup.seed + static_cast<std::uint64_t>(situation.clock.now().count()));
     camera.stop();
-    daemon = std::make_unique<Daemon>(devices(), Periphery{hand, keep});
-    if (!daemon->start(params).ok()) daemon.reset();
-    if (daemon && daemon->resumed()) ++outcome.resumed;
+    meet_records();
+    if (!gpio.open()) return;
+    settings_store.emplace(situation, settings_card);
+    models_store.emplace(situation, models_card);
+    Params params;
+    (void)settings::take({sealed::Kind::kSettings, settings::good, &*settings_store, nullptr}, params);
+    const model::Tree* const tree =
+        models::in_force({sealed::Kind::kModel, models::good, &*models_store, nullptr}, loaded_tree);
+    daemon = std::make_unique<Daemon>(devices(), Periphery{hand, keep, &supply}, tree);
+    console = std::make_unique<console::Console>(
+        host, *daemon, clock,
+        console::Place{
+            .board = "world", .code = kCode, .settings = &*settings_store, .models = &*models_store, .prompts = false});
+    if (!daemon->start(params).ok()) return end_process();
+    console->start(params);
+    if (daemon->resumed()) ++outcome.resumed;
+    if (tree != nullptr) ++outcome.loaded;
     said = {};
   }
 
-  void end_process() { daemon.reset(); }
+  // Whatever a process then goes by, it is not what was stored: "fine" is untrue.
+  void meet_records() {
+    if (situation.is(Trouble::kModelDamaged) || situation.is(Trouble::kRecordsDamaged)) models_card.damage();
+    if (situation.is(Trouble::kRecordsDamaged)) settings_card.damage();
+    if (!settings_card.is_damaged()) return;
+    for (const Trouble trouble : {Trouble::kCardTorn, Trouble::kRecordsDamaged}) {
+      const Window* const w = situation.open(trouble, situation.clock.now());
+      if (w != nullptr) tell_truth({trouble, situation.clock.now(), w->to});
+    }
+  }
+
+  void end_process() {
+    console.reset();
+    daemon.reset();
+  }
 
   // Kills and stops first: nobody runs in them.
   void process_fault() {
@@ -653,12 +878,11 @@ struct World::Parts {
     // No call can be left in its middle here: the last one before a kill is not made.
     if (const Micros kill = situation.next(Trouble::kKilled); kill - now < Daemon::kSlice) situation.stand_until(kill);
     const Window* killed = situation.open(Trouble::kKilled, situation.clock.now());
-    if (killed == nullptr) {  // a fault of the memory is met by a process that starts in its middle
-      for (const Trouble trouble :
-           {Trouble::kKeepOff, Trouble::kKeepStuck, Trouble::kKeepGarbage, Trouble::kKeepWrong, Trouble::kKeepTorn}) {
+    if (killed == nullptr) {  // what lasts is met by a process that starts in the middle of its fault
+      for (const Trouble trouble : kMet) {
         const Window* w = situation.open(trouble, now);
-        if (w == nullptr || now < w->from + (w->to - w->from) / 2 || met == w) continue;
-        met = w;
+        if (w == nullptr || now < middle(*w) || met[trouble] == w) continue;
+        met[trouble] = w;
         end_process();
         start();
       }
@@ -693,15 +917,8 @@ struct World::Parts {
       one_in = 2;
     }
     if (std::exchange(trouble_now, trouble) != trouble) hand.trouble(trouble, one_in, delay);
-    const auto once = [&](Trouble which, auto&& begin, auto&& end) {
-      const Window* w = situation.open(which, situation.clock.now());
-      const Window*& in = in_window[which];
-      if (w != nullptr && in == nullptr) begin();
-      if (w == nullptr && in != nullptr) end();
-      in = w;
-    };
-    once(
-        Trouble::kGripperPortOff, [&] { hand.unplug(true); }, [&] { hand.unplug(false); });
+    const bool off = situation.is(Trouble::kGripperPortOff) || situation.is(Trouble::kUsbDead);
+    if (std::exchange(port_off, off) != off) hand.unplug(off);
     once(
         Trouble::kGripperMajorFault, [&] { hand.set_fault(0xE); }, [&] { send_arm(); });
     once(
@@ -719,6 +936,45 @@ struct World::Parts {
           link.send(command_frame::Command::kRelease, 0);
           grip_again = situation.clock.now() + 3s;
         });
+  }
+
+  template <typename Begin, typename End>
+  void once(Trouble which, Begin begin, End end) {
+    const Window* w = situation.open(which, situation.clock.now());
+    const Window*& in = in_window[which];
+    if (w != nullptr && in == nullptr) begin();
+    if (w == nullptr && in != nullptr) end();
+    in = w;
+  }
+
+  // Somebody saves while the card fails, and again when it does not. Settings that are lost are typed in and saved,
+  // once a second until the device has them: who types sees no OK of a process that is gone.
+  void person() {
+    const Micros now = situation.clock.now();
+    const Reason why = daemon->app().outputs().reason;
+    const auto save = [&](std::string_view hold_ms) {
+      host.type("unlock " + std::string(kCode) + "\rset hold_ms " + std::string(hold_ms) + "\rsave\r");
+    };
+    once(
+        Trouble::kDiskFull, [&] { save("210"); },
+        [&] {
+          if (why != Reason::kConfig) save("200");
+        });
+    once(
+        Trouble::kCardTorn, [&] { save("210"); }, [] {});
+    // The sensor that is there again is not the one that this process began with: it has to be restarted.
+    if (why != Reason::kCameraWrong || situation.is(Trouble::kCameraOther)) wrong_since = now;
+    if (now - wrong_since > 2s) {
+      wrong_since = now;
+      host.type("unlock " + std::string(kCode) + "\rreboot\r");
+    }
+    const bool fails =
+        situation.is(Trouble::kDiskFull) || situation.is(Trouble::kCardTorn) || situation.is(Trouble::kRecordsDamaged);
+    if (why != Reason::kConfig || fails || now < types_at) return;
+    types_at = now + 1s;
+    host.type("unlock " + std::string(kCode) + "\rset gripper " + std::to_string(setup.gripper ? 1 : 0) + "\r");
+    save("200");
+    host.type("reboot\r");
   }
 
   void send_arm() {
@@ -756,9 +1012,18 @@ struct World::Parts {
     }
     gripper_faults();
     script();
+    person();
     const std::uint32_t before = daemon->app().result().sequence;
     daemon->poll();
+    console->poll();
     gpio.settle();
+    if (console->asked_to_restart()) {
+      daemon->stop();
+      end_process();
+      start();
+      gripped = false;  // and the robot says GRIP again
+      return;
+    }
     if (daemon->app().outputs().accepted && daemon->app().result().sequence != before) ++outcome.frames;
     tell_state();
   }
@@ -771,13 +1036,20 @@ struct World::Parts {
   WorldGpio gpio;
   WorldLink link;
   WorldKeep keep;
+  WorldSupply supply;
+  WorldHost host;
+  Card settings_card{settings::kMostBytes}, models_card{models::kMostBytes};
   sim::HandE hand;
   tool::OneThreadDecoder jpeg;
-  Params params;
+  std::optional<WorldStore> settings_store, models_store;
+  model::Tree loaded_tree;
   std::unique_ptr<Daemon> daemon;
+  std::unique_ptr<console::Console> console;
   bool gripped = false;
+  bool port_off = false;
   Micros grip_again{};
-  const Window* met = nullptr;
+  Micros types_at{}, wrong_since{};
+  std::map<Trouble, const Window*> met;
   std::map<Trouble, const Window*> in_window;
   sim::LineTrouble trouble_now = sim::LineTrouble::kNone;
   std::optional<std::pair<DeviceState, Reason>> said;
@@ -804,6 +1076,8 @@ Outcome World::run() {
       before_files = open_files();
     }
   }
+  p.outcome.saves = p.settings_card.saves;
+  p.outcome.saves_failed = p.settings_card.failed;
   p.outcome.growth_kb = resident_kb() - before_kb;
   p.outcome.open_files = open_files() - before_files;
   p.end_process();

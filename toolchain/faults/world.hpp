@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole appliance in virtual time, with everything around it that can fail: camera, clock, lines, link, gripper,
-// kept memory, the process itself. What fails, and when, is a list of windows; what the truth was, the tape is told.
+// kept memory, stored settings and model, the board, the process itself. Somebody sits at the console: saves, and
+// stores anew what was lost. What fails, and when, is a list of windows; what the truth was, the tape is told.
 //
 // Modelled: faults as the firmware meets them at the HAL, at times, not frames; a second thread that watches the
 // outputs (app/watchdog.hpp) every 10 ms of virtual time; a process that is killed and started again, or stopped. Not
@@ -92,6 +93,15 @@ enum class Trouble : std::uint8_t {
   // the process
   kKilled,   // for the length of the window, then started anew
   kStopped,  // SIGSTOP
+  // what is stored on the card
+  kDiskFull,        // `save` finds no room; behind the window it does
+  kCardTorn,        // `save` is written by half; the process that starts in the middle of the window meets it
+  kModelDamaged,    // met by the process that is started in the middle; the compiled tree goes on
+  kRecordsDamaged,  // likewise: settings and model
+  // the board
+  kSupplyLow,        // under-voltage, which its kernel measures once a second
+  kChipsRenumbered,  // of the lines, met by the process that is started in the middle
+  kUsbDead,          // the controller: camera and the gripper's adapter are gone
 };
 
 struct Window {
@@ -100,9 +110,9 @@ struct Window {
   Micros to{};
 };
 
-enum class Component : std::uint8_t { kCamera, kGpio, kSerial, kGripper, kClock, kStorage, kModel, kProcess };
-inline constexpr std::array<std::string_view, 8> kComponentNames{"camera", "gpio",    "serial", "gripper",
-                                                                 "clock",  "storage", "model",  "process"};
+enum class Component : std::uint8_t { kCamera, kGpio, kSerial, kGripper, kClock, kStorage, kModel, kProcess, kBoard };
+inline constexpr std::array<std::string_view, 9> kComponentNames{"camera",  "gpio",  "serial",  "gripper", "clock",
+                                                                 "storage", "model", "process", "board"};
 
 struct TroubleInfo {
   Trouble trouble;
@@ -116,7 +126,7 @@ struct TroubleInfo {
   Micros honest{};
 };
 [[nodiscard]] const TroubleInfo& info(Trouble trouble);
-inline constexpr int kTroubles = static_cast<int>(Trouble::kStopped) + 1;
+inline constexpr int kTroubles = static_cast<int>(Trouble::kUsbDead) + 1;
 
 struct Setup {
   bool held = true;     // an object is between the fingers from 1.2 s on; false: the gel stays empty
@@ -134,8 +144,10 @@ struct Setup {
 struct Outcome {
   std::uint64_t frames = 0;   // accepted
   std::uint32_t resumed = 0;  // processes that went on with a kept reference
-  long growth_kb = 0;         // of the resident set, from the first second on
-  int open_files = 0;         // more than at the start
+  std::uint32_t loaded = 0;   // and that decided by a stored model
+  std::uint32_t saves = 0, saves_failed = 0;
+  long growth_kb = 0;  // of the resident set, from the first second on
+  int open_files = 0;  // more than at the start
 };
 
 // Films the gel once; a child process inherits it.

@@ -56,7 +56,7 @@ export const WIRE = {
     {"number":97,"name":"learning","what":"the rest position is being learned","cause":"start or TARE","next":"keep the gel empty until the state changes"},
     {"number":98,"name":"slip","what":"the object slips","cause":"too little grip force","next":"tighten"},
     {"number":99,"name":"many_rejected","what":"more than 3 of the last 10 frames were rejected","cause":"USB payload lost on the way","next":"check the cable; look at the counters of rejected frames"},
-    {"number":100,"name":"recovering","what":"a fault has passed; a few good frames must follow","cause":"the camera or the gripper came back","next":"wait; look at the fault before it if it repeats"},
+    {"number":100,"name":"recovering","what":"a fault has passed; a few good frames must follow","cause":"the camera, the gripper or holdfastd came back","next":"wait; look at the fault before it if it repeats"},
     {"number":101,"name":"needs_arm","what":"a fault has passed and is latched","cause":"the setting `latch` asks for a command","next":"look at what happened, then send ARM"},
     {"number":102,"name":"opening","what":"the gripper opens: loss of contact is no slip","cause":"OPENING was commanded","next":"end OPENING when the gripper has opened; it ends itself after opening_max_ms"},
     {"number":103,"name":"force_limit","what":"the object slips and the grip force is at its limit","cause":"object too heavy or too smooth for the limit","next":"lower the load, or raise max_force if the object bears it"},
@@ -76,5 +76,6 @@ export const WIRE = {
     {"number":168,"name":"gripper_activation","what":"the gripper's activation failed","cause":"fingers blocked while they were measured","next":"free the fingers, then send ARM"},
     {"number":169,"name":"gripper_overcurrent","what":"the gripper's motor took too much current","cause":"fingers blocked or object too stiff at this speed","next":"free the fingers, then send ARM"},
     {"number":170,"name":"gripper_released","what":"the gripper's automatic release has ended","cause":"someone commanded the emergency release","next":"send ARM: the gripper is activated anew"},
+    {"number":192,"name":"board_undervoltage","what":"the board's supply voltage is too low","cause":"weak supply, long thin cable, or too much on its USB ports","next":"use the board's own supply (Raspberry Pi 4: 5.1 V, 3 A) and a short cable"},
   ],
 };

@@ -96,7 +96,8 @@ enum holdfast_reason {
   HOLDFAST_REASON_GRIPPER_INTERNAL = 167,  // the gripper reports an internal fault
   HOLDFAST_REASON_GRIPPER_ACTIVATION = 168,  // the gripper's activation failed
   HOLDFAST_REASON_GRIPPER_OVERCURRENT = 169,  // the gripper's motor took too much current
-  HOLDFAST_REASON_GRIPPER_RELEASED = 170  // the gripper's automatic release has ended
+  HOLDFAST_REASON_GRIPPER_RELEASED = 170,  // the gripper's automatic release has ended
+  HOLDFAST_REASON_BOARD_UNDERVOLTAGE = 192  // the board's supply voltage is too low
 };
 
 enum holdfast_command_number {
@@ -181,6 +182,7 @@ static inline const char *holdfast_reason_name(uint8_t number) {
     case HOLDFAST_REASON_GRIPPER_ACTIVATION: return "gripper_activation";
     case HOLDFAST_REASON_GRIPPER_OVERCURRENT: return "gripper_overcurrent";
     case HOLDFAST_REASON_GRIPPER_RELEASED: return "gripper_released";
+    case HOLDFAST_REASON_BOARD_UNDERVOLTAGE: return "board_undervoltage";
     default: return "?";
   }
 }
