@@ -21,6 +21,7 @@
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/recorded.hpp"
 #include "toolchain/session/replay.hpp"
+#include "toolchain/support/cli.hpp"
 
 namespace holdfast::tool {
 namespace {

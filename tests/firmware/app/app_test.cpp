@@ -391,7 +391,7 @@ TEST(App, FaultsWhenTheWatchdogHadToLowerTheLine) {
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kHigh);
   const std::uint32_t faults = app->supervisor().faults;
   CHECK_FALSE(app->watchdog().watch(gpio, clock.now()));
-  CHECK_TRUE(app->watchdog().watch(gpio, clock.now() + OutputWatchdog::kHold + 1us));
+  CHECK_TRUE(app->watchdog().watch(gpio, clock.now() + 200ms + 1us));
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
   CHECK_TRUE(app->step());
   sequence += 2;  // the fault has a status frame of its own, so that nobody misses it
@@ -848,9 +848,13 @@ TEST(App, StopsVouchingWhenGripOkIsRefusedWhileHigh) {
     LONGS_EQUAL(edges, lines.alive_edges());
   }
   lines.plan = {};
-  for (int k = 1; k <= 25 + 3; ++k) {
+  for (int k = 0; k < 10; ++k) CHECK_TRUE(other.step());
+  lines.plan = {0, 1000, RefusingGpio::Who::kGripOk, false};  // what obeyed in between counts for nothing
+  CHECK_TRUE(other.step());
+  lines.plan = {};
+  for (int k = 1; k <= 28; ++k) {  // 25 that obey, and 3 that end a FAULT
     CHECK_TRUE(other.step());
-    state_is(k < 25 + 3 ? DeviceState::kFault : DeviceState::kOk, other.outputs().state);
+    state_is(k < 28 ? DeviceState::kFault : DeviceState::kOk, other.outputs().state);
     LONGS_EQUAL(edges + std::max(0, k - 25), lines.alive_edges());
   }
 }
@@ -864,6 +868,7 @@ TEST(App, LowersGripOkWhenAliveIsRefused) {
   CHECK_TRUE(other.start(Params{}).ok());
   for (int k = 0; k < 14; ++k) CHECK_TRUE(other.step());
   CHECK_TRUE(lines.level(Line::kGripOk) == Level::kHigh);
+  const Micros confirmed = clock.now();
   lines.plan = {0, 1000, RefusingGpio::Who::kAlive, false};
   for (int k = 0; k < 3; ++k) {
     CHECK_TRUE(other.step());
@@ -871,6 +876,8 @@ TEST(App, LowersGripOkWhenAliveIsRefused) {
     reason_is(Reason::kGpioFailed, other.outputs().reason);
     CHECK_TRUE(lines.level(Line::kGripOk) == Level::kLow);
   }
+  // The watchdog heard of none of them.
+  CHECK_TRUE(other.watchdog().watch(lines, confirmed + 200ms + 1us));
 }
 
 // After one refusal ALIVE was told the level that it had: no edge for the first frame that counts again.

@@ -196,10 +196,10 @@ TEST(Supervisor, StaysInFaultUntilAFrameIsAccepted) {
     CHECK_FALSE(got.grip_ok);
     CHECK_FALSE(got.accepted);
   }
-  for (int k = 1; k <= config.recover_frames; ++k) {
+  for (int k = 1; k <= 3; ++k) {
     const supervisor::Outputs healing = feed(Input::kGood);
     CHECK_TRUE(healing.accepted);
-    CHECK_EQUAL(k == config.recover_frames, healing.grip_ok);
+    CHECK_EQUAL(k == 3, healing.grip_ok);
     LONGS_EQUAL(static_cast<int>(healing.grip_ok ? Reason::kNone : Reason::kRecovering),
                 static_cast<int>(healing.reason));
   }
@@ -397,7 +397,7 @@ TEST(Supervisor, KeepsItsPromisesOverEverySequenceOfFour) {
       if (any && (input == Input::kGone || late)) fault = true;
       if (accepted) accepted_at = now;
       const int good = state.good_frames;
-      const bool recovered = !fault || good >= config.recover_frames;
+      const bool recovered = !fault || good >= 3;
       CHECK_EQUAL(fine && recovered && now - accepted_at <= 150ms, got.grip_ok);
     }
   }

@@ -50,10 +50,10 @@ TEST(Watchdog, LowersGripOkWhileNoFrameIsVouchedFor) {
     const Micros start = time * 10s;
     watchdog.confirm(start);
     CHECK_FALSE(watchdog.watch(lines, start));
-    CHECK_FALSE(watchdog.watch(lines, start + OutputWatchdog::kHold));
+    CHECK_FALSE(watchdog.watch(lines, start + 200ms));
     lines.lowered = 0;
     lines.refuses = time == 2;
-    for (int k = 1; k <= 5; ++k) CHECK_TRUE(watchdog.watch(lines, start + OutputWatchdog::kHold + k * 1us));
+    for (int k = 1; k <= 5; ++k) CHECK_TRUE(watchdog.watch(lines, start + 200ms + k * 1us));
     LONGS_EQUAL(5, lines.lowered.load());
     LONGS_EQUAL(time, watchdog.trips());
   }

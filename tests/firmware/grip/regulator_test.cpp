@@ -242,6 +242,45 @@ TEST(Regulator, AGapOfHoursIsOneStep) {
   CHECK_EQUAL(20, frame(false, 1.0).force);
 }
 
+// The times and steps of a board, which no parameter changes: 900 ms to close, 40 ms a step, 280 ms of a constant E end
+// the steps, 400 ms make it stable; E is constant within 0.05 nat.
+TEST(Regulator, KeepsTheTimesOfABoard) {
+  config = {};
+  struct Call {
+    Micros at;
+    regulator::Input input;
+    int force;
+    Phase phase;
+  };
+  const auto slips = [](std::int32_t nat_q16) {
+    return regulator::Input{true, GripRequest::kTighten, Verdict::kSlip, NatsQ16::from_raw(nat_q16)};
+  };
+  const auto holds = [](std::int32_t nat_q16) {
+    return regulator::Input{true, GripRequest::kHold, Verdict::kHold, NatsQ16::from_raw(nat_q16)};
+  };
+  const regulator::Input release{.release = true};
+  for (const Call& c : {Call{0us, {.grip = true}, 20, Phase::kGripping},
+                        {899'999us, slips(0), 20, Phase::kGripping},
+                        {900ms, slips(9000), 23, Phase::kTightening},
+                        {939'999us, slips(9000), 23, Phase::kTightening},
+                        {940ms, slips(9000), 26, Phase::kTightening},
+                        {1'179'999us, slips(9000), 29, Phase::kTightening},
+                        {1180ms, slips(9000), 29, Phase::kSettling},
+                        {1'299'999us, holds(9000 + 3277), 29, Phase::kSettling},
+                        {1300ms, holds(9000 - 3277), 29, Phase::kHolding},
+                        {1400ms, slips(9000 + 3278), 32, Phase::kTightening},
+                        {1700ms, slips(9000 + 3278), 32, Phase::kSettling},
+                        {1701ms, slips(9000), 35, Phase::kTightening},
+                        {2s, release, 29, Phase::kReleasing},
+                        {2'039'999us, {}, 29, Phase::kReleasing},
+                        {2040ms, {}, 23, Phase::kReleasing}}) {
+    command = regulator::update(state, config, c.input, 10s + c.at);
+    CHECK_EQUAL(c.force, command.force);
+    CHECK_TRUE(c.phase == command.phase);
+    CHECK_EQUAL(255, command.position);
+  }
+}
+
 // Any frames, any settings, any times that do not run backwards.
 TEST(Regulator, WhateverComesItKeepsItsPromises) {
   std::mt19937 random(20'251'122);

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -80,19 +81,20 @@ TEST(StepLines, DoesNotStartWhileALineCannotBeLowered) {
 }
 
 TEST(StepLines, PulsesAreAsLongAsTheConfigurationSays) {
-  config = {30ms, 50ms};
-  CHECK_TRUE(step_lines::start(state, gpio, 0).ok());
-  std::vector<Micros> edges;
-  Level before = Level::kLow;
-  for (int i = 0; i < 300; ++i) {
-    CHECK_TRUE(tick(3).ok());
-    if (gpio.level(Line::kIncrease) == before) continue;
-    before = gpio.level(Line::kIncrease);
-    edges.push_back(clock.now());
-  }
-  CHECK_EQUAL(6u, edges.size());
-  for (std::size_t k = 1; k < edges.size(); ++k) {
-    CHECK_EQUAL((k % 2 == 1 ? config.pulse : config.gap).count(), (edges[k] - edges[k - 1]).count());
+  for (const auto& [settings, pulse, gap] :
+       {std::tuple{step_lines::Config{}, 24ms, 24ms}, {{30ms, 50ms}, 30ms, 50ms}}) {
+    config = settings;
+    CHECK_TRUE(step_lines::start(state, gpio, 0).ok());
+    std::vector<Micros> edges;
+    Level before = Level::kLow;
+    for (int i = 0; i < 300; ++i) {
+      CHECK_TRUE(tick(3).ok());
+      if (gpio.level(Line::kIncrease) == before) continue;
+      before = gpio.level(Line::kIncrease);
+      edges.push_back(clock.now());
+    }
+    CHECK_EQUAL(6u, edges.size());
+    for (std::size_t k = 1; k < edges.size(); ++k) CHECK_TRUE(edges[k] - edges[k - 1] == (k % 2 == 1 ? pulse : gap));
   }
 }
 
