@@ -58,7 +58,7 @@ struct Input {
   bool trusted = false;  // this frame was accepted, and the device's state is OK or SLIP
   GripRequest request = GripRequest::kHold;
   Verdict verdict = Verdict::kHold;  // of this frame alone
-  NatsQ16 entropy;
+  NatsQ16 entropy{};
   bool grip = false;     // close, or stop a release; an edge or a level
   bool release = false;  // likewise; wins over grip
 };

@@ -26,7 +26,7 @@ namespace rtu = holdfast::modbus_rtu;
 using holdfast::Micros;
 using holdfast::Reason;
 using holdfast::sim::SerialPty;
-using rtu::Result;
+using rtu::Progress;
 using namespace std::chrono_literals;
 
 namespace {
@@ -116,11 +116,11 @@ TEST_GROUP(ModbusPeer) {
   rtu::State state;
 
   // One exchange to its end.
-  Result exchange() {
-    Result result = Result::kBusy;
-    for (const Micros end = real_time() + kDeadline; result == Result::kBusy && real_time() < end;) {
+  Progress exchange() {
+    Progress result = Progress::kBusy;
+    for (const Micros end = real_time() + kDeadline; result == Progress::kBusy && real_time() < end;) {
       result = rtu::update(state, bus, port, real_time());
-      if (result == Result::kBusy) port.wait(1ms);
+      if (result == Progress::kBusy) port.wait(1ms);
     }
     return result;
   }
@@ -139,23 +139,23 @@ TEST(ModbusPeer, EveryFunctionIsUnderstoodByLibmodbus) {
   for (std::size_t count = 1; count <= rtu::kMaxRegisters; ++count) {
     const Words values(written.end() - static_cast<std::ptrdiff_t>(count), written.end());
     rtu::begin_write(state, bus, hande::kOutputs + 8, values);
-    CHECK_TRUE(Result::kOk == exchange());
+    CHECK_TRUE(Progress::kOk == exchange());
     rtu::begin_read(state, bus, rtu::Read::kHolding, hande::kOutputs + 8, count);
-    CHECK_TRUE(Result::kOk == exchange());
+    CHECK_TRUE(Progress::kOk == exchange());
     CHECK_TRUE(got() == values);
     const Words others(values.rbegin(), values.rend());
     rtu::begin_read_write(state, bus, hande::kOutputs + 8, count, hande::kOutputs + 8, others);
-    CHECK_TRUE(Result::kOk == exchange());
+    CHECK_TRUE(Progress::kOk == exchange());
     CHECK_TRUE(got() == others);
     rtu::begin_read(state, bus, rtu::Read::kInput, hande::kStatus, count);
-    CHECK_TRUE(Result::kOk == exchange());
+    CHECK_TRUE(Progress::kOk == exchange());
     LONGS_EQUAL(count, got().size());
   }
   LONGS_EQUAL(4 * rtu::kMaxRegisters, slave.served());
   LONGS_EQUAL(0, slave.refused());
   // What libmodbus refuses comes as an exception.
   rtu::begin_read(state, bus, rtu::Read::kInput, hande::kStatus + 1, rtu::kMaxRegisters);
-  CHECK_TRUE(Result::kException == exchange());
+  CHECK_TRUE(Progress::kException == exchange());
   LONGS_EQUAL(MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS, state.exception);
 }
 

@@ -69,6 +69,7 @@ class Socket final : public hal::Camera {
   std::string_view sensor;
   bool silent = false;
   bool refuses = false;
+  bool watched = false;  // for frozen pictures: the films of these tests repeat
   std::vector<Micros> starts;
 
  private:
@@ -84,6 +85,7 @@ class Socket final : public hal::Camera {
   void do_release(const hal::Frame& frame) override { inside_.release(frame); }
   void do_stop() override { inside_.stop(); }
   [[nodiscard]] std::string_view do_identity() const override { return sensor; }
+  [[nodiscard]] bool do_live() const override { return watched; }
 
   hal::Camera& inside_;
   sim::Clock& clock_;
@@ -754,6 +756,24 @@ TEST(Daemon, GoesOnWithAGraspThatAnotherProcessBegan) {
     displaced += d.valid && std::abs(d.dx.raw()) > 300 ? 1 : 0;
   }
   CHECK_TRUE(displaced > 5);  // 0.6 mm in the middle: what a rest position learned now would hide
+}
+
+// A camera that is frozen shows a new process its old picture as if it were new, once.
+TEST(Daemon, IsNotFineOnOnePictureOfAFrozenCamera) {
+  film();
+  build();
+  run(2s);
+  CHECK_TRUE(fine());
+  daemon.reset();
+  plug({{1, 1'000'000, sim::CameraFault::kStuck, {}}}, "28D1-D7C6");
+  socket->watched = true;
+  start();
+  CHECK_TRUE(daemon->resumed());
+  for (const Micros end = clock.now() + 1s; clock.now() < end;) {
+    daemon->poll();
+    CHECK_FALSE(fine());
+  }
+  CHECK_TRUE(state() == DeviceState::kFault && reason() == Reason::kFrameFrozen);
 }
 
 // The rest position is written when it was learned, and then on an empty gel: a refused frame is no reason to.
