@@ -57,7 +57,7 @@ struct FrameRecord {
   double decided_us = 0;  // arrival to edge; 0: not known (virtual time)
   std::array<std::uint32_t, kHistogramBins> histogram{};
 
-  [[nodiscard]] double t_s() const { return static_cast<double>(time_ns() / 1000) * 1e-6; }
+  [[nodiscard]] double t_s() const { return static_cast<double>(time_ns() / 1000) / 1e6; }
   [[nodiscard]] std::uint64_t time_ns() const {
     return static_cast<std::uint64_t>(header.stamp.sec) * 1'000'000'000 + header.stamp.nanosec;
   }

@@ -502,7 +502,7 @@ Delay delay_from(const std::vector<FrameRecord>& frames, double onset_s) {
   delay.raised = true;
   delay.early = raised == first && first != frames.begin() && std::prev(first)->slip;
   delay.frames = static_cast<long>(raised - first);
-  delay.ms = (raised->t_s() - onset_s) * 1000;
+  delay.ms = std::max(raised->t_s() - onset_s, 0.0) * 1000;
   delay.at = static_cast<std::size_t>(raised - frames.begin());
   return delay;
 }
