@@ -848,7 +848,7 @@ TEST(Tool, PricesTheContactLevels) {
                                  in("trade.csv"), "--svg", in("trade.svg")});
   STRCMP_CONTAINS("springs 64", done.out.c_str());
   STRCMP_CONTAINS("grid leaves out", done.out.c_str());
-  LONGS_EQUAL(13, read_csv(dir / "trade.csv").rows.size());
+  LONGS_EQUAL(11, read_csv(dir / "trade.csv").rows.size());
   STRCMP_CONTAINS("</svg>", read_file(dir / "trade.svg").c_str());
 }
 

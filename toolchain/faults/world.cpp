@@ -749,12 +749,14 @@ class WorldSupply final : public hal::Supply {
 treec::Binary stored_model() {
   treec::Model model;
   model.name = "stored";
-  model.feature_set = "imprint";
+  model.feature_set = "touch";
   const FeatureSet& set = *find_feature_set(model.feature_set);
+  int motion = 0;
   for (int i = 0; i < set.size(); ++i) {
     model.features.push_back({std::string(set[i].name), std::string(set[i].unit), set[i].q, 0});
+    if (set[i].name == "imprint_log2_um_q8") motion = i;
   }
-  model.nodes = {{.id = 0, .threshold = 2957, .child_true = 1, .child_false = 2},
+  model.nodes = {{.id = 0, .feature = motion, .threshold = 2957, .child_true = 1, .child_false = 2},
                  {.id = 1, .is_leaf = true, .verdict = Verdict::kHold},
                  {.id = 2, .is_leaf = true, .verdict = Verdict::kSlip}};
   return treec::to_binary(model);
