@@ -9,7 +9,7 @@
 
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/scene/file/scene_file.hpp"
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 
 #include <CppUTest/TestHarness.h>
 

@@ -14,7 +14,7 @@
 #include "drivers/sim/scene/simulation.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 #include "toolchain/learn/plan.hpp"
 #include "toolchain/play/play.hpp"
 // last: it redefines new

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Oracles: the layer's own press and shear (layer.hpp) for the limits, the trials' rules checked on their numbers, and
 // the simulation's truth.
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 
 #include <algorithm>
 #include <bit>

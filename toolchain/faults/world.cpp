@@ -974,6 +974,10 @@ struct World::Parts {
         situation.is(Trouble::kDiskFull) || situation.is(Trouble::kCardTorn) || situation.is(Trouble::kRecordsDamaged);
     if (why != Reason::kConfig || fails || now < types_at) return;
     types_at = now + 1s;
+    if (models_card.is_damaged()) {  // the slot stays as it is: said again after each start
+      host.type("unlock " + std::string(kCode) + "\rstored accept\r");
+      if (!settings_card.is_damaged()) return;
+    }
     host.type("unlock " + std::string(kCode) + "\rset gripper " + std::to_string(setup.gripper ? 1 : 0) + "\r");
     save("200");
     host.type("reboot\r");

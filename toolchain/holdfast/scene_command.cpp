@@ -8,7 +8,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 #include "toolchain/play/play.hpp"
 
 namespace holdfast::tool {

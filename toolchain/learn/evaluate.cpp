@@ -14,7 +14,7 @@
 
 #include "base/crc32.hpp"
 #include "drivers/sim/scene/random.hpp"
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 #include "toolchain/learn/splits.hpp"
 #include "toolchain/play/thread_time.hpp"
 

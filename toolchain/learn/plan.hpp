@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "toolchain/learn/dataset.hpp"
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 
 namespace holdfast::learn {
 

@@ -10,7 +10,7 @@
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/portable.hpp"
 #include "drivers/sim/scene/random.hpp"
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/rig.hpp"
 

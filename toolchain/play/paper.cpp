@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "toolchain/learn/paper.hpp"
+#include "toolchain/play/paper.hpp"
 
 #include <algorithm>
 #include <cmath>
