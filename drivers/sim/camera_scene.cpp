@@ -7,8 +7,8 @@
 #include <numbers>
 #include <utility>
 
+#include "drivers/sim/scene/math/portable.hpp"
 #include "drivers/sim/scene/picture/jpeg_encode.hpp"
-#include "drivers/sim/scene/portable.hpp"
 
 namespace holdfast::sim {
 namespace {

@@ -7,7 +7,7 @@
 #include <cstring>
 #include <span>
 
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 namespace holdfast::sim {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Oracle: <cmath> in long double, which has 11 bits more on x86-64 and 60 more on aarch64. The hashes say that both
 // machines find the same bits. Arguments are made of integers, so that no compiler contracts their making.
-#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
 
 #include <algorithm>
 #include <array>

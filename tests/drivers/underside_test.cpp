@@ -8,7 +8,7 @@
 #include <numbers>
 #include <vector>
 
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 #include <CppUTest/TestHarness.h>
 

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "drivers/sim/scene/file/scene_file.hpp"
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 #include "toolchain/play/play.hpp"
 
 #include <CppUTest/TestHarness.h>

@@ -20,7 +20,7 @@
 #include "drivers/sim/camera_paced.hpp"
 #include "drivers/sim/film.hpp"
 #include "drivers/sim/keep.hpp"
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/tape.hpp"
 #include "tests/support/host_process.hpp"

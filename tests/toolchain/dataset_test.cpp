@@ -14,8 +14,8 @@
 #include "drivers/sim/scene/simulation.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
-#include "toolchain/play/paper.hpp"
 #include "toolchain/learn/plan.hpp"
+#include "toolchain/play/paper.hpp"
 #include "toolchain/play/play.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>

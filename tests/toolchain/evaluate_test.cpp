@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/learn/charts.hpp"

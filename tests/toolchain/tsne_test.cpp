@@ -6,7 +6,7 @@
 #include <cstring>
 #include <numeric>
 
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 #include <CppUTest/TestHarness.h>
 

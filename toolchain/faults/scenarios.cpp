@@ -13,7 +13,7 @@
 #include <new>
 #include <utility>
 
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 namespace holdfast::faults {
 namespace {

@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/dataset.hpp"
 #include "toolchain/support/atomic_file.hpp"

@@ -13,9 +13,9 @@
 #include <sstream>
 
 #include "base/crc32.hpp"
-#include "drivers/sim/scene/random.hpp"
-#include "toolchain/play/paper.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 #include "toolchain/learn/splits.hpp"
+#include "toolchain/play/paper.hpp"
 #include "toolchain/play/thread_time.hpp"
 
 namespace holdfast::learn {

@@ -9,7 +9,7 @@
 
 #include "app/app.hpp"
 #include "base/math.hpp"
-#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "tactile/features.hpp"
 #include "tactile/field_features.hpp"

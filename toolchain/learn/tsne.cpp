@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <limits>
 
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 namespace holdfast::learn::tsne {
 

@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "drivers/sim/camera_scene.hpp"
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 #include "toolchain/play/rig.hpp"
 
 namespace holdfast::tool {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "drivers/sim/scene/file/scene_file.hpp"
-#include "drivers/sim/scene/portable.hpp"
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 namespace holdfast::scene {
 namespace {

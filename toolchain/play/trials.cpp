@@ -8,8 +8,8 @@
 #include <numbers>
 
 #include "drivers/sim/scene/file/scene_file.hpp"
-#include "drivers/sim/scene/portable.hpp"
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 #include "toolchain/play/paper.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/rig.hpp"

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "drivers/sim/scene/contact/contact.hpp"
-#include "drivers/sim/scene/shape.hpp"
+#include "drivers/sim/scene/contact/shape.hpp"
 
 namespace holdfast::scene {
 

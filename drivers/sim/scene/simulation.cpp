@@ -7,8 +7,8 @@
 #include <numbers>
 #include <utility>
 
-#include "drivers/sim/scene/portable.hpp"
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 namespace holdfast::scene {
 namespace {

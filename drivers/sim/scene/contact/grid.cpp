@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "drivers/sim/scene/contact/layer.hpp"
-#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
 
 namespace holdfast::scene {
 namespace {

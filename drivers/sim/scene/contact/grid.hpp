@@ -56,7 +56,7 @@
 #include <span>
 
 #include "drivers/sim/scene/contact/contact.hpp"
-#include "drivers/sim/scene/shape.hpp"
+#include "drivers/sim/scene/contact/shape.hpp"
 
 namespace holdfast::scene {
 

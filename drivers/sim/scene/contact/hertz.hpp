@@ -12,7 +12,7 @@
 
 #include <limits>
 
-#include "drivers/sim/scene/vec2.hpp"
+#include "drivers/sim/scene/math/vec2.hpp"
 
 namespace holdfast::scene {
 

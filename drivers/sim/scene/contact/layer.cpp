@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
 
 namespace holdfast::scene {
 namespace {

@@ -25,9 +25,9 @@
 #include "drivers/sim/scene/contact/contact.hpp"
 #include "drivers/sim/scene/contact/hertz.hpp"
 #include "drivers/sim/scene/contact/layer.hpp"
+#include "drivers/sim/scene/contact/shape.hpp"
 #include "drivers/sim/scene/contact/springs.hpp"
 #include "drivers/sim/scene/contact/twist.hpp"
-#include "drivers/sim/scene/shape.hpp"
 
 namespace holdfast::scene {
 

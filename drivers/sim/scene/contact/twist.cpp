@@ -7,7 +7,7 @@
 #include <limits>
 #include <numbers>
 
-#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
 
 namespace holdfast::scene {
 namespace {

@@ -9,8 +9,8 @@
 #include <numbers>
 #include <vector>
 
-#include "drivers/sim/scene/portable.hpp"
-#include "drivers/sim/scene/random.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
+#include "drivers/sim/scene/math/random.hpp"
 
 namespace holdfast::scene {
 namespace {

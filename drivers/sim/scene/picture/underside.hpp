@@ -30,7 +30,7 @@
 #include <memory>
 #include <span>
 
-#include "drivers/sim/scene/shape.hpp"
+#include "drivers/sim/scene/contact/shape.hpp"
 
 namespace holdfast::scene {
 

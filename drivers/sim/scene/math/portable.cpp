@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
 
 #include <algorithm>
 #include <array>

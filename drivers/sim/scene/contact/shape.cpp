@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/sim/scene/shape.hpp"
+#include "drivers/sim/scene/contact/shape.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
-#include "drivers/sim/scene/portable.hpp"
+#include "drivers/sim/scene/math/portable.hpp"
 
 namespace holdfast::scene {
 namespace {
