@@ -95,6 +95,7 @@ void Judge::told_fine(Micros from, Micros to) {
 
 Judgement Judge::finish() {
   until(judgement_.end);
+  judgement_.fine_at_end = grip_ok_ && alive_at_ && judgement_.end - *alive_at_ < kReceiversRule;
   for (const Unsafe& unsafe : unsafe_) {
     if (unsafe.to != kNever) last_end_ = std::max(last_end_, unsafe.to);
   }

@@ -31,7 +31,8 @@ struct Judgement {
   std::vector<Micros> fault_at;    // when
   DeviceState last_state = DeviceState::kBoot;
   Reason last_reason = Reason::kNone;
-  bool ended = false;  // in order: the process lived to the end
+  bool fine_at_end = false;  // by the lines: the state is what the firmware says
+  bool ended = false;        // in order: the process lived to the end
   Micros end{};
 };
 

@@ -187,7 +187,8 @@ bool Run::passed() const {
   if (for_good) return judgement.last_state == DeviceState::kFault;
   const bool traces = std::any_of(setup.windows.begin(), setup.windows.end(),
                                   [](const Window& window) { return leaves_traces(window.trouble); });
-  return judgement.last_state == DeviceState::kOk || (traces && judgement.last_state == DeviceState::kDegraded);
+  return (judgement.last_state == DeviceState::kOk && judgement.fine_at_end) ||
+         (traces && judgement.last_state == DeviceState::kDegraded);
 }
 
 int false_faults(const Run& run) {

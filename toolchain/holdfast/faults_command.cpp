@@ -48,7 +48,9 @@ std::string reasons(const Run& run) {
 std::string verdict(const Run& run) {
   if (run.crashed) return "CRASHED";
   if (run.judgement.unsafe_fine > Micros{0}) return fmt::format("UNSAFE for {:.1f} ms", ms(run.judgement.unsafe_fine));
-  return run.passed() ? "ok" : fmt::format("ends in {}", info(run.judgement.last_state).name);
+  return run.passed() ? "ok"
+                      : fmt::format("ends in {}{}", info(run.judgement.last_state).name,
+                                    run.judgement.fine_at_end ? "" : ", lines not fine");
 }
 
 // Longest time to safe and to recover of both situations; the worse verdict.
