@@ -57,7 +57,10 @@ struct FrameRecord {
   double decided_us = 0;  // arrival to edge; 0: not known (virtual time)
   std::array<std::uint32_t, kHistogramBins> histogram{};
 
-  [[nodiscard]] double t_s() const { return static_cast<double>(time_ns() / 1000) / 1e6; }
+  [[nodiscard]] double t_s() const {
+    const std::uint64_t us = time_ns() / 1000;
+    return static_cast<double>(us) / 1e6;
+  }
   [[nodiscard]] std::uint64_t time_ns() const {
     return static_cast<std::uint64_t>(header.stamp.sec) * 1'000'000'000 + header.stamp.nanosec;
   }
