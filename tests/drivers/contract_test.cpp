@@ -172,6 +172,15 @@ TEST(HalContract, ClockNeverStepsBack) {
   }
 }
 
+TEST(HalContract, ClockWaitsForTheTime) {
+  for (const auto& backend : kClocks) {
+    const auto rig = backend.make();
+    const microseconds before = rig->device().now();
+    rig->device().wait(1500us);
+    CHECK_TEXT(rig->device().now() - before >= 1500us, backend.name);
+  }
+}
+
 TEST(HalContract, GpioTakesBothLevelsOnEveryLineAgainAndAgain) {
   for (const auto& backend : gpios()) {
     const auto rig = backend.make();

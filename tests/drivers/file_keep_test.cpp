@@ -114,6 +114,9 @@ TEST(FileKeep, AFullFileSystemRefusesAndTakesAgain) {
   disk.most_at_once = 4096;
   CHECK_TRUE(keep.write(0, other));
   CHECK_TRUE(read_of(keep, 0, other.size()) == other);
+  disk.most_at_once = 1;
+  CHECK_TRUE(keep.write(0, Bytes(10, 9)));
+  CHECK_TRUE(read_of(keep, 0, 10) == Bytes(10, 9));
   disk.fails_at = disk.calls + 1;
   disk.error = EIO;
   Bytes room(10);

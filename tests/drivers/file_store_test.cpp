@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <memory>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "tests/support/power_disk.hpp"
@@ -33,13 +34,19 @@ class SlowCalls final : public drivers::FileCalls {
  public:
   std::atomic<bool> held{false};
   std::atomic<int> error{0};
+  bool folder_is_zero = false;  // as in a process that was started without a standard input
+  int folder_synced = 0;
   void let_go() {
     held = false;
     held.notify_all();
   }
 
-  [[nodiscard]] int open(const char* path, How how) override { return system_.open(path, how); }
-  void close(int fd) override { system_.close(fd); }
+  [[nodiscard]] int open(const char* path, How how) override {
+    return how == How::kFolder && folder_is_zero ? 0 : system_.open(path, how);
+  }
+  void close(int fd) override {
+    if (fd != 0) system_.close(fd);
+  }
   [[nodiscard]] std::int64_t size(int fd) override { return system_.size(fd); }
   [[nodiscard]] std::int64_t pread(int fd, std::span<std::uint8_t> bytes, std::int64_t at) override {
     return system_.pread(fd, bytes, at);
@@ -48,7 +55,11 @@ class SlowCalls final : public drivers::FileCalls {
     return system_.pwrite(fd, bytes, at);
   }
   [[nodiscard]] int allocate(int fd, std::int64_t size) override { return system_.allocate(fd, size); }
-  [[nodiscard]] int fsync(int fd) override { return system_.fsync(fd); }
+  [[nodiscard]] int fsync(int fd) override {
+    if (fd != 0) return system_.fsync(fd);
+    ++folder_synced;
+    return 0;
+  }
   [[nodiscard]] int fdatasync(int fd) override {
     held.wait(true);
     return error != 0 ? -error : system_.fdatasync(fd);
@@ -101,6 +112,38 @@ TEST(FileStore, IsReadByTheNextOne) {
   LONGS_EQUAL(0600, about.st_mode & 0777);
 }
 
+// Slots begin at whole pages, also in a file that had another length.
+TEST(FileStore, HasWholePagesForEachSlot) {
+  for (const auto& [slot, page] : {std::pair{1U, 4096U}, {4095U, 4096U}, {4096U, 4096U}, {4097U, 8192U}}) {
+    for (const std::size_t had : {std::size_t{0}, std::size_t{100}}) {
+      std::filesystem::remove(path);
+      { const FileStore made(path, 1); }
+      std::filesystem::resize_file(path, had);
+      { const FileStore store(path, slot); }
+      LONGS_EQUAL(2 * page, std::filesystem::file_size(path));
+    }
+  }
+}
+
+TEST(FileStore, MakesTheFoldersEntryDurableByAnyNumber) {
+  SlowCalls calls;
+  calls.folder_is_zero = true;
+  const FileStore store(path, 200, calls);
+  STRCMP_EQUAL("", store.trouble().c_str());
+  LONGS_EQUAL(1, calls.folder_synced);
+}
+
+// A call that is not interrupted is made once, whatever an earlier one left in errno.
+TEST(FileStore, AsksTheSystemOnce) {
+  drivers::FileCalls& calls = drivers::system_calls();
+  const int fd = calls.open(path.c_str(), drivers::FileCalls::How::kReadWriteOrMake);
+  CHECK(fd >= 0);
+  errno = EINTR;
+  LONGS_EQUAL(0, calls.size(fd));
+  LONGS_EQUAL(0, calls.fsync(fd));
+  calls.close(fd);
+}
+
 // The caller goes on while the card is at work; an end waits for it.
 TEST(FileStore, DoesNotHoldUpItsCaller) {
   SlowCalls calls;
@@ -143,6 +186,10 @@ TEST(FileStore, WritesBothSlots) {
     FileStore store(path, 5000, calls);
     CHECK(store.begin(1, one, true));
     CHECK(end_of(store) == State::kDone);
+    {
+      const FileStore written(path, 5000);
+      CHECK(begins_with(written.found(0), one) && begins_with(written.found(1), one));
+    }
     calls.error = EIO;
     CHECK(store.begin(0, Bytes(600, 22), true));
     CHECK(end_of(store) == State::kFailed);

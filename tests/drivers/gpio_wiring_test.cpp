@@ -127,6 +127,19 @@ TEST(GpioWiring, WhatIsNotThereIsRefusedWithWhatIs) {
   check_refused(find(listed(nameless), kByName).error, {"none of their lines has a name", "the chip's label and the"});
 }
 
+// By the letters that differ, are missing or too many; upper and lower case are the same. Of equal ones the first.
+TEST(GpioWiring, TheNearestNameComesFirst) {
+  std::vector<Chip> chips{Chip(0, "chip", 2)};
+  for (const auto& [asked, one, other, nearest] : {std::array{"a1", "B1", "A1", "'A1', 'B1'"},
+                                                   {"z1", "Y1", "Z1", "'Z1', 'Y1'"},
+                                                   {"GPIO1", "GPI317", "GPIO17", "'GPIO17', 'GPI317'"},
+                                                   {"ab", "abc", "xab", "'abc', 'xab'"}}) {
+    chips[0].names = {one, other};
+    check_refused(find(listed(chips), {.role = Line::kGripOk, .line = asked, .chip = ""}).error,
+                  {std::string("nearest names: ") + nearest});
+  }
+}
+
 TEST(GpioWiring, TwoLinesOfOneNameAreAmbiguousUnlessTheLabelDecides) {
   std::vector<Chip> chips = pi4();
   chips.emplace_back(2, "20-0020", 8).names[3] = "GPIO17";  // an expander with names from its overlay

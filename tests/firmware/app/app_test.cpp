@@ -513,7 +513,8 @@ TEST(App, RaisesNothingAfterItStoppedWithoutAnAcceptedFrame) {
   const std::uint64_t edges = gpio.edges(Line::kAlive);
   (void)new_events();
   for (int k = 0; k < 3; ++k) {
-    CHECK_TRUE(app->step());
+    CHECK_TRUE(app->poll(100ms - 1us) == App::Polled::kWaiting);
+    CHECK_TRUE(app->poll(1us) == App::Polled::kSignalled);
     state_is(DeviceState::kFault, app->outputs().state);
   }
   for (const sim::GpioEvent& event : new_events()) CHECK_TRUE(event.told == Level::kLow);
@@ -560,6 +561,9 @@ TEST(App, WaitsOnWhenTheCameraComesBackEarlyWithNothing) {
     LONGS_EQUAL(4 * k, hasty.asked);
     reason_is(Reason::kNoFrame, report().reason);
   }
+  clock.advance(250ms);  // overdue: asked once more, and not waited for
+  CHECK_TRUE(other.step());
+  LONGS_EQUAL(550'000, clock.now().count());
 }
 
 // Frames that came and were refused say more than the silence after them; one that was accepted ends that.
@@ -1047,9 +1051,28 @@ TEST(App, TakesAPictureForTheReference) {
   start();
   CHECK_TRUE(step());
   state_is(DeviceState::kOk, app->outputs().state);
+  frame.bytes = pictures[3].pixels;  // bent: somebody has chosen it all the same
+  CHECK_TRUE(app->learn(Params{}, frame).ok());
   Params wrong;
   wrong.reference_frames = 0;
   reason_is(Reason::kConfig, app->learn(wrong, frame).reason);
+}
+
+// The lattice that was tracked is not the one that is asked for now.
+TEST(App, LooksForAnotherLatticeWhenItIsReconfigured) {
+  film(12);
+  build({}, 4);
+  start();
+  run(12);
+  state_is(DeviceState::kOk, app->outputs().state);
+  Params other;
+  other.grid_rows = 5;
+  other.grid_cols = 5;
+  app->reconfigure(other);
+  for (int k = 0; k < 12; ++k) {
+    CHECK_TRUE(step());
+    CHECK_FALSE(app->result().quality.ok() && app->result().grid == (GridSize{7, 9}));
+  }
 }
 
 // Any schedule of faults: whenever a receiver is told "fine", the firmware itself says OK or has lost no more than the

@@ -310,6 +310,7 @@ TEST(Daemon, RefusesTareWhileSomethingTouchesTheGel) {
   CHECK_TRUE(daemon->app().result().contact.touching);
   LONGS_EQUAL(rest.markers[31].x.raw(), daemon->app().state().reference.rest.markers[31].x.raw());
   CHECK_TRUE(ask(Command::kTare, 1) == Outcome::kDone);
+  CHECK_FALSE(daemon->app().state().contact.touching);  // against another gel, nobody knows yet
   run(1s);
   CHECK_TRUE(daemon->app().result().referenced && !daemon->app().result().contact.touching);
   CHECK_FALSE(rest.markers[31].x.raw() == daemon->app().state().reference.rest.markers[31].x.raw());
@@ -481,9 +482,14 @@ TEST(Daemon, ObeysWiresThatHoldTheirLevel) {
   CHECK_TRUE(state() == DeviceState::kReference);
   run(1s);
   CHECK_TRUE(fine());  // HIGH for long is one command
+  // Seen HIGH for 10 ms: at once after a frame, when the daemon looks every 5 ms.
+  const std::uint32_t shown = daemon->app().result().sequence;
+  while (daemon->app().result().sequence == shown) daemon->poll();
   gpio.drive(Input::kOpening, Level::kHigh);
-  run(100ms);
-  CHECK_TRUE(daemon->app().state().opening);
+  for (const bool opening : {false, false, true}) {
+    daemon->poll();
+    CHECK_EQUAL(opening, daemon->app().state().opening);
+  }
   gpio.drive(Input::kOpening, Level::kLow);
   run(100ms);
   CHECK_FALSE(daemon->app().state().opening);

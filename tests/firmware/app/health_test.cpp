@@ -58,4 +58,12 @@ TEST(Health, JudgesDeadlinesOverTenSeconds) {
   for (int k = 0; k < 256 - 3; ++k) CHECK_TRUE(strain(40ms) == Reason::kDeadline);
   CHECK_TRUE(strain(40ms) == Reason::kNone);
   LONGS_EQUAL(3, state.late_frames);
+  // Wherever the three are among the 256, at distances that any word of the memory has.
+  for (int first = 1; first <= 256; ++first) {
+    state = {};
+    for (int k = 1; k <= first + 128; ++k) {
+      const bool late = k >= first && (k - first) % 64 == 0;
+      CHECK_TRUE(strain(40ms, 0, late ? 96ms : 50ms) == (k == first + 128 ? Reason::kDeadline : Reason::kNone));
+    }
+  }
 }

@@ -360,6 +360,8 @@ TEST(Supervisor, DegradesBelowItsShareOfMarkers) {
                         {kGrid, 0, false},
                         {{8, 10}, 70, true},
                         {{8, 10}, 69, false},
+                        {{10, 10}, 87, true},
+                        {{10, 10}, 86, false},
                         {{8, 16}, 128, true},
                         {{8, 16}, 111, false}}) {
     pipeline::Result result = result_of(Input::kGood);

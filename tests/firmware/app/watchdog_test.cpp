@@ -8,6 +8,9 @@
 #include <optional>
 #include <thread>
 
+#include "drivers/common/watchdog_thread.hpp"
+#include "hal/clock.hpp"
+
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast;
@@ -27,6 +30,20 @@ class Lines final : public hal::Gpio {
     return !refuses.load();
   }
   [[nodiscard]] std::optional<hal::Level> do_read(hal::Input) override { return std::nullopt; }
+};
+
+// The time that the other thread sets.
+class SetClock final : public hal::Clock {
+ public:
+  std::atomic<std::int64_t> now_us{0};
+  std::atomic<std::int64_t> waited_us{0};
+
+ private:
+  [[nodiscard]] Micros do_now() const override { return Micros{now_us.load()}; }
+  void do_wait(Micros time) override {
+    waited_us = time.count();
+    std::this_thread::yield();
+  }
 };
 
 }  // namespace
@@ -58,6 +75,26 @@ TEST(Watchdog, LowersGripOkWhileNoFrameIsVouchedFor) {
     LONGS_EQUAL(time, watchdog.trips());
   }
   CHECK_TRUE(watchdog.watch(lines, 0s));  // a clock that stepped back is no youth
+}
+
+// Looks every 10 ms from a thread of its own, until its end.
+TEST(Watchdog, IsLookedAfterByAThread) {
+  SetClock clock;
+  const auto seen = [](auto condition) {
+    const auto deadline = std::chrono::steady_clock::now() + 60s;
+    while (!condition() && std::chrono::steady_clock::now() < deadline) std::this_thread::yield();
+    return condition();
+  };
+  watchdog.confirm(Micros{0});
+  {
+    const drivers::WatchdogThread thread(watchdog, lines, clock);
+    CHECK_TRUE(thread.running());
+    CHECK_TRUE(seen([&] { return clock.waited_us == 10'000; }));
+    LONGS_EQUAL(0, lines.lowered.load());
+    clock.now_us = 200'001;
+    CHECK_TRUE(seen([&] { return lines.lowered > 0; }));
+  }
+  LONGS_EQUAL(1, watchdog.trips());
 }
 
 // Two threads, no lock: for ThreadSanitizer (tests/run.sh --only tsan).

@@ -147,6 +147,19 @@ TEST(HandE, ConfigIsChecked) {
   CHECK_TRUE(refused([](auto& c) { c.longest_back_off = 60'000'001us; }));
   CHECK_TRUE(refused([](auto& c) { c.echo_within = c.poll; }));
   CHECK_TRUE(refused([](auto& c) { c.activation_within = 0us; }));
+  // The ends of the ranges are in them.
+  hande::Config edge;
+  edge.bus = {.slave = 1, .timeout = 1us, .spacing = 5ms, .quiet = 0us, .settled = 5ms};
+  edge.poll = edge.idle_poll = 10ms;
+  edge.retries = edge.activations = 1;
+  edge.back_off = edge.longest_back_off = edge.activation_within = 1us;
+  edge.fresh_for = edge.echo_within = 10'001us;
+  CHECK_TRUE(hande::validate(edge).ok());
+  edge.bus.slave = 247;
+  edge.bus.timeout = edge.poll = edge.idle_poll = 500ms;
+  edge.fresh_for = edge.echo_within = 501ms;
+  edge.back_off = edge.longest_back_off = 60s;
+  CHECK_TRUE(hande::validate(edge).ok());
 }
 
 TEST(HandE, ActivatesAGripperThatIsNot) {

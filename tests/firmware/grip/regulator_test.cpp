@@ -98,6 +98,11 @@ TEST(Regulator, TheDefaultsAreValidAndEveryLimitIsChecked) {
   CHECK_TRUE(refused([](auto& c) { c.force_step = 256; }));
   CHECK_TRUE(refused([](auto& c) { c.release_step = 256; }));
   CHECK_TRUE(refused([](auto& c) { c.grow_pct = -1; }));
+  // The ends of the ranges are in them.
+  const regulator::Config least{0, 1, 0, 0, 0, 0, 0us, 0us, 0, 0us, 0us, 1, 0us};
+  CHECK_TRUE(regulator::validate(least).ok());
+  const regulator::Config most{255, 255, 100, 255, 255, 255, 1h, 1h, INT32_MAX, 1h, 1h, 255, 1h};
+  CHECK_TRUE(regulator::validate(most).ok());
 }
 
 TEST(Regulator, IdleUntilToldToGripAndThenTheStartingForce) {
@@ -258,8 +263,9 @@ TEST(Regulator, KeepsTheTimesOfABoard) {
   const auto holds = [](std::int32_t nat_q16) {
     return regulator::Input{true, GripRequest::kHold, Verdict::kHold, NatsQ16::from_raw(nat_q16)};
   };
-  const regulator::Input release{.release = true};
-  for (const Call& c : {Call{0us, {.grip = true}, 20, Phase::kGripping},
+  regulator::Input grip, release;
+  grip.grip = release.release = true;
+  for (const Call& c : {Call{0us, grip, 20, Phase::kGripping},
                         {899'999us, slips(0), 20, Phase::kGripping},
                         {900ms, slips(9000), 23, Phase::kTightening},
                         {939'999us, slips(9000), 23, Phase::kTightening},

@@ -206,6 +206,17 @@ TEST(Link, FramesAndLinesShareAPort) {
                heard(wire_of(command(0x0A0A, Command::kTare, 1)) + wire_of(command(0x0A0A, Command::kGrip))).c_str());
 }
 
+// One byte behind a 0x00 may begin either: what follows tells, or the silence.
+TEST(Link, AByteAloneIsTextAfterASilence) {
+  link::Receiver receiver;
+  (void)receiver.push(0);
+  CHECK_FALSE(receiver.in_frame());
+  CHECK(receiver.push('a') == link::Event::kNone && receiver.in_frame());
+  CHECK(receiver.give_up() == link::Event::kText && receiver.text().size() == 1 && receiver.text()[0] == 'a');
+  CHECK_FALSE(receiver.in_frame());
+  CHECK(receiver.push('b') == link::Event::kText);
+}
+
 TEST(Link, HalvesOfABrokenLineAreNoCommand) {
   const LinkBytes ask = kZero + wire_of(command(7, Command::kArm));
   const auto line = [](const char* text) { return bytes_of(text); };

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <initializer_list>
 #include <memory>
 #include <span>
 #include <string>
@@ -176,6 +177,8 @@ TEST(Checkpoint, RefusesWhatAnotherBuildMayHaveWritten) {
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.version = checkpoint::kVersion + 1; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.bytes -= 8; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {0, 9}; }));
+  LONGS_EQUAL(1, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {8, 16}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {3, 43}; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {16, 16}; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = -1; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = 64 + 1; }));
@@ -238,6 +241,12 @@ TEST(Checkpoint, KeepsTheGripBesideTheReference) {
   checkpoint::GripState other;
   CHECK_TRUE(checkpoint::load(other, keep));
   LONGS_EQUAL(9, other.slot.contents.force);
+  for (const std::uint8_t gripping : std::initializer_list<std::uint8_t>{
+           2, 0, 2}) {  // what is neither yes nor no is not believed, the one before it is
+    grip.slot.contents = {gripping, 9, 255};
+    CHECK_TRUE(checkpoint::save(grip, keep) && checkpoint::load(other, keep));
+    CHECK_TRUE(other.slot.contents.gripping <= 1);
+  }
   LONGS_EQUAL(1, found());
   checkpoint::forget(*writer, keep);
   LONGS_EQUAL(0, found());

@@ -68,6 +68,12 @@ TEST_GROUP(Sealed) {
   }
 };
 
+// A record says of what kind it is; a number that is given is never given to another.
+TEST(Sealed, KindsKeepTheirNumbers) {
+  LONGS_EQUAL(1, record_of(Kind::kSettings, 1, {})[5]);
+  LONGS_EQUAL(2, record_of(Kind::kModel, 1, {})[5]);
+}
+
 // RFC 8032, 7.1: tests 1, 2, 3, and the one of SHA(abc).
 TEST(Sealed, VerifiesAsTheRfcSays) {
   struct Vector {
