@@ -15,7 +15,7 @@ namespace {
 
 // All that the threads agree on is in one word, so that each step below is one atomic operation:
 //
-//     bits 0-1   helpers inside the task
+//     bits 0-1   helpers inside the job
 //     bits 2-3   helpers asleep (counted before they sleep; the run that wakes them sets it to 0)
 //     bit  4     the generation is open: helpers may enter
 //     bit  5     a helper entered this generation
@@ -24,12 +24,12 @@ namespace {
 //
 // Why the orders suffice, on aarch64 as well. After publish, every change of the word up to the next publish is a
 // read-modify-write, so it continues the release sequence of each earlier release, whoever makes it.
-//   publish  exchange, release; enter  compare-and-swap, acquire: a helper that is inside sees task_ and all that the
+//   publish  exchange, release; enter  compare-and-swap, acquire: a helper that is inside sees job_ and all that the
 //            caller wrote before run().
 //   leave    fetch_sub, release; close and the wait after it, acquire: the caller that finds nobody inside sees all
-//            that each helper wrote, and that each has read task_ for the last time.
+//            that each helper wrote, and that each has read job_ for the last time.
 //   A helper that is late finds the generation closed or its compare-and-swap undone by the close: it never reads
-//   task_ of a run that is over. One that slept through all 2^24 generations and takes the new for the old misses a
+//   job_ of a run that is over. One that slept through all 2^24 generations and takes the new for the old misses a
 //   run, as if it had come late.
 //   sleep    compare-and-swap, relaxed: it hands over no data. Either it comes before the exchange of publish, which
 //            then reads the count and wakes, or it fails. A helper counted but not yet asleep is turned back by the
@@ -122,18 +122,18 @@ std::size_t Threads::asleep() const {
   return asleep_in(word_.load(std::memory_order_relaxed));
 }
 
-void Threads::do_run(hal::Job& task) {
+void Threads::do_run(hal::Job& job) {
   ++counts_.runs;
   if (helpers_made_ == 0) {
     ++counts_.alone;
-    task.work(0);
+    job.work(0);
     return;
   }
-  task_ = &task;
+  job_ = &job;
   const std::uint32_t next = (generation(word_.load(std::memory_order_relaxed)) + 1) * kOneGeneration;
   const std::uint32_t before = word_.exchange(next | kOpen, std::memory_order_release);
   if (asleep_in(before) != 0) futex(word_, FUTEX_WAKE, INT_MAX);
-  task.work(0);
+  job.work(0);
   std::uint32_t word = word_.fetch_and(~kOpen, std::memory_order_acquire);
   if ((word & kJoined) == 0) ++counts_.alone;
   for (unsigned n = 1; inside(word) != 0; ++n) {
@@ -151,7 +151,7 @@ void Threads::serve(std::size_t worker) {
     if (word_.compare_exchange_strong(word, (word | kJoined) + kOneInside, std::memory_order_acquire,
                                       std::memory_order_relaxed)) {
       served = generation(word);
-      task_->work(worker);
+      job_->work(worker);
       word_.fetch_sub(kOneInside, std::memory_order_release);
     }
   }

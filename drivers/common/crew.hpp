@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Helper threads that wait for work beside the caller: hal::Crew for every Linux board.
 //
-// The threads are made once and end with the object. A run publishes the task and wakes whoever sleeps; the caller
+// The threads are made once and end with the object. A run publishes the job and wakes whoever sleeps; the caller
 // works at once and never waits for a helper that has not entered. A helper without work watches for kSpin (the next
 // run of the same frame comes sooner than a sleeper could wake), then sleeps on a futex. run() takes no lock and no
-// memory, and calls the kernel only to wake sleepers or to yield to a helper that lost its core inside the task.
+// memory, and calls the kernel only to wake sleepers or to yield to a helper that lost its core inside the job.
 //
-// One thread at a time calls run(), and a task does not call it. Give helpers the caller's priority: one that
-// was preempted inside the task keeps the caller waiting. Helpers inherit the signal mask of the thread that makes
+// One thread at a time calls run(), and a job does not call it. Give helpers the caller's priority: one that
+// was preempted inside the job keeps the caller waiting. Helpers inherit the signal mask of the thread that makes
 // them. Errors: none stops the firmware. faults() says what the kernel refused; a thread it did not grant makes size()
 // less.
 #pragma once
@@ -65,13 +65,13 @@ class Threads final : public hal::Crew {
   };
 
   [[nodiscard]] std::size_t do_size() const override { return 1 + helpers_made_; }
-  void do_run(hal::Job& task) override;
+  void do_run(hal::Job& job) override;
   void serve(std::size_t worker);
   [[nodiscard]] std::uint32_t await(std::uint32_t served);
 
-  // In one cache line, as a helper needs both at once. task_ is written only while nobody is inside.
+  // In one cache line, as a helper needs both at once. job_ is written only while nobody is inside.
   alignas(64) std::atomic<std::uint32_t> word_{0};
-  hal::Job* task_ = nullptr;
+  hal::Job* job_ = nullptr;
 
   alignas(64) std::array<Helper, kMaxHelpers> helpers_{};
   std::size_t helpers_made_ = 0;

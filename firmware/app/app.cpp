@@ -158,14 +158,12 @@ void App::nothing_came(Reason why) {
 }
 
 bool App::keep_camera() {
-  const camera_keeper::Due due = camera_keeper::due(camera_, camera_config_, devices_.clock.now());
-  if (due == camera_keeper::Due::kNot) return false;
+  using camera_keeper::Kept;
+  const Kept kept = camera_keeper::keep(camera_, camera_config_, devices_.camera, devices_.clock);
+  if (kept == Kept::kAsItWas) return false;
   other_stream();
-  const Reason why = camera_keeper::open(camera_, devices_.camera);
-  const Micros now = devices_.clock.now();
-  camera_keeper::restarted(camera_, camera_config_, due, why, now);
-  if (why != Reason::kNone && now - waiting_since_ >= kFrameWait) nothing_came(why);
-  return why == Reason::kNone && due == camera_keeper::Due::kRetry;
+  if (kept == Kept::kFailed && devices_.clock.now() - waiting_since_ >= kFrameWait) nothing_came(camera_.why);
+  return kept == Kept::kCame;
 }
 
 void App::clock_stepped_back() {

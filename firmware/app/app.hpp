@@ -97,9 +97,7 @@ class App {
   // The loaded model that decides; null: the one that is compiled in does.
   [[nodiscard]] const model::Tree* tree() const { return tree_; }
   // When ALIVE confirmed a frame first since start(). The clock of a board with real devices begins with its kernel.
-  [[nodiscard]] std::optional<Micros> first_confirmed() const {
-    return lines_.confirmed ? std::optional(lines_.first_confirmed) : std::nullopt;
-  }
+  [[nodiscard]] std::optional<Micros> first_confirmed() const { return lines_.first_confirmed; }
   // Accepted frames that the status frame called OK since start(), or since the last FAULT.
   [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }

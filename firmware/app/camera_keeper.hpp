@@ -13,6 +13,7 @@
 #include "base/status.hpp"
 #include "base/units.hpp"
 #include "hal/camera.hpp"
+#include "hal/clock.hpp"
 #include "store/checkpoint.hpp"
 
 namespace holdfast::camera_keeper {
@@ -36,7 +37,12 @@ struct State {
   Micros stall_limit{};
 };
 
-enum class Due : std::uint8_t { kNot, kRetry, kRestart };
+enum class Kept : std::uint8_t {
+  kAsItWas,    // it is not time for anything
+  kCame,       // one that was gone streams
+  kRestarted,  // a stream that had stalled begins anew
+  kFailed,     // it was tried: State::why
+};
 
 // It is gone, or could not be started.
 inline void lost(State& state, Reason why, Micros retry_after, Micros now) {
@@ -78,34 +84,33 @@ inline void stopped(State& state) {
   return why;
 }
 
-// Another try, when it is due. `now`: when it has ended.
-inline void restarted(State& state, const Config& config, Due due, Reason why, Micros now) {
-  if (why != Reason::kNone) {
-    lost(state, why, due == Due::kRetry ? std::min(state.retry_after * 2, config.longest_retry) : config.first_retry,
-         now);
-    return;
-  }
-  state.why = Reason::kNone;
-  state.streaming = true;
-  if (due == Due::kRetry) {
-    count_up(state.starts);
-    state.stalled_since = now;
-  }
-}
-
 inline void accepted(State& state, const Config& config, Micros now) {
   state.stalled_since = now;
   state.stall_limit = config.first_stall;
   state.retry_after = config.first_retry;
 }
 
-// Whether it is to be started now. A stall counts anew from this call on.
-[[nodiscard]] inline Due due(State& state, const Config& config, Micros now) {
-  if (!state.streaming) return now < state.try_at ? Due::kNot : Due::kRetry;
-  if (now - state.stalled_since <= state.stall_limit) return Due::kNot;
-  state.stall_limit = std::min(state.stall_limit * 2, config.longest_stall);
-  state.stalled_since = now;
-  return Due::kRestart;
+// Starts it (anew) when that is due. A stall, and the wait after a failure, count from this call on.
+[[nodiscard]] inline Kept keep(State& state, const Config& config, hal::Camera& camera, const hal::Clock& clock) {
+  const Micros now = clock.now();
+  const bool was_gone = !state.streaming;
+  if (was_gone ? now < state.try_at : now - state.stalled_since <= state.stall_limit) return Kept::kAsItWas;
+  if (!was_gone) {
+    state.stall_limit = std::min(state.stall_limit * 2, config.longest_stall);
+    state.stalled_since = now;
+  }
+  const Reason why = open(state, camera);
+  if (why != Reason::kNone) {
+    lost(state, why, was_gone ? std::min(state.retry_after * 2, config.longest_retry) : config.first_retry,
+         clock.now());
+    return Kept::kFailed;
+  }
+  state.why = Reason::kNone;
+  state.streaming = true;
+  if (!was_gone) return Kept::kRestarted;
+  count_up(state.starts);
+  state.stalled_since = clock.now();
+  return Kept::kCame;
 }
 
 }  // namespace holdfast::camera_keeper

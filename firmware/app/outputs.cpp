@@ -15,15 +15,15 @@ namespace {
 
 void confirm(State& state, OutputWatchdog& watchdog, Micros now) {
   watchdog.confirm(now);
-  if (state.confirmed) return;
-  state.confirmed = true;
-  state.first_confirmed = now;
+  if (!state.first_confirmed) state.first_confirmed = now;
 }
 
 }  // namespace
 
 bool start(State& state, hal::Gpio& gpio) {
-  state = {.trips = state.trips};
+  const std::uint32_t trips = state.trips;
+  state = {};
+  state.trips = trips;
   return lower(state, gpio) && drive(gpio, hal::Line::kAlive, false);
 }
 

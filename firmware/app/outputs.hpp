@@ -10,6 +10,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "app/watchdog.hpp"
 #include "base/status.hpp"
@@ -30,12 +31,11 @@ struct Config {
 };
 
 struct State {
-  bool grip_ok = false;     // as it was driven last
-  bool alive = false;       // level that ALIVE took last
-  int distrusted = 0;       // accepted frames to go until the lines are trusted again
-  std::uint32_t trips = 0;  // of the watchdog, that are known
-  bool confirmed = false;
-  Micros first_confirmed{};  // when ALIVE confirmed a frame first since start(); valid if `confirmed`
+  bool grip_ok = false;                   // as it was driven last
+  bool alive = false;                     // level that ALIVE took last
+  int distrusted = 0;                     // accepted frames to go until the lines are trusted again
+  std::uint32_t trips = 0;                // of the watchdog, that are known
+  std::optional<Micros> first_confirmed;  // when ALIVE confirmed a frame first since start()
 };
 
 // What the lines have to say.

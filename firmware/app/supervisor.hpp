@@ -46,8 +46,8 @@ enum class Source : std::uint8_t { kSettings, kModel, kGripper, kStream, kGrippe
 
 struct SourceInfo {
   Source source;
-  DeviceState leads_to;  // kFault: nothing may be confirmed; kDegraded: measuring, but not well
-  std::string_view what;
+  DeviceState leads_to;   // kFault: nothing may be confirmed; kDegraded: measuring, but not well
+  std::string_view what;  // in words, for STATES.md
 };
 
 inline constexpr std::array<SourceInfo, 7> kSources{{
@@ -135,7 +135,7 @@ struct Rule {
 
 // clang-format off
 inline constexpr std::array<Rule, 17> kRules{{
-    {"the stored settings, the gripper, an output line or the sensor's identity is at fault",
+    {"a source of FAULT (below), an output line or the sensor's identity is at fault",
      &Findings::fault, false, false, DeviceState::kFault, Why::kFault, Reason::kNone},
     {"no frame was accepted for 150 ms or ever, or the camera is gone",
      &Findings::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
@@ -157,7 +157,7 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Findings::slip, false, false, DeviceState::kSlip, Why::kRow, Reason::kSlipDetected},
     {"the contact was lost in the last 200 ms, without OPENING",
      &Findings::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
-    {"frame rate, deadlines or the camera's settings are not kept, or the board's supply is low",
+    {"a source of DEGRADED (below) has a reason",
      &Findings::strained, false, false, DeviceState::kDegraded, Why::kStrain, Reason::kNone},
     {"more than 3 of the last 10 frames were rejected",
      &Findings::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},

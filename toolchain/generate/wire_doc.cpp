@@ -253,6 +253,13 @@ std::string states_markdown() {
     }
     out += row({rule.only_in_fault ? "FAULT" : "any", rule.when, rule.stays ? "as it was" : info(rule.to).name, why});
   }
+  out +=
+      "\n## Sources\n\nWho has a say beside the frames, each with a reason of its own; of several the first "
+      "counts.\n\n";
+  out += head({"source", "leads to"});
+  for (const supervisor::SourceInfo& source : supervisor::kSources) {
+    out += row({source.what, info(source.leads_to).name});
+  }
   out += "\n## Reasons\n\n";
   out += head({"number", "name", "what", "likely cause", "next step"});
   for (const ReasonInfo& reason : kReasons) {
