@@ -128,7 +128,7 @@ TEST(Faults, OfCardAndBoardAreMetAndTold) {
   };
   for (const Case& c : {Case{Trouble::kDiskFull, 1, 1, 0, Reason::kNone},
                         {Trouble::kCardTorn, 1, 1, 0, Reason::kConfig},
-                        {Trouble::kModelDamaged, 0, 0, 1, Reason::kNone},
+                        {Trouble::kModelDamaged, 0, 0, 1, Reason::kConfig},
                         {Trouble::kRecordsDamaged, 1, 0, 1, Reason::kConfig},
                         {Trouble::kSupplyLow, 0, 0, 0, Reason::kBoardUndervoltage},
                         {Trouble::kChipsRenumbered, 0, 0, 0, Reason::kNone},

@@ -96,7 +96,7 @@ enum class Trouble : std::uint8_t {
   // what is stored on the card
   kDiskFull,        // `save` finds no room; behind the window it does
   kCardTorn,        // `save` is written by half; the process that starts in the middle of the window meets it
-  kModelDamaged,    // met by the process that is started in the middle; the compiled tree goes on
+  kModelDamaged,    // met by the process that is started in the middle
   kRecordsDamaged,  // likewise: settings and model
   // the board
   kSupplyLow,        // under-voltage, which its kernel measures once a second

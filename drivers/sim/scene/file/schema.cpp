@@ -53,7 +53,9 @@ Value value_of(const T& member) {
 template <typename T>
 void assign(T& member, const Value& value) {
   if constexpr (kOptional<T>) {
-    assign(member.emplace(), value);
+    typename T::value_type known{};
+    assign(known, value);
+    member = known;
   } else if constexpr (std::is_enum_v<T> || std::is_same_v<T, int>) {
     member = static_cast<T>(std::get<std::int64_t>(value));
   } else if constexpr (std::is_same_v<T, Expect::Window>) {
