@@ -72,12 +72,16 @@ void App::other_stream() {
 
 void App::configure(const Params& params) {
   config_ = pipeline_config(params, auto_size_, tree_);
-  config_.follow_drift = config_.must_be_fresh = devices_.camera.live();
+  const bool live = devices_.camera.live();
+  config_.must_be_fresh = live;
+  config_.follow_drift = live || as_device_;
   supervisor_config_ = supervisor_config(params);
-  health_config_ = {};
-  if (!devices_.camera.live()) {  // a recording may have five frames a second, and nobody in it can say OPENING
+  if (!live && !as_device_) {
     supervisor_config_.recover_frames = 1;
     supervisor_config_.lost_for = Micros{0};
+  }
+  health_config_ = {};
+  if (!live) {
     // Too few frames a second are too few wherever they come from. More than the sensor has lose nothing; and how long
     // a decision took is nothing that a recording could tell.
     health_config_.shortest_period = Micros{0};

@@ -202,7 +202,9 @@ Result classify(State& state, const Config& config, Result out) {
     return held ? classifier::classify(config.classifier, features) : Verdict::kHold;
   };
   out.verdict = verdict_of(classified);
+  out.evidence = evidence::decisive(config.classifier, classified, out.verdict);
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);
+  out.run = state.decision.run;
   if (raised && out.verdict != Verdict::kHold) out.verdict = verdict_of(for_a_step(classified));
   state.stopwatch.lap(Task::kClassify);
   return out;

@@ -10,6 +10,7 @@
 #include "hal/camera.hpp"
 #include "slip/classifier.hpp"
 #include "slip/decision.hpp"
+#include "slip/evidence.hpp"
 #include "store/checkpoint.hpp"
 #include "tactile/contact.hpp"
 #include "tactile/displacement.hpp"
@@ -85,6 +86,8 @@ struct Result {
   contact::Contact contact;
   bool empty = false;  // nothing touches the gel, and has not for half a second; false where nobody can tell
   Verdict verdict = Verdict::kHold;          // of this frame; while slip is raised, whether the grip is to step further
+  Evidence evidence = Evidence::kNone;       // that decided this frame's slip
+  int run = 0;                               // frames in a row that said slip, up to Config::decision.raise_frames
   GripRequest request = GripRequest::kHold;  // kept from the frame before when this one is rejected
 };
 

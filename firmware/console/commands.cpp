@@ -15,6 +15,7 @@
 #include "params/mode_prices.gen.hpp"
 #include "params/modes.hpp"
 #include "slip/classifier.hpp"
+#include "slip/evidence.hpp"
 
 #ifndef HOLDFAST_VERSION
 #error "the build defines HOLDFAST_VERSION"
@@ -222,6 +223,38 @@ std::optional<Micros> last_slip(const Recorder::Frames& frames) {
   return std::nullopt;
 }
 
+// Whether something touches the gel, and what the verdict stands on.
+void evidence_of(Console& console, Page& page, bool json) {
+  const App& app = console.daemon().app();
+  const pipeline::Result& result = app.result();
+  const bool known = result.quality.ok() && result.referenced;
+  if (known && result.contact.judged) {
+    page.text("contact", contact::kPhaseNames[static_cast<std::size_t>(
+                             contact::phase_of(result.contact, result.features.imprint.growth))]);
+  } else {
+    page.nothing("contact");
+  }
+  const evidence::Shown shown =
+      evidence::show({app.tree()}, result.features, result.evidence, app.outputs().reason == Reason::kContactLost);
+  if (!known || shown.evidence == Evidence::kNone) {
+    page.nothing("evidence");
+    return;
+  }
+  const std::string_view name = kEvidenceNames[static_cast<std::size_t>(shown.evidence)];
+  if (json) {
+    page.text("evidence", name);
+    page.decimal("evidence_value", shown.value_milli, 1000, 1);
+    page.decimal("evidence_threshold", shown.threshold_milli, 1000, 1);
+    page.text("evidence_unit", shown.unit);
+    page.integer("evidence_frames", result.run);
+    return;
+  }
+  Text<60> line;
+  line << name << ' ' << div_round(shown.value_milli, 1000) << " of " << div_round(shown.threshold_milli, 1000) << ' '
+       << shown.unit << ", " << result.run << " frames in a row";
+  page.text("evidence", line.view());
+}
+
 Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   if (words.count != 1) return error(Error::kArguments);
   const App& app = console.daemon().app();
@@ -237,11 +270,12 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   page.text("next", why.next);
   page.yes_no("grip_ok", outputs.grip_ok);
   page.yes_no("slip", outputs.slip);
+  evidence_of(console, page, words.json);
   page.decimal("age_ms", std::clamp<std::int64_t>((console.now() - result.timestamp).count(), 0, 1'000'000'000), 1000,
                1);
   page.decimal("fps", measured_fps_milli(app.health()), 1000, 2);
   page.integer("markers", result.markers);
-  page.integer("markers_expected", result.grid.count());
+  if (words.json) page.integer("markers_expected", result.grid.count());
   page.yes_no("referenced", result.referenced);
   page.decimal("entropy_nat", result.features.entropy.raw(), 65536, 3);
   page.decimal("entropy_rate_nat_s", result.features.entropy_rate.raw(), 256, 2);
@@ -254,7 +288,7 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   }
   page.integer("grip_force_counts", console.daemon().grip().force);
   page.integer("faults_since_start", app.supervisor().faults);
-  page.decimal("uptime_s", (console.now() - console.started()).count(), 1'000'000, 0);
+  if (words.json) page.decimal("uptime_s", (console.now() - console.started()).count(), 1'000'000, 0);
   page.text("supply", hal::Supply::kNames[static_cast<std::size_t>(console.daemon().supply())]);
   if (words.json) {  // a screen has no line left, and its prompt says the first
     page.yes_no("unlocked", console.unlocked());

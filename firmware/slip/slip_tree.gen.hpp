@@ -16,6 +16,29 @@ inline constexpr int kDepth = 20;
 inline constexpr int kNodes = 421;
 inline constexpr std::uint32_t kModelCrc32 = 0x8C403629;  // of the model's text
 
+// The first predicate on each feature.
+// clang-format off
+inline constexpr std::array<Predicate, 17> kFirst{{
+    {13, 1484},  // imprint_log2_um_q8
+    {15, 1512},  // imprint_coarse_log2_um_q8
+    {16, 9},  // imprint_patches
+    {7, 150},  // flow_residual_um_s
+    {4, 120473},  // octave_entropy_nat_q16
+    {3, 754},  // evenness_q10
+    {2, 60},  // unevenness_log2_q8
+    {1, 6576},  // residual_um_q4
+    {9, 321},  // flow_along_q10
+    {11, 387},  // dilation_rate_ppm_s
+    {10, -388},  // flow_steady_q10
+    {8, 555},  // flow_evenness_q10
+    {6, 54},  // flow_spread_um_s
+    {0, 231},  // reach_um
+    {5, -79},  // residual_rate_um_s
+    {12, 10718},  // easing_ppm_s
+    {14, 64},  // imprint_growth_log2_q8
+}};
+// clang-format on
+
 [[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, 18>& x) {
   const std::int32_t& reach_um = x[0];
   const std::int32_t& residual_um_q4 = x[1];

@@ -24,6 +24,12 @@ enum class Verdict : std::uint8_t { kHold = 0, kSlip = 1, kSlipNow = 2 };
 // Which stage of pipeline.cpp makes a feature; all but the paper's and the contact are made only for who reads them.
 enum class Stage : std::uint8_t { kAlways, kField, kImprint };
 
+// A predicate of a tree: x <= threshold of this feature of its set.
+struct Predicate {
+  std::uint8_t feature = 0;
+  std::int32_t threshold = 0;
+};
+
 struct FeatureInfo {
   std::string_view name;  // as in model texts; ends in its unit and Q format
   std::string_view unit;

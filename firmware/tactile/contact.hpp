@@ -9,7 +9,9 @@
 // there is a gate only where there is a picture.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <string_view>
 
 #include "base/math.hpp"
 #include "tactile/types.hpp"
@@ -42,6 +44,16 @@ struct Contact {
   bool touching = false;
   Event event = Event::kNone;
 };
+
+// For people: a contact that grows is one that is being made.
+enum class Phase : std::uint8_t { kEmpty = 0, kTouching = 1, kHeld = 2 };
+inline constexpr std::array<std::string_view, 3> kPhaseNames{"EMPTY", "TOUCHING", "HELD"};
+
+[[nodiscard]] constexpr Phase phase_of(const Contact& contact, Log2Q8 growth) {
+  constexpr std::int32_t kGrows = 31;  // an eighth of an octave in the imprint's lag, as the compiled model has it
+  if (!contact.touching) return Phase::kEmpty;
+  return growth.raw() > kGrows ? Phase::kTouching : Phase::kHeld;
+}
 
 inline void forget(State& state) {
   state = {};

@@ -58,16 +58,21 @@ int run(int argc, char** argv) {
       ->check(not_empty);
   replay_command
       ->add_option("--reference", replay_options.reference,
-                   "which frame shows the empty gel: first, last, its number from 0, or another image file")
+                   "which frame shows the empty gel: auto (find it), first, last, its number from 0, or another image "
+                   "file")
       ->check(not_empty)
       ->capture_default_str();
+  replay_command
+      ->add_option("--opening", replay_options.opening,
+                   "frames A-B in which the gripper opens and says so, counted from 0; may be given again. Without it "
+                   "the end of a contact is a loss: SLIP (contact_lost)")
+      ->check(not_empty);
   replay_command
       ->add_option("--fps", replay_options.fps,
                    "frames per second, 0.1 to 1000, of inputs that carry no time (else 25)")
       ->check(frame_rate);
   add_common_options(*replay_command, replay_options.common);
-  replay_command->footer(
-      "Example:\n  holdfast replay grasp.avi --reference last --report grasp.html --features grasp.csv");
+  replay_command->footer("Example:\n  holdfast replay grasp.avi --report grasp.html --features grasp.csv");
 
   SimOptions sim_options;
   sim_options.common.grid.clear();  // the scene says

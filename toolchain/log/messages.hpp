@@ -12,6 +12,8 @@
 #include <vector>
 
 #include "base/status.hpp"
+#include "slip/evidence.hpp"
+#include "tactile/contact.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/log/ros_message.hpp"
 
@@ -55,6 +57,17 @@ struct FrameRecord {
   double entropy_nat = 0;
   double entropy_rate_nat_s = 0;
   double decided_us = 0;  // arrival to edge; 0: not known (virtual time)
+  // What the verdict stands on; 0 all, where nobody knows (a device's frames on serial).
+  contact::Phase contact = contact::Phase::kEmpty;
+  bool contact_known = false;
+  Evidence evidence = Evidence::kNone;
+  std::string_view evidence_name;
+  double evidence_value = 0;
+  double evidence_threshold = 0;
+  std::string_view evidence_unit;
+  std::uint32_t evidence_frames = 0;
+  double imprint_um = 0;
+  double coarse_um = 0;
   std::array<std::uint32_t, kHistogramBins> histogram{};
 
   [[nodiscard]] double t_s() const {
@@ -134,6 +147,16 @@ struct Message<FrameRecord> {
       field("entropy_nat", &FrameRecord::entropy_nat, "of the displacements, nat"),
       field("entropy_rate_nat_s", &FrameRecord::entropy_rate_nat_s, "nat/s"),
       field("decided_us", &FrameRecord::decided_us, "from the frame's arrival to the lines, us; 0: not known"),
+      field("contact", &FrameRecord::contact, "0 EMPTY, 1 TOUCHING, 2 HELD"),
+      field("contact_known", &FrameRecord::contact_known, "contact means something: the model reads the picture"),
+      field("evidence", &FrameRecord::evidence, "the verdict's: 0 none, 1 imprint, 2 coarse, 3 markers, 4 contact"),
+      field("evidence_name", &FrameRecord::evidence_name),
+      field("evidence_value", &FrameRecord::evidence_value, "above the threshold: slip, unless the contact grows"),
+      field("evidence_threshold", &FrameRecord::evidence_threshold),
+      field("evidence_unit", &FrameRecord::evidence_unit, "of both"),
+      field("evidence_frames", &FrameRecord::evidence_frames, "in a row that said slip"),
+      field("imprint_um", &FrameRecord::imprint_um, "how far the imprint moved against the gel in 0.16 s, um"),
+      field("coarse_um", &FrameRecord::coarse_um, "the same of what is smoother than a patch, um"),
       field("histogram", &FrameRecord::histogram, "markers by the length of their displacement"),
   };
 };

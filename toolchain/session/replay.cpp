@@ -4,16 +4,22 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <charconv>
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <string>
 #include <variant>
+#include <vector>
 
 #include "drivers/sim/camera_replay.hpp"
 #include "drivers/sim/container.hpp"
 #include "drivers/sim/recording.hpp"
 #include "toolchain/log/frame_reader.hpp"
+#include "toolchain/play/empty_gel.hpp"
 #include "toolchain/play/reference_picture.hpp"
+#include "toolchain/play/rig.hpp"
 #include "toolchain/support/cli.hpp"
 #include "toolchain/support/progress.hpp"
 #include "vision/luma_input.hpp"
@@ -51,6 +57,50 @@ std::string find_pictures(const std::string& path, sim::RecordingOptions& option
   return {};
 }
 
+struct Opening {
+  long from = 0, to = 0;
+  [[nodiscard]] bool has(long frame) const { return frame >= from && frame <= to; }
+};
+
+std::string parse_openings(const std::vector<std::string>& texts, std::vector<Opening>& openings) {
+  for (const std::string& text : texts) {
+    Opening one;
+    const char* const end = text.data() + text.size();
+    const auto [dash, first_error] = std::from_chars(text.data(), end, one.from);
+    if (first_error == std::errc{} && dash != end && *dash == '-') {
+      const auto [rest, last_error] = std::from_chars(dash + 1, end, one.to);
+      if (last_error == std::errc{} && rest == end && one.from >= 0 && one.from <= one.to) {
+        openings.push_back(one);
+        continue;
+      }
+    }
+    return fmt::format(
+        "--opening '{}': not an interval of frames. Likely cause: a typing error. Next: give the first and the last "
+        "frame in which the gripper opens, counted from 0, as 320-340",
+        text);
+  }
+  return {};
+}
+
+// --reference auto. Empty, or an error line.
+std::string find_reference(sim::Recording& recording, const SessionInfo& info, bool quiet, EmptyGel& gel) {
+  OneThreadDecoder jpeg(info.params);
+  std::optional<Progress> progress;
+  if (!quiet) progress.emplace("reference", recording.info().frames);
+  const auto found =
+      find_empty_gel(recording, pipeline_config(info.params, info.auto_grid), jpeg.get(), [&](long done) {
+        if (progress) progress->update(done);
+        return !interrupted();
+      });
+  if (interrupted()) return interrupted_line();
+  if (const auto* error = std::get_if<sim::Error>(&found)) return error->line;
+  gel = std::get<EmptyGel>(found);
+  return {};
+}
+
+// A device that is given fewer frames than this is in FAULT: silent for longer than the receiver's rule allows.
+constexpr double kLeastFps = 1 / 0.15;
+
 // What is done with a session that has seen all frames. Empty, or an error line; so for run().
 using Conclude = std::function<std::string(Session&, const sim::RecordingInfo&)>;
 
@@ -60,6 +110,8 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   if (std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text); !error.empty()) {
     return error;
   }
+  std::vector<Opening> openings;
+  if (std::string error = parse_openings(options.opening, openings); !error.empty()) return error;
   sim::RecordingOptions recorded{options.fps};
   if (std::string error = find_pictures(options.input, recorded); !error.empty()) return error;
   auto opened = sim::Recording::open(options.input, recorded);
@@ -69,25 +121,40 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
 
   info.title = fmt::format("Replay of {}", std::filesystem::path(options.input).filename().string());
   info.inputs = {options.input, options.common.model};
-  if (!names_a_frame(options.reference)) info.inputs.emplace_back(options.reference);
+  const bool find = options.reference == "auto";
+  if (!find && !names_a_frame(options.reference)) info.inputs.emplace_back(options.reference);
   info.input_text = fmt::format("{} ({}x{}, {}, {:.4g} fps)", options.input, about.width, about.height,
                                 about.mjpeg ? "JPEG" : "luma", about.time_base_fps);
   info.reference_text = options.reference;
   Session session(info, options.common.paths);
   if (std::string error = session.output_error(); !error.empty()) return error;
+  std::string named = options.reference;
+  if (find) {
+    EmptyGel gel;
+    if (std::string error = find_reference(recording, info, static_cast<bool>(watch), gel); !error.empty())
+      return error;
+    named = std::to_string(gel.frame);
+    session.use(gel);
+  }
 
-  auto reference = reference_picture(recording, options.reference, pipeline_config(info.params).luma);
+  auto reference = reference_picture(recording, named, pipeline_config(info.params).luma);
   if (const auto* error = std::get_if<sim::Error>(&reference)) return error->line;
   const hal::Frame rest = sim::as_frame(std::get<sim::RecordedFrame>(reference));
 
   sim::CameraReplay camera(std::move(recording), session.clock());
   session.connect(camera, tree.get());
-  const std::string where =
-      names_a_frame(options.reference)
-          ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, options.reference)
-          : fmt::format("{} as picture of the empty gel", options.reference);
+  const std::string where = names_a_frame(named)
+                                ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, named)
+                                : fmt::format("{} as picture of the empty gel", options.reference);
   if (const Status s = session.app().learn(info.params, rest, info.auto_grid); !s.ok()) {
     return fmt::format("{}: {}", where, explain_reference(s.reason, session.app()));
+  }
+  if (about.time_base_fps >= kLeastFps) {
+    session.app().as_device();
+  } else if (!watch) {
+    note(fmt::format(
+        "{}: at {:.3g} frames a second a device would be in FAULT; loss of contact, drift and recovery are not played",
+        options.input, about.time_base_fps));
   }
   if (const Status s = session.app().start(info.params, info.auto_grid); !s.ok()) {
     return fmt::format("{}: {}", options.input, explain(s.reason, session.app()));
@@ -95,6 +162,11 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
 
   std::optional<Progress> progress;
   if (!watch) progress.emplace("replay", about.frames);
+  const auto announce = [&](long frame) {
+    session.app().opening(
+        std::any_of(openings.begin(), openings.end(), [&](const Opening& o) { return o.has(frame); }));
+  };
+  announce(0);
   while (!interrupted() && session.app().step()) {
     const sim::RecordedFrame& current = camera.current();
     if (session.app().result().quality.reason == Reason::kNoFrame) continue;
@@ -103,6 +175,7 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
     if (watch) watch(session.app());
     session.record(current.index, static_cast<double>(current.time.count()) * 1e-6, scale, given);
     if (progress) progress->update(current.index + 1);
+    announce(current.index + 1);
   }
   progress.reset();
   session.app().stop();

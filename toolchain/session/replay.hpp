@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "toolchain/session/run.hpp"
 
@@ -12,7 +13,8 @@ namespace holdfast::tool {
 struct ReplayOptions {
   CommonOptions common;
   std::string input;
-  std::string reference = "first";
+  std::string reference = "auto";
+  std::vector<std::string> opening;  // a-b: frames in which the gripper says that it opens
   double fps = 0;
 };
 // The command. 0: done; else one line on stderr was printed.

@@ -9,6 +9,7 @@
 #include <iterator>
 #include <limits>
 #include <map>
+#include <span>
 #include <string_view>
 
 #include "toolchain/session/page.hpp"
@@ -113,6 +114,7 @@ class TimePlots {
   std::string svg() {
     y_ = info_.marks.empty() ? 6 : 22;
     top_ = y_;
+    why();
     panel("Entropy E", "nat", 128, 0, {{"a", "", series(&FrameRecord::entropy_nat, &FrameRecord::features_valid)}});
     panel("Entropy rate dE/dt", "nat/s", 96, kNone,
           {{"a", "", series(&FrameRecord::entropy_rate_nat_s, &FrameRecord::rates_valid)}});
@@ -214,9 +216,10 @@ class TimePlots {
     return d;
   }
 
+  // `threshold`: a line at this value; 0: none.
   void panel(const std::string& name, const std::string& unit, int height, double floor,
-             const std::vector<Curve>& curves) {
-    double low = std::isnan(floor) ? 0 : floor, high = 0;
+             const std::vector<Curve>& curves, double threshold = 0) {
+    double low = std::isnan(floor) ? 0 : floor, high = threshold;
     for (const Curve& curve : curves) {
       for (const auto& [t, v] : curve.points) {
         if (std::isnan(v)) continue;
@@ -236,6 +239,11 @@ class TimePlots {
     }
     body_ += fmt::format(R"(<text class="name" x="{}" y="{}">{} <tspan font-weight="400">{}</tspan></text>)", kLeft,
                          px(y_ + 13), escape(name), unit.empty() ? "" : "(" + escape(unit) + ")");
+    if (threshold > 0) {
+      body_ += fmt::format(
+          R"(<path class="truth" d="M{} {}H{}"/><text class="mark" x="{}" y="{}" text-anchor="end">threshold {:.0f}</text>)",
+          kLeft, px(y(threshold)), kLeft + kColumns, kLeft + kColumns - 3, px(y(threshold) - 4), threshold);
+    }
     double legend_x = kLeft + kColumns;
     // NOLINTNEXTLINE(modernize-loop-convert): clang 14 cannot read libstdc++ 12's std::views
     for (auto curve = curves.rbegin(); curve != curves.rend(); ++curve) {
@@ -249,6 +257,21 @@ class TimePlots {
       body_ += fmt::format(R"(<path class="{}{}" d="{}"/>)", curve.css, dense ? " dense" : "", path(curve.points, y));
     }
     y_ = plot_bottom + 16;
+  }
+
+  // What decides, with its threshold. Without a picture between the dots the markers do, whose figures follow below.
+  void why() {
+    double threshold = 0;
+    bool any = false;
+    for (const FrameRecord& f : frames_) {
+      any = any || f.contact_known;
+      if (f.evidence == Evidence::kImprint) threshold = f.evidence_threshold;
+    }
+    if (!any) return;
+    panel("Imprint's motion against the gel in 0.16 s", "um", 128, 0,
+          {{"a", "imprint", series(&FrameRecord::imprint_um, &FrameRecord::features_valid)},
+           {"b", "coarse", series(&FrameRecord::coarse_um, &FrameRecord::features_valid)}},
+          threshold);
   }
 
   void row_name(std::string_view name, double height) {
@@ -480,6 +503,19 @@ std::vector<std::size_t> slip_starts(const std::vector<FrameRecord>& frames) {
   return starts;
 }
 
+// Why a frame says slip, in a sentence.
+std::string why_text(const FrameRecord& frame) {
+  constexpr std::array<std::string_view, 5> kWords{"", "the imprint moved against the gel by",
+                                                   "the imprint's coarse shape moved against the gel by",
+                                                   "the markers' flow is", ""};
+  const std::string_view words = kWords[static_cast<std::size_t>(frame.evidence)];
+  if (words.empty()) return "";
+  std::string out = fmt::format("{} {:.3g} {} (threshold {:.3g})", words, frame.evidence_value, frame.evidence_unit,
+                                frame.evidence_threshold);
+  if (frame.evidence_frames > 1) out += fmt::format(", {} frames in a row", frame.evidence_frames);
+  return out;
+}
+
 struct Delay {
   bool raised = false;
   bool early = false;  // raised already when the onset came
@@ -568,6 +604,7 @@ std::string verdict(const std::vector<FrameRecord>& frames, const ReportInfo& in
     text = fmt::format("Slip raised {}, first at {:.3f} s",
                        starts.size() == 1 ? "once" : plural(static_cast<long>(starts.size()), "time"), first.t_s());
     small = fmt::format("First in frame {}.", first.frame);
+    if (const std::string why = why_text(first); !why.empty()) small += " Why: " + why + ".";
   }
   return fmt::format(R"(<div class="verdict {}">{}<small>{}</small></div>)", css, escape(text), escape(small));
 }
@@ -623,6 +660,36 @@ std::string reason_table(const Summary& s) {
   return out + "</table>\n";
 }
 
+// Each alarm with what it stands on, and each loss of the contact.
+std::string alarm_table(const std::vector<FrameRecord>& frames, const std::vector<std::size_t>& starts) {
+  constexpr std::size_t kListed = 40;
+  struct Event {
+    const FrameRecord* frame;
+    std::string what, why;
+  };
+  std::vector<Event> events;
+  for (const std::size_t i : starts) events.push_back({&frames[i], "slip raised", why_text(frames[i])});
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    if (frames[i].reason != Reason::kContactLost || frames[i - 1].reason == Reason::kContactLost) continue;
+    events.push_back({&frames[i], "contact lost", "the contact ended, and nobody said that the gripper opens"});
+  }
+  if (events.empty()) return "";
+  std::stable_sort(events.begin(), events.end(),
+                   [](const Event& a, const Event& b) { return a.frame->frame < b.frame->frame; });
+  std::string out =
+      "<h2>Alarms, and why</h2>\n<table class=\"wide\"><tr><th>Frame</th><th>Time (s)</th><th>What</th>"
+      "<th>Why</th><th>Contact</th></tr>\n";
+  for (const Event& event : std::span(events).first(std::min(events.size(), kListed))) {
+    out += fmt::format("<tr><td class=\"n\">{}</td><td class=\"n\">{:.3f}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
+                       event.frame->frame, event.frame->t_s(), event.what, escape(event.why),
+                       event.frame->contact_known ? contact::kPhaseNames[static_cast<std::size_t>(event.frame->contact)]
+                                                  : std::string_view("not known"));
+  }
+  out += "</table>\n";
+  if (events.size() > kListed) out += fmt::format("<p class=\"note\">and {} more</p>\n", events.size() - kListed);
+  return out;
+}
+
 std::string state_legend(const std::vector<FrameRecord>& frames, bool shaded) {
   const auto accepted = static_cast<std::size_t>(
       std::count_if(frames.begin(), frames.end(), [](const FrameRecord& f) { return f.accepted; }));
@@ -667,7 +734,7 @@ std::string Report::html(const ReportInfo& info) const {
   TimePlots plots(frames_, info);
   out += "<div class=\"recorded\"><h2>Over time</h2>\n<figure>" + plots.svg() +
          "\n<p class=\"readout\" id=\"readout\">&#160;</p>" + state_legend(frames_, !starts.empty()) +
-         "</figure></div></div>\n<div class=\"recorded\">";
+         "</figure></div></div>\n<div class=\"recorded\">" + alarm_table(frames_, starts);
 
   std::vector<Card> cards;
   const auto offer = [&](std::string_view name, const std::optional<Moment>& moment) {

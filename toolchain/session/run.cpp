@@ -185,6 +185,16 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     note(fmt::format("{}: without {}, because no frame came as a JPEG picture", options.paths.mcap.string(),
                      log::kCameraTopic));
   }
+  const std::optional<EmptyGel>& gel = session.empty_gel();
+  if (gel && (!gel->at_rest || !gel->clear)) {
+    note(
+        fmt::format("reference: {}. {}. Next: look at the report, and give another frame or a picture of the empty gel "
+                    "with --reference if they are not empty",
+                    session.reference_text(),
+                    gel->at_rest ? "No other frames are clearly loaded beside these, so either nothing presses on the "
+                                   "gel or something does all the time"
+                                 : "Frames that move may be loaded"));
+  }
   const grid::Cut& cut = session.app().state().tracker.cut;
   const GridSize grid = session.app().state().tracker.field.grid;
   if (options.json) {
@@ -192,6 +202,13 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     out["frames"] = summary.frames;
     out["grid"] = grid_text(grid);
     out["cut"] = {{"top", cut.top}, {"bottom", cut.bottom}, {"left", cut.left}, {"right", cut.right}};
+    if (gel) {
+      out["reference"] = {{"frame", gel->frame},
+                          {"first", gel->first},
+                          {"last", gel->last},
+                          {"at_rest", gel->at_rest},
+                          {"clear", gel->clear}};
+    }
     out["accepted"] = summary.accepted;
     out["markers_mean"] = summary.mean_markers;
     out["markers_least"] = summary.least_markers;
@@ -209,6 +226,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                  : "");
   fmt::print("markers   {:.2f} of {} ({}) on average, {} at least\n", summary.mean_markers, grid.count(),
              grid_text(grid), summary.least_markers);
+  if (gel) fmt::print("reference {}\n", session.reference_text());
   if (cut.lines() > 0) {
     fmt::print("grid      {} kept; left out, because the picture's edge cuts it: {}\n", grid_text(grid), cut_text(cut));
   }

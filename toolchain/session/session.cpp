@@ -31,6 +31,11 @@ double mm_per_s(MicrometresPerSec value) {
   return value.raw() / 1000.0;
 }
 
+// 0: nothing moved that stands out of the noise.
+double um_of(Log2Q8 value) {
+  return value.raw() > 0 ? std::exp2(value.raw() / kQ8) : 0;
+}
+
 // Which output would destroy another one or something that the run reads. Empty: none. A folder of images is read as
 // a whole: a file more in it may be a frame more at the next run.
 std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inputs) {
@@ -125,6 +130,13 @@ std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
   return file;
 }
 
+void Session::use(const EmptyGel& gel) {
+  empty_gel_ = gel;
+  info_.reference_text =
+      gel.at_rest ? fmt::format("frame {}, of frames {} to {} at rest (auto)", gel.frame, gel.first, gel.last)
+                  : fmt::format("frame {}, because nothing rests in this recording (auto)", gel.frame);
+}
+
 void Session::connect(hal::Camera& camera, const model::Tree* tree) {
   if (frame_log_) tap_ = std::make_unique<CameraTap>(camera);
   app_ = std::make_unique<App>(Devices{tap_ ? *tap_ : camera, gpio_, link_, clock_, jpeg_}, tree);
@@ -171,6 +183,18 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     row.entropy_nat = nat(f.entropy);
     row.entropy_rate_nat_s = nat_per_s(f.entropy_rate);
     std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
+    const evidence::Shown shown =
+        evidence::show({app_->tree()}, f, result.evidence, outputs.reason == Reason::kContactLost);
+    row.evidence = shown.evidence;
+    row.evidence_name = kEvidenceNames[static_cast<std::size_t>(shown.evidence)];
+    row.evidence_value = static_cast<double>(shown.value_milli) / 1000;
+    row.evidence_threshold = static_cast<double>(shown.threshold_milli) / 1000;
+    row.evidence_unit = shown.unit;
+    row.evidence_frames = static_cast<std::uint32_t>(result.run);
+    row.contact_known = result.contact.judged;
+    row.contact = contact::phase_of(result.contact, f.imprint.growth);
+    row.imprint_um = um_of(f.imprint.motion);
+    row.coarse_um = um_of(f.imprint.coarse);
   }
   if (features_) write_features(row);
 
@@ -232,8 +256,15 @@ void Session::write_features(const FrameRecord& row) {
   // Where the model does not read the picture, nothing of it is computed; what does not move has no figure either.
   add("contact", valid && result.contact.judged, "{:d}", result.contact.touching);
   add("imprint_patches", valid && patches > 0, "{}", patches);
-  add("imprint_um", valid && patches > 0 && f.imprint.motion.raw() > 0, "{:.1f}",
-      std::exp2(f.imprint.motion.raw() / 256.0));
+  add("imprint_um", valid && patches > 0 && f.imprint.motion.raw() > 0, "{:.1f}", row.imprint_um);
+  const bool decided = valid && row.evidence != Evidence::kNone;
+  add("coarse_um", valid && patches > 0 && f.imprint.coarse.raw() > 0, "{:.1f}", row.coarse_um);
+  add("contact_phase", valid && row.contact_known, "{}", contact::kPhaseNames[static_cast<std::size_t>(row.contact)]);
+  add("evidence", decided, "{}", row.evidence_name);
+  add("evidence_value", decided, "{:.1f}", row.evidence_value);
+  add("evidence_threshold", decided, "{:.1f}", row.evidence_threshold);
+  add("evidence_unit", decided, "{}", row.evidence_unit);
+  add("evidence_frames", decided, "{}", row.evidence_frames);
   if (summary_.frames <= 1) features_->stream() << names << '\n';
   features_->stream() << cells << '\n';
 }

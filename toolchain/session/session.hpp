@@ -23,6 +23,7 @@
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/serial.hpp"
 #include "toolchain/log/frame_log.hpp"
+#include "toolchain/play/empty_gel.hpp"
 #include "toolchain/session/camera_tap.hpp"
 #include "toolchain/session/report.hpp"
 #include "toolchain/support/atomic_file.hpp"
@@ -84,6 +85,11 @@ class Session {
   // Why an output cannot be written, as far as known before the run. Empty: good.
   [[nodiscard]] const std::string& output_error() const { return error_; }
 
+  // What --reference auto found; before connect().
+  void use(const EmptyGel& gel);
+  [[nodiscard]] const std::string& reference_text() const { return info_.reference_text; }
+  [[nodiscard]] const std::optional<EmptyGel>& empty_gel() const { return empty_gel_; }
+
   // The firmware, over `camera`. The camera shares clock().
   // `tree`: decides instead of the compiled one; outlives the session. May be null.
   void connect(hal::Camera& camera, const model::Tree* tree);
@@ -118,6 +124,7 @@ class Session {
   [[nodiscard]] std::string draw_overlay() const;
 
   SessionInfo info_;
+  std::optional<EmptyGel> empty_gel_;
   OutputPaths paths_;
   std::string error_;
   std::unique_ptr<AtomicFile> features_, markers_, truth_, truth_markers_, report_file_, log_, mcap_;

@@ -432,6 +432,25 @@ std::string emit(const Model& model, std::string_view space) {
   out += "inline constexpr int kDepth = " + std::to_string(depth(model)) + ";\n";
   out += "inline constexpr int kNodes = " + std::to_string(model.nodes.size()) + ";\n";
   out += "inline constexpr std::uint32_t kModelCrc32 = " + std::string(crc) + ";  // of the model's text\n\n";
+  // In preorder, as the nodes of a loaded tree lie (slip/evidence.hpp).
+  std::vector<const Node*> first;
+  const auto visit = [&](const auto& self, int at) -> void {
+    const Node& node = model.nodes[static_cast<std::size_t>(at)];
+    if (node.is_leaf) return;
+    const bool is_new =
+        std::none_of(first.begin(), first.end(), [&](const Node* other) { return other->feature == node.feature; });
+    if (is_new) first.push_back(&node);
+    self(self, node.child_true);
+    self(self, node.child_false);
+  };
+  visit(visit, 0);
+  out += "// The first predicate on each feature.\n// clang-format off\n";
+  out += "inline constexpr std::array<Predicate, " + std::to_string(first.size()) + "> kFirst{{\n";
+  for (const Node* node : first) {
+    out += "    {" + std::to_string(node->feature) + ", " + std::to_string(node->threshold) + "},  // " +
+           model.features[static_cast<std::size_t>(node->feature)].name + "\n";
+  }
+  out += "}};\n// clang-format on\n\n";
   out += "[[nodiscard]] constexpr Verdict evaluate(const std::array<std::int32_t, " +
          std::to_string(model.features.size()) + ">& x) {\n";
   for (std::size_t i = 0; i < model.features.size(); ++i) {
