@@ -1,21 +1,24 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# How often `holdfast replay --reference auto` is right, on recordings with labels: rest.sh LABELS.csv...
-# A line for each clip with -v; then how many of the clips with an empty interval had one of its frames taken (within 5
-# frames of it: labels are a person's), how many of those it called clear; and what it said of the clips without one.
+# How often `holdfast replay` finds the empty gel by itself, on the recordings of the label files in HOLDFAST_LABELS. A frame
+# of an empty interval counts, and one within 5 frames of it: labels are a person's. With -v a line for each clip.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+# shellcheck source=toolchain/say.sh
+source toolchain/say.sh
+holdfast=${HOLDFAST:-build/sim/bin/holdfast}
+[[ -x $holdfast ]] || { complain "no $holdfast" "not built" "cmake --build --preset sim" && exit 2; }
+: "${HOLDFAST_LABELS:?"rest.sh: no label files. Next: HOLDFAST_LABELS='clips/labels.csv ...'"}"
 verbose=0
-[[ ${1:-} != -v ]] || { verbose=1 && shift; }
-(($# > 0)) || { echo "usage: tests/bench/rest.sh [-v] LABELS.csv..." >&2 && exit 2; }
-for labels in "$@"; do
+[[ ${1:-} != -v ]] || verbose=1
+for labels in $HOLDFAST_LABELS; do
   folder=$(dirname "$labels")
   # clip and empty intervals of four frames and more; the note, the last column, may hold commas
   awk -F, 'NR == 1 { for (i = 1; i <= NF; ++i) if ($i == "empty_intervals") at = i; next } { print $1 "," $at }' "$labels" |
     while IFS=, read -r clip empty; do
       file=$folder/$clip
       [[ -f $file ]] || file=$folder/$clip.avi
-      said=$(build/sim/bin/holdfast replay "$file" --grid auto --json 2>&1 </dev/null) || true
+      said=$($holdfast replay "$file" --grid auto --json 2>&1 </dev/null) || true
       printf '%s\t%s\t%s\n' "$clip" "$empty" "$(tr '\n' ' ' <<<"$said")"
     done
 done | awk -F'\t' -v verbose="$verbose" '
@@ -35,8 +38,7 @@ done | awk -F'\t' -v verbose="$verbose" '
     if (verbose) print has ? (taken < 0 ? "refused" : inside ? "right" : "wrong") : "none", what, $1, taken, $2
   }
   END {
-    printf "with an empty interval: %d; right %d (clear %d, unclear %d); wrong, called clear %d; wrong, called unclear %d; refused %d\n",
-      with, right["clear"] + right["unclear"], right["clear"], right["unclear"], wrong["clear"], wrong["unclear"], wrong["refused"]
-    printf "without one: %d; refused %d, called unclear %d, called clear %d\n", none["refused"] + none["unclear"] + none["clear"],
-      none["refused"], none["unclear"], none["clear"]
+    printf "with: %d of %d; %d called unclear; %d wrong and called clear; without: %d of %d refused; %d called clear\n",
+      right["clear"] + right["unclear"], with, right["unclear"] + wrong["unclear"], wrong["clear"], none["refused"],
+      none["refused"] + none["unclear"] + none["clear"], none["clear"]
   }'

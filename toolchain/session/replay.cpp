@@ -151,10 +151,11 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   }
   if (about.time_base_fps >= kLeastFps) {
     session.app().as_device();
-  } else if (!watch) {
-    note(fmt::format(
-        "{}: at {:.3g} frames a second a device would be in FAULT; loss of contact, drift and recovery are not played",
-        options.input, about.time_base_fps));
+  } else {
+    session.note(
+        fmt::format("At {:.3g} frames a second a device would be in FAULT; loss of contact, drift and recovery are not "
+                    "played. Next: --fps, where the recording carries no time",
+                    about.time_base_fps));
   }
   if (const Status s = session.app().start(info.params, info.auto_grid); !s.ok()) {
     return fmt::format("{}: {}", options.input, explain(s.reason, session.app()));

@@ -186,15 +186,6 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                      log::kCameraTopic));
   }
   const std::optional<EmptyGel>& gel = session.empty_gel();
-  if (gel && (!gel->at_rest || !gel->clear)) {
-    note(
-        fmt::format("reference: {}. {}. Next: look at the report, and give another frame or a picture of the empty gel "
-                    "with --reference if they are not empty",
-                    session.reference_text(),
-                    gel->at_rest ? "No other frames are clearly loaded beside these, so either nothing presses on the "
-                                   "gel or something does all the time"
-                                 : "Frames that move may be loaded"));
-  }
   const grid::Cut& cut = session.app().state().tracker.cut;
   const GridSize grid = session.app().state().tracker.field.grid;
   if (options.json) {
@@ -226,7 +217,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                  : "");
   fmt::print("markers   {:.2f} of {} ({}) on average, {} at least\n", summary.mean_markers, grid.count(),
              grid_text(grid), summary.least_markers);
-  if (gel) fmt::print("reference {}\n", session.reference_text());
+  if (gel) fmt::print("rest      {}\n", session.reference_text());
   if (cut.lines() > 0) {
     fmt::print("grid      {} kept; left out, because the picture's edge cuts it: {}\n", grid_text(grid), cut_text(cut));
   }
@@ -238,6 +229,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
         "pressed on the gel. Next: give a picture of the empty gel with --reference\n",
         bend, most_bend);
   }
+  for (const std::string& text : session.notes()) fmt::print("note      {}\n", text);
   if (summary.slip_frames.empty()) {
     fmt::print("slip      never raised\n");
   } else {

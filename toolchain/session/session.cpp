@@ -135,6 +135,13 @@ void Session::use(const EmptyGel& gel) {
   info_.reference_text =
       gel.at_rest ? fmt::format("frame {}, of frames {} to {} at rest (auto)", gel.frame, gel.first, gel.last)
                   : fmt::format("frame {}, because nothing rests in this recording (auto)", gel.frame);
+  if (gel.clear) return;
+  note(
+      fmt::format("{}. Next: look at the report, and give another frame or a picture of the empty gel with --reference "
+                  "if these are not empty",
+                  gel.at_rest ? "No other frames are clearly loaded beside those of the reference, so either nothing "
+                                "presses on the gel or something does all the time"
+                              : "The reference may be loaded: nothing rests in this recording"));
 }
 
 void Session::connect(hal::Camera& camera, const model::Tree* tree) {
@@ -331,7 +338,8 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report.reference = info_.reference_text;
     report.marks = std::move(marks);
     report.series = std::move(series);
-    report.notes = std::move(notes);
+    report.notes = info_.notes;
+    report.notes.insert(report.notes.end(), notes.begin(), notes.end());
     report.histogram_range_mm = info_.params.histogram_range_um / 1000.0;
     report.saturations = app_->state().saturations.count;
     report_file_->stream() << report_.html(report);

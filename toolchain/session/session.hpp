@@ -61,6 +61,7 @@ struct SessionInfo {
   std::string input_text;
   std::string reference_text;
   std::string model_text;
+  std::vector<std::string> notes;
   Params params;
   bool auto_grid = false;
 };
@@ -88,6 +89,9 @@ class Session {
   // What --reference auto found; before connect().
   void use(const EmptyGel& gel);
   [[nodiscard]] const std::string& reference_text() const { return info_.reference_text; }
+  // For summary and report.
+  void note(std::string text) { info_.notes.push_back(std::move(text)); }
+  [[nodiscard]] const std::vector<std::string>& notes() const { return info_.notes; }
   [[nodiscard]] const std::optional<EmptyGel>& empty_gel() const { return empty_gel_; }
 
   // The firmware, over `camera`. The camera shares clock().

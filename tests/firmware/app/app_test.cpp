@@ -648,6 +648,28 @@ TEST(App, AcceptsFramesFrom150MillisecondsOldTo5MillisecondsAhead) {
   }
 }
 
+// A recording begins again with the frame that is good; a device, and a recording that is judged as one, wants three.
+TEST(App, ARecordingIsJudgedAsADeviceWhereThatIsAskedFor) {
+  film(1);
+  for (const bool as_device : {false, true}) {
+    build();
+    std::vector<Micros> ages(20, 40ms);
+    std::fill(ages.begin() + 14, ages.end(), 300ms);
+    AgedCamera aged(clock, pictures[0].view(), ages, hal::PixelFormat::kMjpeg);
+    SlowJpeg decoder(clock, pictures[0]);
+    App other(Devices{aged, gpio, link, clock, decoder});
+    if (as_device) other.as_device();
+    CHECK_TRUE(other.start(Params{}).ok());
+    for (std::size_t k = 0; k < ages.size(); ++k) CHECK_TRUE(other.step());
+    state_is(DeviceState::kFault, other.outputs().state);
+    for (int k = 1; k <= 3; ++k) {
+      CHECK_TRUE(other.step());
+      CHECK_TRUE(other.result().quality.ok());
+      state_is(as_device && k < 3 ? DeviceState::kFault : DeviceState::kOk, other.outputs().state);
+    }
+  }
+}
+
 // 40 ms old when it came, and 150 when it was decided is the most.
 TEST(App, DoesNotVouchForAFrameThatWasDecidedTooLate) {
   film(1);
