@@ -48,11 +48,15 @@ namespace evidence {
   return Evidence::kImprint;  // each of several would do
 }
 
+inline constexpr std::uint8_t kImprintFeature = feature_index("imprint_log2_um_q8");
+inline constexpr std::uint8_t kCoarseFeature = feature_index("imprint_coarse_log2_um_q8");
+inline constexpr std::uint8_t kContactFeature = feature_index("contact");
+
 // Of a feature of kFeatures; kNone: it says when to listen, not that something slips.
 [[nodiscard]] constexpr Evidence group_of(std::uint8_t feature) {
-  if (feature == feature_index("imprint_log2_um_q8")) return Evidence::kImprint;
-  if (feature == feature_index("imprint_coarse_log2_um_q8")) return Evidence::kCoarse;
-  const bool of_markers = kFeatures[feature].stage != Stage::kImprint && feature != feature_index("contact");
+  if (feature == kImprintFeature) return Evidence::kImprint;
+  if (feature == kCoarseFeature) return Evidence::kCoarse;
+  const bool of_markers = kFeatures[feature].stage != Stage::kImprint && feature != kContactFeature;
   return of_markers ? Evidence::kMarkers : Evidence::kNone;
 }
 

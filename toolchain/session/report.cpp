@@ -248,7 +248,7 @@ class TimePlots {
     // NOLINTNEXTLINE(modernize-loop-convert): clang 14 cannot read libstdc++ 12's std::views
     for (auto curve = curves.rbegin(); curve != curves.rend(); ++curve) {
       if (curve->label.empty()) continue;
-      legend_x -= 56;
+      legend_x -= 28 + 7.5 * static_cast<double>(curve->label.size());
       body_ += fmt::format(R"(<path class="{}" d="M{} {}h22"/><text x="{}" y="{}">{}</text>)", curve->css, px(legend_x),
                            px(y_ + 9), px(legend_x + 27), px(y_ + 13), curve->label);
     }
@@ -713,7 +713,7 @@ void Report::add(const FrameRecord& frame, std::span<const Arrow> arrows, const 
   const auto keep = [&] { return Moment{frame, {arrows.begin(), arrows.end()}}; };
   if (frame.slip && !first_slip_) first_slip_ = keep();
   if (frame.features_valid) {
-    if (!rest_) rest_ = keep();
+    if (rest_frame_ >= 0 ? frame.frame == static_cast<std::uint32_t>(rest_frame_) : !rest_) rest_ = keep();
     if (!peak_ || frame.entropy_nat > peak_->frame.entropy_nat) peak_ = keep();
     end_ = keep();
   }
@@ -740,7 +740,8 @@ std::string Report::html(const ReportInfo& info) const {
   const auto offer = [&](std::string_view name, const std::optional<Moment>& moment) {
     if (moment) cards.push_back({name, &*moment});
   };
-  offer("Rest", rest_), offer("Largest entropy", peak_), offer("First slip", first_slip_), offer("End", end_);
+  offer(rest_frame_ >= 0 ? "Rest" : "First", rest_), offer("Largest entropy", peak_), offer("First slip", first_slip_),
+      offer("End", end_);
   if (!cards.empty()) {
     double width = info.width_px;
     for (const Card& card : cards) {

@@ -57,6 +57,8 @@ struct ReportInfo {
 
 class Report {
  public:
+  // The frame whose markers are the rest position; before add().
+  void rest_at(long frame) { rest_frame_ = frame; }
   // In order of time. `arrows` may be empty.
   void add(const FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture = {});
 
@@ -73,6 +75,7 @@ class Report {
  private:
   std::vector<FrameRecord> frames_;
   std::optional<Moment> rest_, peak_, first_slip_, end_;
+  long rest_frame_ = -1;  // not known
   Track track_;
 };
 

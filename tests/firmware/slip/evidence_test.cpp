@@ -2,6 +2,7 @@
 #include "slip/evidence.hpp"
 
 #include <cmath>
+#include <string>
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
 
@@ -115,6 +116,18 @@ TEST(Evidence, OfAFrameThatHoldsIsTheStrongerOfTheTwoImprints) {
   CHECK_TRUE(evidence::show(kCompiled, features, Evidence::kNone, false).evidence == Evidence::kCoarse);
   features.imprint.coarse = Log2Q8::from_raw(1000);
   CHECK_TRUE(evidence::show(kCompiled, features, Evidence::kNone, false).evidence == Evidence::kImprint);
+}
+
+TEST(Evidence, EveryFeatureBelongsToItsGroup) {
+  for (std::uint8_t i = 0; i < kFeatureCount; ++i) {
+    const std::string name(kFeatures[i].name);
+    const Evidence expected = name == "imprint_log2_um_q8"          ? Evidence::kImprint
+                              : name == "imprint_coarse_log2_um_q8" ? Evidence::kCoarse
+                              : name == "imprint_growth_log2_q8" || name == "imprint_patches" || name == "contact"
+                                  ? Evidence::kNone
+                                  : Evidence::kMarkers;
+    CHECK_TRUE_TEXT(evidence::group_of(i) == expected, name.c_str());
+  }
 }
 
 TEST(Evidence, OfALostContactIsTheContact) {
