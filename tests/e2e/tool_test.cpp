@@ -272,6 +272,7 @@ TEST(Tool, RefusesAGridThatIsNotThere) {
   for (const char* grid : {"8x7", "9x8", "5x5", "10x7", "7x9"}) {
     refused({"replay", in("gel.avi"), "--grid", grid}, in("gel.avi"), "found 9x7");
   }
+  refused({"replay", in("gel.avi"), "--grid", "7x9"}, in("gel.avi"), "turned by a quarter: --grid 9x7");
   for (const char* grid : {"9", "9x", "0x0", "99x99", "axb", "", "9x7x", " 9x7", "-9x7", "99999999999x7", "16x16"}) {
     refused({"replay", in("gel.avi"), "--grid", grid}, "--grid '" + std::string(grid) + "'", "9x7, or auto");
   }
@@ -359,7 +360,7 @@ TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
   refuse(in("absent.tree"), "no such file");
   refuse(in("gel"), "cannot be read as a model");
   write_file(dir / "m.tree", "");
-  refuse(in("m.tree"), "holds no model");
+  refuse(in("m.tree"), "has 0 bytes");
   write_file(dir / "m.tree", model.substr(0, model.size() - 20));
   refuse(in("m.tree"), "m.tree:");
   changed("\nformat 1", "\nformat 7");
@@ -507,6 +508,9 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   };
   refuse({}, "no command given", "holdfast --help");
   refuse({"frobnicate"}, "'frobnicate'", "give one of replay, sim, scene, ");
+  refuse({"reply"}, "'reply'", "did you mean replay?");
+  refuse({"replay", in("gel"), "--referense", "last"}, "'--referense'", "did you mean --reference?");
+  refuse({"scene", "lst"}, "'lst'", "did you mean list?");
   refuse({"--frob"}, "'--frob'", "holdfast --help");
   refuse({"replay"}, "INPUT", "holdfast replay --help");
   refuse({"replay", ""}, "INPUT", "empty");

@@ -5,7 +5,11 @@
 #include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <string>
+#include <string_view>
+#include <vector>
 
+#include "drivers/sim/scene/file/words.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/devices_command.hpp"
 
@@ -24,13 +28,13 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
   const auto chosen = app.get_subcommands();
   if (chosen.empty()) {
     const auto rest = app.remaining();
-    std::string known;
-    for (const CLI::App* command : app.get_subcommands({})) {
-      known += fmt::format("{}{}", known.empty() ? "" : ", ", command->get_name());
-    }
+    std::vector<std::string> names;
+    for (const CLI::App* command : app.get_subcommands({})) names.push_back(command->get_name());
+    const std::string_view meant = rest.empty() ? "" : scene::file::nearest(rest.front(), {names.begin(), names.end()});
     return fmt::format(
-        "{}. Likely cause: a typing error, or something left out. Next: give one of {}; holdfast --help shows how",
-        rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()), known);
+        "{}. Likely cause: a typing error, or something left out. Next: {}give one of {}; holdfast --help shows how",
+        rest.empty() ? "no command given" : fmt::format("'{}' is no command of holdfast", rest.front()),
+        meant.empty() ? "" : fmt::format("did you mean {}? Else ", meant), scene::file::joined(names));
   }
   std::string command = "holdfast";
   for (const CLI::App* at = &app; !at->get_subcommands().empty();) {
@@ -39,8 +43,16 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
   }
   const auto rest = app.remaining(true);
   const std::string what = rest.empty() ? error.what() : fmt::format("'{}' is not known to {}", rest.front(), command);
-  return fmt::format("{}. Likely cause: a typing error, or something left out. Next: {} --help shows how", what,
-                     command);
+  std::vector<std::string> names;
+  const CLI::App* last = &app;
+  while (!last->get_subcommands().empty()) last = last->get_subcommands().front();
+  for (const CLI::Option* option : last->get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  for (const CLI::App* one : last->get_subcommands({})) names.push_back(one->get_name());
+  const std::string_view meant = rest.empty() ? "" : scene::file::nearest(rest.front(), {names.begin(), names.end()});
+  return fmt::format("{}. Likely cause: a typing error, or something left out. Next: {}{} --help shows how", what,
+                     meant.empty() ? "" : fmt::format("did you mean {}? ", meant), command);
 }
 
 int run(int argc, char** argv) {

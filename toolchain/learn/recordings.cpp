@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recordings with labels to samples, each clip through the firmware as `holdfast replay` does it.
+// Recordings with labels to samples, each clip through the firmware as `holdfast replay` does it, but for the rest
+// position, which stays as learned.
 //
 // Label file: labels.hpp. Labels: slip from slip_start to slip_end, else hold in silent intervals of high or medium
 // confidence, else open.

@@ -28,7 +28,11 @@ namespace holdfast::tool {
 namespace {
 
 // The firmware's words speak of a camera; a picture of the empty gel can be chosen anew.
-std::string explain_reference(Reason reason, const App& app) {
+std::string explain_reference(Reason reason, const App& app, const Params& params) {
+  const GridSize found = app.state().tracker.found;
+  if (reason == Reason::kGridMismatch && found.cols == params.grid_rows && found.rows == params.grid_cols) {
+    return fmt::format("{}. The picture is turned by a quarter: --grid {}", explain(reason, app), grid_text(found));
+  }
   if (reason != Reason::kJpegDamaged) return explain(reason, app);
   return "the JPEG picture is damaged. Likely cause: the recording broke off, or was damaged on the way. Next: give "
          "another frame or an image with --reference";
@@ -148,7 +152,7 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
                                 ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, named)
                                 : fmt::format("{} as picture of the empty gel", options.reference);
   if (const Status s = session.app().learn(info.params, rest, info.auto_grid); !s.ok()) {
-    return fmt::format("{}: {}", where, explain_reference(s.reason, session.app()));
+    return fmt::format("{}: {}", where, explain_reference(s.reason, session.app(), info.params));
   }
   if (about.time_base_fps >= kLeastFps) {
     session.app().as_device();

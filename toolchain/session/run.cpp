@@ -57,6 +57,10 @@ std::string read_model_file(const std::string& path, std::string& bytes) {
     bytes.resize(kMostModelBytes);
     in.read(bytes.data(), kMostModelBytes);
     bytes.resize(static_cast<std::size_t>(in.gcount()));
+    if (!in.bad() && in.eof() && bytes.empty()) {
+      return fmt::format(
+          "{}: has 0 bytes. Likely cause: a copy that broke off, or a full disk. Next: copy or make it again", path);
+    }
     if (!in.bad() && in.eof()) return {};
     if (!in.bad()) {
       return fmt::format(
