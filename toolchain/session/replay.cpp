@@ -30,7 +30,8 @@ namespace {
 // The firmware's words speak of a camera; a picture of the empty gel can be chosen anew.
 std::string explain_reference(Reason reason, const App& app, const Params& params) {
   const GridSize found = app.state().tracker.found;
-  if (reason == Reason::kGridMismatch && found.cols == params.grid_rows && found.rows == params.grid_cols) {
+  const bool other_grid = reason == Reason::kGridMismatch || reason == Reason::kGridAmbiguous;
+  if (other_grid && found.cols == params.grid_rows && found.rows == params.grid_cols) {
     return fmt::format("{}. The picture is turned by a quarter: --grid {}", explain(reason, app), grid_text(found));
   }
   if (reason != Reason::kJpegDamaged) return explain(reason, app);
