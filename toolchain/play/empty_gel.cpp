@@ -88,14 +88,14 @@ double quantile(std::vector<double> values, double share) {
 
 // Gradient energy of a patch of `a`, or of a - b. Levels^2.
 double relief(const Interval& a, const Interval* b, std::size_t patch) {
-  static const auto kNeighbours = neighbours();
+  static const auto pairs = neighbours();
   double sum = 0;
-  for (const auto& [one, other] : kNeighbours) {
+  for (const auto& [one, other] : pairs) {
     double d = a.patches[patch][one] - a.patches[patch][other];
     if (b != nullptr) d -= b->patches[patch][one] - b->patches[patch][other];
     sum += sq(d);
   }
-  return 2 * sum / static_cast<double>(kNeighbours.size());
+  return 2 * sum / static_cast<double>(pairs.size());
 }
 
 // Second differences of the places of a, or of a - b, where both show them. Pixels^2.

@@ -668,6 +668,7 @@ std::string alarm_table(const std::vector<FrameRecord>& frames, const std::vecto
     std::string what, why;
   };
   std::vector<Event> events;
+  events.reserve(starts.size());
   for (const std::size_t i : starts) events.push_back({&frames[i], "slip raised", why_text(frames[i])});
   for (std::size_t i = 1; i < frames.size(); ++i) {
     if (frames[i].reason != Reason::kContactLost || frames[i - 1].reason == Reason::kContactLost) continue;

@@ -120,7 +120,7 @@ void Reading::check_keys(const Node& node, const Place& place, const std::string
       const std::string home(elsewhere->path.substr(0, elsewhere->path.rfind('.')));
       problems_.add(child.key_line, what, "it belongs into another section", "move it into '" + home + "'");
     } else if (!near.empty()) {
-      problems_.add(child.key_line, what + ", nearest is '" + near + "'", kTypo,
+      problems_.add(child.key_line, std::string(what).append(", nearest is '").append(near).append("'"), kTypo,
                     "write '" + near + "', or leave the key out");
     } else {
       problems_.add(child.key_line, what + ", allowed here: " + joined(words), "a key of another version or tool",
@@ -244,7 +244,7 @@ void Reading::read_requires(Scene& scene) {
   for (const Node& item : list->children) {
     const auto refuse = [&](const std::string& what, std::string_view cause, const std::string& next,
                             const std::string& more = "") {
-      problems_.add(item.line, what + " " + pair("requires", item) + more, cause, next);
+      problems_.add(item.line, std::string(what).append(" ").append(pair("requires", item)).append(more), cause, next);
     };
     if (item.kind != Node::Kind::kText) {
       refuse("wrong kind of value", "quotes are missing", "give names in quotes", ", allowed the name of a capability");

@@ -113,6 +113,8 @@ constexpr auto& member_of(void* record) {
   return follow<kPath...>(*static_cast<typename Path<kPath...>::Record*>(record));
 }
 
+// The words that the table below is written in.
+// NOLINTBEGIN(readability-identifier-naming)
 template <auto... kPath>
 constexpr Kind of = [] {
   using T = std::remove_cvref_t<decltype(member_of<kPath...>(std::declval<void*>()))>;
@@ -129,6 +131,7 @@ template <auto kMember>
 constexpr Kind picture = of<&Scene::picture, kMember>;
 template <auto kMember>
 constexpr Kind expect = of<&Scene::expect, kMember>;
+// NOLINTEND(readability-identifier-naming)
 
 // Members that are not spelled as they are kept.
 constexpr Kind kList{};
@@ -226,7 +229,7 @@ std::string_view idle(const void* record) {
 
 constexpr Field::More kRequired{.required = true};
 template <auto kUnless>
-constexpr Field::More unused{.idle = idle<kUnless>};
+constexpr Field::More unused{.idle = idle<kUnless>};  // NOLINT(readability-identifier-naming): a word of the table
 constexpr Field::More switches(std::string_view capability) {
   return {.capability = capability};
 }

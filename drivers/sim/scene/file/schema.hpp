@@ -85,9 +85,9 @@ class Reading {
     std::string prefix;  // as it is shown: "trajectory[3]."
     std::span<const Field> fields;
   };
-  void read_record(const json::Node& object, const std::string& at, std::span<const Field> fields, void* record);
+  void read_record(const json::Node& node, const std::string& at, std::span<const Field> fields, void* record);
   void read_field(const json::Node& node, const std::string& path, const Field& field, void* record);
-  void check_keys(const json::Node& object, const Place& place, const std::string& section);
+  void check_keys(const json::Node& node, const Place& place, const std::string& section);
   void check_idle(const json::Node& object, const Place& place, const void* record);
   void read_requires(Scene& scene);
   bool is_list(std::string_view path, const json::Node& node);
