@@ -26,7 +26,7 @@ inline constexpr std::array<std::string_view, 5> kEvidenceNames{"none", "imprint
 
 namespace evidence {
 
-// Range: any features; the model is asked at most four times.
+// The group at rest.
 [[nodiscard]] constexpr Features without(Features features, Evidence group) {
   if (group == Evidence::kImprint) features.imprint.motion = {};
   if (group == Evidence::kCoarse) features.imprint.coarse = {};
@@ -39,6 +39,7 @@ namespace evidence {
   return features;
 }
 
+// Range: any features. The model is asked at most three times, and of a frame that holds not at all.
 [[nodiscard]] constexpr Evidence decisive(const classifier::Config& config, const Features& features, Verdict verdict) {
   if (verdict == Verdict::kHold) return Evidence::kNone;
   if (!classifier::needs(config, Stage::kImprint)) return Evidence::kMarkers;

@@ -18,7 +18,7 @@ for labels in $HOLDFAST_LABELS; do
     while IFS=, read -r clip empty; do
       file=$folder/$clip
       [[ -f $file ]] || file=$folder/$clip.avi
-      said=$($holdfast replay "$file" --grid auto --json 2>&1 </dev/null) || true
+      said=$("$holdfast" replay "$file" --grid auto --json 2>&1 </dev/null) || true
       printf '%s\t%s\t%s\n' "$clip" "$empty" "$(tr '\n' ' ' <<<"$said")"
     done
 done | awk -F'\t' -v verbose="$verbose" '

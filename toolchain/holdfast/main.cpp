@@ -37,15 +37,14 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
         meant.empty() ? "" : fmt::format("did you mean {}? Else ", meant), scene::file::joined(names));
   }
   std::string command = "holdfast";
-  for (const CLI::App* at = &app; !at->get_subcommands().empty();) {
-    at = at->get_subcommands().front();
-    command += " " + at->get_name();
+  const CLI::App* last = &app;
+  while (!last->get_subcommands().empty()) {
+    last = last->get_subcommands().front();
+    command += " " + last->get_name();
   }
   const auto rest = app.remaining(true);
   const std::string what = rest.empty() ? error.what() : fmt::format("'{}' is not known to {}", rest.front(), command);
   std::vector<std::string> names;
-  const CLI::App* last = &app;
-  while (!last->get_subcommands().empty()) last = last->get_subcommands().front();
   for (const CLI::Option* option : last->get_options()) {
     for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
   }
