@@ -526,7 +526,7 @@ TEST(SceneFile, RefusesWhatTheLevelCannotDo) {
       CHECK_EQUAL(can, !tells(result.errors, "level springs cannot do " + std::string(capability.name)));
     }
   }
-  std::string text = with("\"radius_mm\": 15", "\"shape\": \"box\"");
+  std::string text = with(R"("radius_mm": 15)", R"("shape": "box")");
   text.replace(text.find("\"press\", "), 9, R"("press", "shapes", )");
   refused(text, 7, {"level springs cannot do shapes", "'object.shape'", "allowed levels: grid"});
   for (const std::string gone : {"closed", "kinematic"}) {
