@@ -279,6 +279,7 @@ part_web() {
   count_one "web logs (tests/npm/check_logs.sh)" "$status"
   node_check "web wire" tests/npm/check_wire.mjs
   node_check "web page" tests/npm/check_page.mjs
+  node_check "web live" tests/npm/check_live.mjs
 }
 part_long() {
   build sim || return 1

@@ -57,12 +57,19 @@ class NoPort final : public hal::Serial {
   [[nodiscard]] std::size_t do_read(std::span<std::uint8_t>) override { return 0; }
 };
 
+// A computer without lines: whoever listens to `link` is told, and nobody else.
+class NoLines final : public hal::Gpio {
+ private:
+  [[nodiscard]] bool do_set(hal::Line, hal::Level) override { return true; }
+  [[nodiscard]] std::optional<hal::Level> do_read(hal::Input) override { return hal::Level::kLow; }
+};
+
 class Appliance {
  public:
   explicit Appliance(Options&& given) : options(std::move(given)) {
     if (options.gpio == "header") {
       problem = header_.open({.wiring = hardware().wiring, .consumer = "holdfastd", .devices = "/dev"});
-    } else {
+    } else if (options.gpio == "mcp2221") {
       problem = usb_.open(drivers::kMcp2221Vendor, drivers::kMcp2221Product, {});
       if (problem.empty()) problem = bridge_.open({.wiring = drivers::kMcp2221Desk});
     }
@@ -162,7 +169,10 @@ class Appliance {
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
   drivers::Mcp2221Gpio bridge_{usb_};
-  hal::Gpio& gpio_ = options.gpio == "header" ? static_cast<hal::Gpio&>(header_) : bridge_;
+  NoLines no_lines_;
+  hal::Gpio& gpio_ = options.gpio == "header"    ? static_cast<hal::Gpio&>(header_)
+                     : options.gpio == "mcp2221" ? static_cast<hal::Gpio&>(bridge_)
+                                                 : no_lines_;
   StandardOutput standard_output_;
   NoPort no_port_;
   static constexpr std::chrono::microseconds kFresh{100'000}, kWhenever{0};
@@ -194,6 +204,7 @@ int lower(int argc, char** argv) {
   cli.add_flag("--lower", ignored);
   cli.add_option("--gpio", options.gpio);
   if (const std::optional<int> status = parse_command_line(cli, argc, argv)) return *status;
+  if (options.gpio == "none") return 0;
   if (options.gpio == "mcp2221") {
     drivers::HidapiPort usb;
     drivers::Mcp2221Gpio bridge(usb);
@@ -220,8 +231,8 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--backend", options.backend, "camera by v4l2 or libcamera")
       ->check(CLI::IsMember({"v4l2", "libcamera"}))
       ->capture_default_str();
-  cli.add_option("--gpio", options.gpio, "lines by the board's header, or by an MCP2221A on USB")
-      ->check(CLI::IsMember({"header", "mcp2221"}))
+  cli.add_option("--gpio", options.gpio, "lines by the board's header, by an MCP2221A on USB, or none")
+      ->check(CLI::IsMember({"header", "mcp2221", "none"}))
       ->capture_default_str();
   cli.add_option("--host", options.host, "serial port of the diagnostics text; without it standard output");
   cli.add_flag(

@@ -5,6 +5,8 @@
 //                     virtual: the run is over when the scene is
 //   --real-time       a process as on a robot: this machine's clock, a camera with its own rate, an output watchdog,
 //                     lines that another process can look at, and memory that outlives it
+//   --play            likewise, with a recording or a scene before the camera
+//   --sensor          likewise, with the real sensor on this computer's USB
 #include "board/board.hpp"
 
 #include <CLI/CLI.hpp>
@@ -13,12 +15,12 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
 #include <system_error>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "board/common/process.hpp"
@@ -26,7 +28,9 @@
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/watchdog_thread.hpp"
+#include "drivers/linux/camera_v4l2.hpp"
 #include "drivers/sim/camera_paced.hpp"
+#include "drivers/sim/camera_played.hpp"
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/camera_switched.hpp"
 #include "drivers/sim/clock.hpp"
@@ -36,6 +40,7 @@
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/serial_pty.hpp"
+#include "drivers/sim/shared_gpio.hpp"
 #include "drivers/sim/tape.hpp"
 #include "vision/jpeg_decoder.hpp"
 
@@ -47,6 +52,8 @@ constexpr const char* kDeskCode = "desk";
 
 struct Options {
   bool real_time = false;
+  std::filesystem::path play;
+  std::string sensor;  // any, or a serial number
   bool held = false;
   bool empty = false;
   double fps = 25.0;
@@ -55,6 +62,7 @@ struct Options {
   bool host_commands = false;
   std::string code;
   Settings settings;
+  std::string problem;  // of --play
 };
 
 // What the console's `fault` can do here.
@@ -97,25 +105,6 @@ class DeskFaults final : public hal::Faults {
   sim::SwitchedCamera& camera_;
   sim::HandE& hand_;
   sim::Serial& link_;
-};
-
-// Simulated lines are made for one thread.
-class SharedGpio final : public hal::Gpio {
- public:
-  explicit SharedGpio(hal::Gpio& gpio) : gpio_(gpio) {}
-
- private:
-  [[nodiscard]] bool do_set(hal::Line line, hal::Level level) override {
-    const std::lock_guard lock(mutex_);
-    return gpio_.set(line, level);
-  }
-  [[nodiscard]] std::optional<hal::Level> do_read(hal::Input input) override {
-    const std::lock_guard lock(mutex_);
-    return gpio_.read(input);
-  }
-
-  hal::Gpio& gpio_;
-  std::mutex mutex_;
 };
 
 // Time, and what the camera sees in it.
@@ -165,6 +154,42 @@ class RealTime final : public World {
   sim::PacedCamera camera_;
 };
 
+class Played final : public World {
+ public:
+  explicit Played(const Options& options) : opened_(sim::PlayedCamera::open(options.play, clock_, {})) {}
+  // Why there is no camera; empty: there is.
+  [[nodiscard]] std::string problem() const {
+    const auto* error = std::get_if<sim::Error>(&opened_);
+    return error == nullptr ? std::string() : error->line;
+  }
+  [[nodiscard]] hal::Clock& clock() override { return clock_; }
+  [[nodiscard]] hal::Camera& camera() override { return *std::get<0>(opened_); }
+  [[nodiscard]] bool over() const override { return false; }
+
+ private:
+  drivers::MonotonicClock clock_;
+  sim::Result<std::unique_ptr<sim::PlayedCamera>> opened_;
+};
+
+// The sensor on this computer's USB.
+class Sensor final : public World {
+ public:
+  explicit Sensor(const Options& options) : serial_(options.sensor == "any" ? "" : options.sensor) {}
+  [[nodiscard]] hal::Clock& clock() override { return clock_; }
+  [[nodiscard]] hal::Camera& camera() override { return camera_; }
+  [[nodiscard]] bool over() const override { return false; }
+
+ private:
+  [[nodiscard]] drivers::V4l2Camera::Config config() const {
+    drivers::V4l2Camera::Config config;
+    config.serial = serial_;
+    return config;
+  }
+  std::string serial_;
+  drivers::MonotonicClock clock_;
+  drivers::V4l2Camera camera_{config()};
+};
+
 // A serial port at a path that stays the same, whatever number the system gives to the pseudo terminal.
 class NamedPty {
  public:
@@ -202,7 +227,13 @@ drivers::Threads::Config threads(const Params& params) {
   return config;
 }
 
-std::unique_ptr<World> world_of(const Options& options) {
+std::unique_ptr<World> world_of(Options& options) {
+  if (!options.play.empty()) {
+    auto played = std::make_unique<Played>(options);
+    options.problem = played->problem();
+    if (options.problem.empty()) return played;
+  }
+  if (!options.sensor.empty()) return std::make_unique<Sensor>(options);
   if (options.real_time) return std::make_unique<RealTime>(options);
   return std::make_unique<Scene>();
 }
@@ -218,7 +249,7 @@ class Desk {
   }
 
   [[nodiscard]] bool watch(OutputWatchdog& watchdog) {
-    if (!options.real_time) return true;
+    if (!options.real_time && options.play.empty() && options.sensor.empty()) return true;
     watchdog_ = std::make_unique<drivers::WatchdogThread>(watchdog, gpio_, world_->clock());
     return watchdog_->running();
   }
@@ -228,7 +259,7 @@ class Desk {
     return asked_to_end() || long_enough || world_->over();
   }
 
-  const Options options;
+  Options options;
   std::string problem;  // the first of those that it was made with
   KeptFile kept{options.keep};
 
@@ -255,7 +286,7 @@ class Desk {
   std::chrono::microseconds lasts_{std::llround(options.seconds * 1e6)};
   std::optional<sim::Tape> tape_ = tape_of(options.tape);
   sim::Gpio lines_{world_->clock()};
-  SharedGpio gpio_{lines_};
+  sim::SharedGpio gpio_{lines_};
   sim::Serial recorded_;
   sim::HandE hand_{world_->clock()};
   std::unique_ptr<NamedPty> link_ = pty_of(options.link);
@@ -273,7 +304,7 @@ class Desk {
 
  public:
   hal::Serial& host = port_or(host_, standard_output_);
-  Devices devices{camera_, gpio_, port_or(link_, recorded_), world_->clock(), jpeg_};
+  Devices devices{camera_, gpio_, port_or(link_, recorded_), world_->clock(), jpeg_, !options.play.empty()};
   Periphery periphery{port_or(gripper_, hand_), kept.keep()};
   console::Place place{.board = "sim",
                        .code = options.code,
@@ -304,6 +335,16 @@ std::optional<int> make(int argc, char** argv) {
   auto* const held =
       cli.add_flag("--held", options.held, "the object is held from the first frame on")->needs(real_time);
   cli.add_flag("--empty", options.empty, "the gel stays empty")->needs(real_time)->excludes(held);
+  cli.add_option("--play", options.play,
+                 "run in real time with this recording or scene before the camera, again and again. It begins with an "
+                 "empty gel; where it begins anew, what was held is gone: SLIP (contact_lost)")
+      ->check(CLI::ExistingPath)
+      ->excludes(real_time);
+  cli.add_option("--sensor", options.sensor,
+                 "run in real time with the GelSight Mini on this computer's USB: its serial, as 2BNN4ZE7, or any. "
+                 "The lines are simulated: nothing is driven")
+      ->excludes(real_time)
+      ->excludes("--play");
   cli.add_option("--seconds", options.seconds, "end after so many seconds of the board's time")
       ->check(CLI::Range(0.001, 1e7));
   cli.add_option("--tape", options.tape, "show the output lines in this file (drivers/sim/tape.hpp)");
@@ -320,7 +361,8 @@ std::optional<int> make(int argc, char** argv) {
   cli.footer(
       "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
       "  holdfastd --real-time --keep /tmp/grasp.keep --link /tmp/holdfast.link --set gripper=1\n"
-      "  holdfastd --real-time --host /tmp/holdfast.console, and beside it: holdfast console /tmp/holdfast.console");
+      "  holdfastd --real-time --host /tmp/holdfast.console, and beside it: holdfast console /tmp/holdfast.console\n"
+      "  holdfastd --play grasp.avi --link /tmp/holdfast.link");
   if (const std::optional<int> status = parse_command_line(cli, argc, argv)) return status;
   if (const std::string wrong = read_settings(options.settings); !wrong.empty()) {
     return fail(2, wrong, "two settings that contradict each other, or a file that is not yours", "change one of them");
@@ -337,6 +379,10 @@ std::optional<int> make(int argc, char** argv) {
     }
   }
   desk = std::make_unique<Desk>(std::move(options));
+  if (!desk->options.problem.empty()) {
+    say(desk->options.problem);
+    return 1;
+  }
   if (!desk->problem.empty()) {
     return fail(1, desk->problem, "a folder that is not there or not yours, or a file in its place",
                 "give another path");

@@ -74,9 +74,9 @@ void App::configure(const Params& params) {
   config_ = pipeline_config(params, auto_size_, tree_);
   const bool live = devices_.camera.live();
   config_.must_be_fresh = live;
-  config_.follow_drift = live || as_device_;
+  config_.follow_drift = live || devices_.as_device;
   supervisor_config_ = supervisor_config(params);
-  if (!live && !as_device_) {
+  if (!live && !devices_.as_device) {
     supervisor_config_.recover_frames = 1;
     supervisor_config_.lost_for = Micros{0};
   }

@@ -32,6 +32,11 @@ struct Devices {
   hal::Serial& link;  // status frames alone (DESIGN.md, port `link`)
   hal::Clock& clock;
   JpegDecoder& jpeg;
+  // A camera that is not live is judged by the device's rules all the same: a loss of contact that nobody announced is
+  // reported, the rest position follows an empty gel, and a FAULT ends after three frames. Without it none of this
+  // holds: in a simulation nobody says OPENING. What stays different: a picture may be shown again, and how long a
+  // decision took is not judged. Range: frames at least every 150 ms; slower ones would never leave FAULT.
+  bool as_device = false;
 };
 
 // Settings of the stages from the one table of parameters. Range: validate(params) is ok.
@@ -50,13 +55,6 @@ class App {
 
   // Checks the parameters, drives both lines LOW and starts the camera. kConfig, kGpioFailed, kCameraGone.
   [[nodiscard]] Status start(const Params& params, bool auto_size = false);
-
-  // Before start(), for a camera that is not live: its frames are judged by the device's rules all the same. A loss of
-  // contact that nobody announced is reported, the rest position follows an empty gel, and a FAULT ends after three
-  // frames. Without it none of this holds: in a simulation nobody says OPENING. What stays different: a picture may be
-  // shown again, and how long a decision took is not judged. Range: frames at least every 150 ms; slower ones would
-  // never leave FAULT.
-  void as_device() { as_device_ = true; }
 
   // Takes `frame` as the picture of the empty gel; before or after start(). Without it the first still frames of
   // the camera are.
@@ -154,7 +152,6 @@ class App {
   pipeline::Result result_{};
   supervisor::Outputs outputs_{};
   bool auto_size_ = false;
-  bool as_device_ = false;
   std::uint16_t report_sequence_ = 0;
   status_frame::StatusFrame told_{};
   std::uint32_t link_refused_ = 0;  // status frames that the serial line did not take

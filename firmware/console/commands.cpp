@@ -706,6 +706,16 @@ Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
   page.integer("markers", known);
   page.decimal("pitch_px", state.pitch.raw(), 256, 2);
   page.integer("pitch_printed_um", console.params().pitch_um);
+  // For whoever draws markers over the working picture: LINK.md counts rest positions from the middle.
+  if (const auto middle = marker_frame::middle_of(state.rest); state.known && middle) {
+    page.decimal("middle_x_px", middle->x.raw(), 256, 2);
+    page.decimal("middle_y_px", middle->y.raw(), 256, 2);
+  } else {
+    page.nothing("middle_x_px");
+    page.nothing("middle_y_px");
+  }
+  page.integer("width_px", console.daemon().app().state().luma.width);
+  page.integer("height_px", console.daemon().app().state().luma.height);
   page.yes_no("resumed", console.daemon().resumed());
   page.close();
   return kDone;

@@ -41,9 +41,7 @@ MarkerFrame displacement_piece(const DisplacementField& field, std::uint16_t seq
       });
 }
 
-// Range: offsets up to 2^22 in Q8 px times pitch_um of 5000: below 2^35.
-MarkerFrame rest_piece(const MarkerField& rest, PixelsQ8 pitch, std::int32_t pitch_um, std::uint16_t sequence,
-                       std::int32_t piece) {
+std::optional<Middle> middle_of(const MarkerField& rest) {
   std::int64_t sum_x = 0;
   std::int64_t sum_y = 0;
   std::int32_t known = 0;
@@ -54,8 +52,15 @@ MarkerFrame rest_piece(const MarkerField& rest, PixelsQ8 pitch, std::int32_t pit
     sum_y += marker.y.raw();
     ++known;
   }
-  const std::int64_t middle_x = known == 0 ? 0 : div_round(sum_x, known);
-  const std::int64_t middle_y = known == 0 ? 0 : div_round(sum_y, known);
+  if (known == 0) return std::nullopt;
+  return Middle{PixelsQ8::from_raw(static_cast<std::int32_t>(div_round(sum_x, known))),
+                PixelsQ8::from_raw(static_cast<std::int32_t>(div_round(sum_y, known)))};
+}
+
+// Range: offsets up to 2^22 in Q8 px times pitch_um of 5000: below 2^35.
+MarkerFrame rest_piece(const MarkerField& rest, PixelsQ8 pitch, std::int32_t pitch_um, std::uint16_t sequence,
+                       std::int32_t piece) {
+  const Middle middle = middle_of(rest).value_or(Middle{});
   const auto micrometres = [&](std::int64_t offset_px_q8) {
     return cut(div_round(offset_px_q8 * pitch_um, pitch.raw()));
   };
@@ -63,7 +68,8 @@ MarkerFrame rest_piece(const MarkerField& rest, PixelsQ8 pitch, std::int32_t pit
       rest.grid, sequence, piece, [&](std::int32_t i) { return rest.markers[idx(i)].valid; },
       [&](std::int32_t i) {
         const Marker& marker = rest.markers[idx(i)];
-        return Point{micrometres(marker.x.raw() - middle_x), micrometres(marker.y.raw() - middle_y)};
+        return Point{micrometres(std::int64_t{marker.x.raw()} - middle.x.raw()),
+                     micrometres(std::int64_t{marker.y.raw()} - middle.y.raw())};
       });
 }
 

@@ -45,7 +45,13 @@ struct MarkerFrame {
 // Piece `piece` of the field, in [0, frames_of(grid)). Lengths beyond +-32.767 mm, which no gel is wide, are cut.
 [[nodiscard]] MarkerFrame displacement_piece(const DisplacementField& field, std::uint16_t sequence,
                                              std::int32_t piece);
-// Rest positions from the middle of those that are known. `pitch`: of the rest position, working image; `pitch_um`: the
+// The mean of the positions that are valid; nothing: none is.
+struct Middle {
+  PixelsQ8 x;
+  PixelsQ8 y;
+};
+[[nodiscard]] std::optional<Middle> middle_of(const MarkerField& rest);
+// Rest positions from middle_of(). `pitch`: of the rest position, working image; `pitch_um`: the
 // printed one. Range: pitch at least 1 raw.
 [[nodiscard]] MarkerFrame rest_piece(const MarkerField& rest, PixelsQ8 pitch, std::int32_t pitch_um,
                                      std::uint16_t sequence, std::int32_t piece);

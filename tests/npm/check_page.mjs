@@ -5,20 +5,11 @@
 // The last line is "N passed"; exit status 77 when Chromium or node_modules is missing.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { copyFileSync, existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
+import { copyFileSync, mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { dirname, join, resolve } from "node:path";
-import { fileURLToPath, pathToFileURL } from "node:url";
-
-const kChromium = "/usr/bin/chromium";
-const root = resolve(dirname(fileURLToPath(import.meta.url)), "../..");
-
-function skip(why, next) {
-  console.log(`SKIPPED: ${why}. Next: ${next}`);
-  process.exit(77);
-}
-if (!existsSync(kChromium)) skip("no Chromium here", "apt-get install chromium, or run tests/run.sh");
-const { chromium } = await import("playwright-core").catch(() => skip("no node_modules", "npm ci in tests/npm"));
+import { join, resolve } from "node:path";
+import { pathToFileURL } from "node:url";
+import { drawn, launch, near, root, scrub } from "./browser.mjs";
 
 function option(name, otherwise) {
   const at = process.argv.indexOf(name);
@@ -60,13 +51,7 @@ const values = JSON.parse(readFileSync(files.values, "utf8"));
 
 // --- the browser ---
 
-// A new profile each time: playwright makes it and takes it away.
-const chrome = await chromium.launch({
-  executablePath: kChromium,
-  args: ["headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking"]
-    .concat(["disable-component-update", "disable-sync"])
-    .map((name) => `--${name}`),
-});
+const chrome = await launch();
 const browser = await chrome.newContext({ viewport: { width: 1280, height: 900 }, acceptDownloads: true });
 let checks = 0;
 
@@ -140,32 +125,6 @@ async function shoot(page, name) {
 }
 const text = (page, id) => page.locator(`#${id}`).textContent();
 const clean = (words) => words.replace("\u2212", "-");
-// The scrubber as a hand moves it.
-async function scrub(page, at) {
-  await page.locator("#scrub").evaluate((input, value) => {
-    input.value = value;
-    input.dispatchEvent(new Event("input", { bubbles: true }));
-  }, at);
-}
-// Arrows as they are drawn, in the drawing's units: from, to; null: a cross.
-const drawn = (page) =>
-  page.evaluate(() => {
-    const svg = document.getElementById("arrows");
-    if (svg.classList.contains("gone")) return null;
-    const arrows = [...svg.querySelectorAll("g")].map((group) => {
-      if (group.classList.contains("is-lost")) return null;
-      const dot = group.querySelector("circle");
-      const from = [Number(dot.getAttribute("cx")), Number(dot.getAttribute("cy"))];
-      const d = group.querySelector(".the-arrow").getAttribute("d").match(/-?[\d.]+/g);
-      return { from, to: d === null ? from : [Number(d[2]), Number(d[3])] };
-    });
-    return { width: svg.viewBox.baseVal.width, height: svg.viewBox.baseVal.height, arrows };
-  });
-
-function near(a, b, tolerance, what) {
-  assert.ok(Math.abs(a - b) <= tolerance, `${what}: ${a} is not ${b}`);
-}
-
 // --- a recording ---
 
 const report = await open(files["report.html"]);

@@ -87,6 +87,8 @@ void add_settings(CLI::App& app, std::vector<Command>& commands);
 void add_grip(CLI::App& app, std::vector<Command>& commands);
 void add_faults(CLI::App& app, std::vector<Command>& commands);
 void add_log(CLI::App& app, std::vector<Command>& commands);
+void add_live(CLI::App& app, std::vector<Command>& commands);
+void add_record(CLI::App& app, std::vector<Command>& commands);
 void add_page(CLI::App& app, std::vector<Command>& commands);
 void add_console(CLI::App& app, std::vector<Command>& commands);
 

@@ -116,10 +116,14 @@ int write_out(const LogOptions& options) {
   std::ostream* const mjpg = outputs.stream("--mjpg");
   if (csv != nullptr) *csv << log::csv_header();
   long rows = 0, pictures = 0;
+  double first_s = 0;
   log::FrameVisit visit;
   visit.slip = [&](const log::FrameRecord& state) {
-    ++rows;
-    if (csv != nullptr) *csv << log::csv_row(state);
+    // The CSV counts from the first frame, also where the log has the wall clock.
+    if (rows++ == 0) first_s = state.t_s();
+    log::FrameRecord since_first = state;
+    since_first.set_time(state.t_s() - first_s);
+    if (csv != nullptr) *csv << log::csv_row(since_first);
   };
   visit.picture = [&](const log::CompressedImage& picture) {
     ++pictures;

@@ -220,6 +220,8 @@ int run(int argc, char** argv) {
   add_grip(app, commands);
   add_faults(app, commands);
   add_log(app, commands);
+  add_live(app, commands);
+  add_record(app, commands);
   add_page(app, commands);
   add_console(app, commands);
   add_devices(app, commands);

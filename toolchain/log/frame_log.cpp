@@ -31,14 +31,18 @@ std::uint16_t add_channel(McapWriter& writer, std::string_view topic) {
 
 }  // namespace
 
-FrameLog::FrameLog(std::ostream& out)
+FrameLog::FrameLog(std::ostream& out, std::uint64_t begun_ns)
     : writer_(out),
+      begun_ns_(begun_ns),
       slip_(add_channel<FrameRecord>(writer_, kSlipTopic)),
       markers_(add_channel<MarkerField>(writer_, kMarkersTopic)) {}
 
-void FrameLog::add(const FrameRecord& record, std::span<const Arrow> arrows, int cols,
+void FrameLog::add(const FrameRecord& since_begun, std::span<const Arrow> arrows, int cols,
                    std::span<const std::uint8_t> jpeg) {
-  const std::uint64_t at_ns = record.time_ns();
+  FrameRecord record = since_begun;
+  const std::uint64_t at_ns = begun_ns_ + record.time_ns();
+  record.header.stamp = {static_cast<std::int32_t>(at_ns / 1'000'000'000),
+                         static_cast<std::uint32_t>(at_ns % 1'000'000'000)};
   if (!jpeg.empty()) {
     if (!camera_) camera_ = add_channel<CompressedImage>(writer_, kCameraTopic);
     writer_.write(*camera_, record.frame, at_ns, encode(CompressedImage{record.header, "jpeg", jpeg}));

@@ -152,6 +152,26 @@ void McapWriter::flush_chunk() {
   chunk_span_ = {};
 }
 
+void McapWriter::add_metadata(std::string_view name, const std::map<std::string, std::string>& entries) {
+  flush_chunk();
+  Bytes pairs;
+  for (const auto& [key, value] : entries) {
+    add_text(pairs, key);
+    add_text(pairs, value);
+  }
+  Bytes content;
+  add_text(content, name);
+  add_number(content, static_cast<std::uint32_t>(pairs.size()));
+  add_bytes(content, pairs);
+  const std::uint64_t start = position_;
+  put(record(Op::kMetadata, content));
+  Bytes index;
+  add_number(index, start);
+  add_number(index, position_ - start);
+  add_text(index, name);
+  metadata_indexes_.push_back(record(Op::kMetadataIndex, index));
+}
+
 void McapWriter::finish() {
   flush_chunk();
   Bytes data_end;
@@ -165,7 +185,7 @@ void McapWriter::finish() {
   add_number(statistics, static_cast<std::uint16_t>(schemas_.size()));
   add_number(statistics, static_cast<std::uint32_t>(channels_.size()));
   add_number(statistics, std::uint32_t{0});  // attachments
-  add_number(statistics, std::uint32_t{0});  // metadata records
+  add_number(statistics, static_cast<std::uint32_t>(metadata_indexes_.size()));
   add_number(statistics, static_cast<std::uint32_t>(chunk_indexes_.size()));
   add_number(statistics, span_.first);
   add_number(statistics, span_.last);
@@ -186,6 +206,7 @@ void McapWriter::finish() {
   const Bytes counted = record(Op::kStatistics, statistics);
   put_group(Op::kStatistics, {&counted, 1});
   put_group(Op::kChunkIndex, chunk_indexes_);
+  put_group(Op::kMetadataIndex, metadata_indexes_);
   const std::uint64_t offsets_start = position_;
   put(offsets);
 

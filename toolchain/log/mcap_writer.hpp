@@ -4,7 +4,7 @@
 // Profile "ros2": schemas are texts of .msg files (ros2msg), messages are CDR. Uncompressed, because nearly all of it
 // is JPEG, with every check sum and index that the format has. Nothing is ever read back or written again, so any
 // stream will do; memory is one chunk and 100 bytes for each chunk written. Whether the stream took it all is for its
-// owner to ask. Not for attachments or metadata records.
+// owner to ask. Not for attachments.
 #pragma once
 
 #include <cstdint>
@@ -28,6 +28,8 @@ class McapWriter {
   [[nodiscard]] std::uint16_t add_channel(std::string_view topic, std::string_view schema,
                                           std::string_view schema_text);
   void write(std::uint16_t channel, std::uint32_t sequence, std::uint64_t time_ns, std::span<const std::uint8_t> data);
+  // What is to be known of the whole file, under names; the tool of MCAP and Foxglove show it.
+  void add_metadata(std::string_view name, const std::map<std::string, std::string>& entries);
   // Once, after the last message.
   void finish();
 
@@ -47,8 +49,9 @@ class McapWriter {
   std::uint64_t position_ = 0;
   std::uint32_t crc_ = 0;                     // of the data section, then of the summary
   std::map<std::string, std::uint16_t> ids_;  // of schemas, by name
-  std::vector<std::vector<std::uint8_t>> schemas_, channels_, chunk_indexes_;  // records, for the summary
-  std::map<std::uint16_t, std::uint64_t> counts_;                              // messages of each channel
+  std::vector<std::vector<std::uint8_t>> schemas_, channels_, chunk_indexes_,
+      metadata_indexes_;                           // records, for the summary
+  std::map<std::uint16_t, std::uint64_t> counts_;  // messages of each channel
   std::uint64_t messages_ = 0;
   TimeSpan span_;
   std::vector<std::uint8_t> chunk_;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The board's port `host` through the Web Serial API: asks for the frames, hands on every byte, and takes its leave.
+// Where a live session's bytes come from: the board's port `host` through the Web Serial API, or `holdfast live`. Both
+// ask for the frames, hand on every byte, and take their leave.
 
 const kBaud = 115200;
 
@@ -14,6 +15,9 @@ export function whyNoSerial() {
 }
 
 export class Port {
+  served = false;
+  controls = true;
+
   // on.bytes(Uint8Array), on.state("open" | "closed", what and next as one text)
   constructor(on) {
     this.on = on;
@@ -94,5 +98,91 @@ export class Port {
     const { port } = this;
     this.port = null;
     if (port !== null) await port.close().catch(() => {});
+  }
+}
+
+const kAgain_ms = 2000;
+
+function later(ms) {
+  return new Promise((resolve) => setTimeout(resolve, ms));
+}
+
+// `holdfast live` on this computer: the bytes of its console's port over HTTP, and the newest picture. The token is in
+// the address behind the #, which no browser sends.
+export class Served {
+  served = true;
+
+  // on: as Port's, and on.picture(sequence of its status frame, its blob)
+  constructor(on) {
+    this.on = on;
+    this.token = location.hash.slice(1);
+    this.stream = null;
+    this.controls = false;
+  }
+
+  get open() {
+    return this.stream !== null;
+  }
+
+  ask(what, more = {}) {
+    return fetch(what, { ...more, headers: { Authorization: `Bearer ${this.token}` } });
+  }
+
+  async connect() {
+    const stream = new AbortController();
+    this.stream = stream;
+    let words = "holdfast live has ended, or never began here. Next: start it, and open the address that it prints.";
+    try {
+      const response = await this.ask("stream", { signal: stream.signal });
+      if (response.ok) {
+        this.controls = response.headers.get("X-Holdfast-Controls") === "yes";
+        this.on.state("open", this.controls ? "Connected" : "Connected, to look only");
+        this.lookAtPictures(stream);
+        await this.read(response.body.getReader());
+      } else {
+        words = `Refused: ${await response.text()}.`;
+      }
+    } catch {
+      // As a stream that ends: whoever left is gone on purpose, the others are told.
+    }
+    const left = stream.signal.aborted;
+    this.stream = null;
+    this.on.state("closed", left ? "Disconnected. What was received can still be looked at." : words);
+  }
+
+  async read(reader) {
+    for (;;) {
+      const { value, done } = await reader.read();
+      if (done) return;
+      this.on.bytes(value);
+    }
+  }
+
+  // One after the other, as fast as the browser shows them; none while nobody looks.
+  async lookAtPictures(stream) {
+    let after = 0;
+    while (!stream.signal.aborted && this.stream === stream) {
+      if (document.hidden) {
+        await later(500);
+        continue;
+      }
+      try {
+        const response = await this.ask(`picture?after=${after}`, { signal: stream.signal });
+        if (response.status === 200) {
+          after = Number(response.headers.get("X-Holdfast-Number"));
+          this.on.picture(Number(response.headers.get("X-Holdfast-Sequence")), await response.blob());
+        }
+      } catch {
+        await later(kAgain_ms);
+      }
+    }
+  }
+
+  async send(line) {
+    if (this.controls) await this.ask("send", { method: "POST", body: line }).catch(() => {});
+  }
+
+  async leave() {
+    this.stream?.abort();
   }
 }

@@ -166,6 +166,7 @@ export class Recording {
 }
 
 const kRingSeconds = 60;
+const kKeptPictures = 500;
 const kKeptRows = 200000; // for the CSV: more than two hours at 25 fps
 
 // What comes over the port. Time: when the board sent each frame, counted from the first one.
@@ -174,6 +175,8 @@ export class LiveSession {
     this.live = true;
     this.factor = 3;
     this.range_mm = WIRE.histogramRangeUm / 1000;
+    this.served = false; // by `holdfast live`, which asks for what no frame carries
+    this.parameters = null;
     this.clear();
   }
 
@@ -194,6 +197,10 @@ export class LiveSession {
     this.partial = null;
     this.waiting = null;
     this.aliveChanged_ms = -Infinity;
+    this.why = null; // of the last `status json`
+    this.pictureBox = null;
+    for (const picture of this.pictures ?? []) URL.revokeObjectURL(picture.url);
+    this.pictures = [];
     this.setGrid(7, 9);
   }
 
@@ -204,8 +211,58 @@ export class LiveSession {
   }
 
   text(line) {
+    if (this.served && this.answered(line)) return;
     if (line !== "") this.lines.push(line);
     if (this.lines.length > 300) this.lines.shift();
+  }
+
+  // What `holdfast live`, or this page, asked for: the answer's line and its OK are not for people.
+  answered(line) {
+    if (line === "OK" && this.asked) return !(this.asked = false);
+    if (!line.startsWith("{")) return false;
+    let answer;
+    try {
+      answer = JSON.parse(line);
+    } catch {
+      return false;
+    }
+    if ("evidence" in answer) this.why = answer;
+    else if ("pitch_px" in answer) this.takeReference(answer);
+    else if ("parameters" in answer) this.parameters = answer.parameters;
+    else return false;
+    this.asked = true;
+    return true;
+  }
+
+  // Where the working picture lies on the gel: markers count from the middle of their rest positions.
+  takeReference(answer) {
+    if (!answer.known || !(answer.pitch_px > 0) || answer.middle_x_px === null) return;
+    const um = answer.pitch_printed_um / answer.pitch_px;
+    this.pictureBox = {
+      left: (-0.5 - answer.middle_x_px) * um,
+      top: (-0.5 - answer.middle_y_px) * um,
+      width: answer.width_px * um,
+      height: answer.height_px * um,
+    };
+    this.box = this.pictureBox;
+  }
+
+  takePicture(sequence, blob) {
+    const picture = { sequence, row: null, url: URL.createObjectURL(blob) };
+    this.pictures.push(picture);
+    for (let i = this.rows.length - 1; i >= Math.max(0, this.rows.length - 50); --i) {
+      if (this.rows[i].frame === sequence) this.give(picture, this.rows[i]);
+    }
+    while (this.pictures.length > kKeptPictures) {
+      const old = this.pictures.shift();
+      if (old.row !== null) old.row.picture = null;
+      URL.revokeObjectURL(old.url);
+    }
+  }
+
+  give(picture, row) {
+    picture.row = row;
+    row.picture = { index: row.index, url: picture.url };
   }
 
   take(payload) {
@@ -241,6 +298,8 @@ export class LiveSession {
       vx: status.vx_um_s / 1000,
       vy: status.vy_um_s / 1000,
       field: null,
+      picture: null,
+      why: this.why,
     };
     const gap = before === undefined ? 0 : (status.sequence - before.frame - 1) & 0xffff;
     if (gap < 1000) this.missing += gap;
@@ -251,6 +310,8 @@ export class LiveSession {
       row.field = this.waiting.field;
       this.waiting = null;
     }
+    const picture = this.pictures[this.pictures.length - 1];
+    if (picture !== undefined && picture.row === null && picture.sequence === row.frame) this.give(picture, row);
     this.rows.push(row);
     this.kept.push(row);
     while (row.t_s - this.rows[0].t_s > kRingSeconds) this.rows.shift();
@@ -315,7 +376,7 @@ export class LiveSession {
     }
     const width = (cols + 1) * WIRE.pitchUm;
     const height = (rows + 1) * WIRE.pitchUm;
-    this.box = { left: -width / 2, top: -height / 2, width, height };
+    this.box = this.pictureBox ?? { left: -width / 2, top: -height / 2, width, height };
   }
 
   // At most a second old.
@@ -325,7 +386,10 @@ export class LiveSession {
     }
     return null;
   }
-  pictureAt() {
+  pictureAt(row) {
+    for (let i = row.index - this.forgotten; i >= 0 && row.t_s - this.kept[i].t_s <= 1; --i) {
+      if (this.kept[i].picture !== null) return this.kept[i].picture;
+    }
     return null;
   }
   rowOf(index) {

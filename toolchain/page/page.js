@@ -4,7 +4,7 @@ import { WIRE } from "./tables.js";
 import { Recording, LiveSession, reasonOf } from "./model.js";
 import { GelView } from "./gel.js";
 import { LivePlots, drawHistogram, drawLatency, drawOverview, kStateClass, minus } from "./charts.js";
-import { Port, serialOf, whyNoSerial } from "./live.js";
+import { Port, Served, serialOf, whyNoSerial } from "./live.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -16,15 +16,18 @@ function number(value, valid, digits) {
 }
 
 class Page {
-  constructor(recording) {
+  constructor(recording, served) {
     this.recording = recording;
     this.live = new LiveSession();
+    this.live.served = served;
     this.session = recording ?? this.live;
     this.gel = new GelView($("arrows"), $("shot"));
     this.plots = new LivePlots($("live-plots"));
-    this.port = new Port({
+    const Source = served ? Served : Port;
+    this.port = new Source({
       bytes: (bytes) => this.received(bytes),
       state: (state, words) => this.portIs(state, words),
+      picture: (sequence, blob) => this.live.takePicture(sequence, blob),
     });
     this.at = 0; // in session.rows
     this.playing = false;
@@ -38,6 +41,8 @@ class Page {
     this.listen();
     this.look(this.session);
     $("session").hidden = false;
+    $("desk").hidden = !served;
+    if (served) this.port.connect();
   }
 
   // --- what is shown ---
@@ -50,9 +55,9 @@ class Page {
     $("modes").hidden = this.recording === null;
     $("mode-recording").setAttribute("aria-pressed", String(!session.live));
     $("mode-live").setAttribute("aria-pressed", String(session.live));
-    $("connect").hidden = !session.live || serialOf() === null;
+    $("connect").hidden = !session.live || !(this.port.served || serialOf() !== null);
     $("save").hidden = !session.live;
-    $("with-picture").hidden = session.live || session.pictures.length === 0;
+    $("with-picture").hidden = session.live ? !session.served : session.pictures.length === 0;
     $("speed-label").hidden = session.live;
     $("live-state").textContent = session.live ? this.portWords() : "";
     $("factor").value = this.factors.get(session) ?? session.factor;
@@ -181,6 +186,21 @@ class Page {
     $("value-v").textContent = number(Math.hypot(row.vx, row.vy), r, 2);
     this.lamp("decision", row.slip ? "on slip" : "", row.slip ? "slip" : "hold");
     this.showLines(row);
+    this.showWhy(row);
+  }
+
+  // What the verdict stands on, where somebody was asked for it.
+  showWhy(row) {
+    const why = row.why ?? null;
+    $("why").hidden = why === null;
+    if (why === null) return;
+    const unit = why.evidence_unit ? ` ${why.evidence_unit}` : "";
+    const frames = why.evidence_frames === 1 ? "1 frame" : `${why.evidence_frames} frames`;
+    const none = why.evidence === null || why.evidence === "none";
+    const by = `${why.evidence} ${why.evidence_value} of ${why.evidence_threshold}${unit}, ${frames} in a row`;
+    const grows = why.contact === "TOUCHING" && !why.slip && why.evidence_value > why.evidence_threshold;
+    const words = none ? "No evidence yet" : `Evidence: ${by}${grows ? "; it does not count while the contact grows" : ""}`;
+    $("why").textContent = `Contact ${why.contact ?? "not judged"}. ${words}.`;
   }
 
   // The receiver's rule: GRIP_OK counts only while the last edge of ALIVE is young.
@@ -307,11 +327,48 @@ class Page {
         return line;
       }),
     );
+    this.showParameters();
     const text = live.lines.slice(-80).join("\n");
     if ($("console").textContent !== text) {
       $("console").textContent = text;
       $("console").scrollTop = $("console").scrollHeight;
     }
+  }
+
+  // As the device told them last; what is typed goes to it at once, and it answers among the lines of text.
+  showParameters() {
+    const { parameters } = this.live;
+    if (parameters === null) return;
+    this.live.parameters = null;
+    $("parameters").hidden = false;
+    const body = $("parameters").tBodies[0];
+    body.replaceChildren(
+      ...parameters.map((one) => {
+        const line = document.createElement("tr");
+        const cell = (tag, child) => {
+          const element = document.createElement(tag);
+          element.append(child);
+          line.append(element);
+        };
+        const input = document.createElement("input");
+        Object.assign(input, { type: "number", min: one.min, max: one.max, value: one.value, title: one.help });
+        input.setAttribute("aria-label", one.name);
+        input.disabled = !this.port.controls;
+        input.addEventListener("change", () => this.say(`set ${one.name} ${input.value}`));
+        cell("th", one.name);
+        cell("td", input);
+        cell("td", one.unit);
+        cell("td", `${one.min} to ${one.max}, ${one.class}`);
+        return line;
+      }),
+    );
+  }
+
+  say(line) {
+    if (line === "") return;
+    if (!line.endsWith(" json")) this.live.text(`> ${line}`);
+    this.dirty = true;
+    this.port.send(line);
   }
 
   // --- moving ---
@@ -400,6 +457,7 @@ class Page {
       this.heard_ms = performance.now();
     }
     this.words = words;
+    for (const id of ["line", "tare"]) $(id).disabled = state !== "open" || !this.port.controls;
     $("connect").textContent = state === "open" ? "Disconnect" : "Connect";
     $("connect").classList.toggle("primary", state !== "open");
     $("live-state").className = `live-state ${state}`;
@@ -408,6 +466,7 @@ class Page {
   }
 
   portWords() {
+    if (this.port.served) return this.words ?? "Connecting";
     if (serialOf() === null) return whyNoSerial();
     return this.words ?? "Plug the board in, then Connect and choose its port.";
   }
@@ -443,7 +502,8 @@ class Page {
     const why = mute
       ? "the wrong port, or firmware that does not know `watch`. Next: see the lines of text below"
       : "the board hangs or is switched off. Next: look at the board";
-    const words = silent_s >= 2 ? `Connected, but no frame for ${silent_s} s. Likely cause: ${why}.` : "Connected";
+    const open = this.port.controls ? "Connected" : "Connected, to look only";
+    const words = silent_s >= 2 ? `Connected, but no frame for ${silent_s} s. Likely cause: ${why}.` : open;
     if ($("live-state").textContent !== words) $("live-state").textContent = words;
     $("live-state").classList.toggle("silent", silent_s >= 2);
   }
@@ -464,6 +524,13 @@ class Page {
     on("mode-live", "click", () => this.look(this.live));
     on("connect", "click", () => this.connect());
     on("save", "click", () => this.save());
+    on("tare", "click", () => this.say("reference learn"));
+    on("ask-parameters", "click", () => this.say("get json"));
+    on("say", "submit", (event) => {
+      event.preventDefault();
+      this.say($("line").value.trim());
+      $("line").value = "";
+    });
     on("scrub", "input", () => this.go(Number($("scrub").value)));
     on("play", "click", () => this.toggle());
     on("step-back", "click", () => this.go(this.at - 1));
@@ -519,7 +586,7 @@ class Page {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     const target = event.target;
     // Controls that know the key themselves.
-    if (target.matches("select, pre, #factor")) return;
+    if (target.matches("select, pre, #factor, #line, #parameters input")) return;
     const far = event.shiftKey ? 10 : 1;
     const acts = {
       ArrowLeft: () => this.go(this.at - far),
@@ -541,5 +608,6 @@ class Page {
 
 if (document.getElementById("session") !== null) {
   const data = JSON.parse(document.getElementById("data").textContent);
-  new Page(data === null ? null : new Recording(data));
+  const served = data !== null && data.served === true;
+  new Page(data === null || served ? null : new Recording(data), served);
 }

@@ -3,6 +3,8 @@
 // What is damaged is counted and dropped; it never becomes text or values.
 import { WIRE } from "./tables.js";
 
+const kLongestLine = 32768; // `get json` takes 15 kB; what is longer is noise, and cut
+
 const kCrcTable = Uint16Array.from({ length: 256 }, (_, byte) => {
   let crc = byte << 8;
   for (let bit = 0; bit < 8; ++bit) crc = ((crc << 1) ^ (crc & 0x8000 ? 0x1021 : 0)) & 0xffff;
@@ -131,7 +133,7 @@ export class Receiver {
       const line = new TextDecoder().decode(Uint8Array.from(this.line)).replace(/\r$/, "");
       this.line = [];
       this.on.text(line);
-    } else if (this.line.length < 400) {
+    } else if (this.line.length < kLongestLine) {
       this.line.push(byte);
     }
   }

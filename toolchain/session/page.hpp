@@ -17,7 +17,7 @@ namespace holdfast::tool::page {
 // `data`: of Track::json(), or "null".
 [[nodiscard]] std::string end(const std::string& data);
 
-// The whole page without data.
-[[nodiscard]] std::string live();
+// The whole page without data. `served`: by `holdfast live`, which feeds it; else it asks for a serial port.
+[[nodiscard]] std::string live(bool served = false);
 
 }  // namespace holdfast::tool::page

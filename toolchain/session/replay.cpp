@@ -148,16 +148,15 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   if (names_a_frame(named)) session.rest_at(std::get<sim::RecordedFrame>(reference).index);
 
   sim::CameraReplay camera(std::move(recording), session.clock());
-  session.connect(camera, tree.get());
+  const bool as_device = about.time_base_fps >= kLeastFps;
+  session.connect(camera, tree.get(), as_device);
   const std::string where = names_a_frame(named)
                                 ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, named)
                                 : fmt::format("{} as picture of the empty gel", options.reference);
   if (const Status s = session.app().learn(info.params, rest, info.auto_grid); !s.ok()) {
     return fmt::format("{}: {}", where, explain_reference(s.reason, session.app(), info.params));
   }
-  if (about.time_base_fps >= kLeastFps) {
-    session.app().as_device();
-  } else {
+  if (!as_device) {
     session.note(
         fmt::format("At {:.3g} frames a second a device would be in FAULT; loss of contact, drift and recovery are not "
                     "played. Next: --fps, where the recording carries no time",

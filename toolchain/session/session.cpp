@@ -13,28 +13,12 @@
 #include "base/math.hpp"
 #include "params/modes.hpp"
 #include "toolchain/log/csv_log.hpp"
+#include "toolchain/log/facts.hpp"
 
 namespace holdfast::tool {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr double kQ8 = 256.0;
-
-double nat(NatsQ16 value) {
-  return value.raw() / 65536.0;
-}
-double nat_per_s(NatsPerSecQ8 value) {
-  return value.raw() / kQ8;
-}
-double mm_per_s(MicrometresPerSec value) {
-  return value.raw() / 1000.0;
-}
-
-// 0: nothing moved that stands out of the noise.
-double um_of(Log2Q8 value) {
-  return value.raw() > 0 ? std::exp2(value.raw() / kQ8) : 0;
-}
 
 // Which output would destroy another one or something that the run reads. Empty: none. A folder of images is read as
 // a whole: a file more in it may be a frame more at the next run.
@@ -61,11 +45,6 @@ std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inp
     }
   }
   return {};
-}
-
-// Working pixel to input pixel: pixel centres are whole numbers in both.
-double to_input(PixelsQ8 value, double scale) {
-  return (value.raw() / kQ8 + 0.5) * scale - 0.5;
 }
 
 }  // namespace
@@ -144,9 +123,9 @@ void Session::use(const EmptyGel& gel) {
                               : "The reference may be loaded: nothing rests in this recording"));
 }
 
-void Session::connect(hal::Camera& camera, const model::Tree* tree) {
+void Session::connect(hal::Camera& camera, const model::Tree* tree, bool as_device) {
   if (frame_log_) tap_ = std::make_unique<CameraTap>(camera);
-  app_ = std::make_unique<App>(Devices{tap_ ? *tap_ : camera, gpio_, link_, clock_, jpeg_}, tree);
+  app_ = std::make_unique<App>(Devices{tap_ ? *tap_ : camera, gpio_, link_, clock_, jpeg_, as_device}, tree);
 }
 
 void Session::record(long frame, double t_s, double scale, const hal::Frame& given) {
@@ -154,7 +133,6 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
   const supervisor::Outputs& outputs = app_->outputs();
   const bool accepted = result.quality.ok();
   const bool has_features = accepted && result.referenced;
-  const Features& f = result.features;
 
   ++summary_.frames;
   if (accepted) {
@@ -173,57 +151,19 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
   }
   slip_before_ = outputs.slip;
 
-  FrameRecord row;
-  row.frame = static_cast<std::uint32_t>(frame);
-  row.set_time(t_s);
-  row.set_state(outputs.state, outputs.reason);
-  row.alive = gpio_.level(hal::Line::kAlive) == hal::Level::kHigh;
-  row.accepted = accepted;
-  row.features_valid = has_features;
-  row.rates_valid = has_features && f.rates_valid;
-  row.slip = outputs.slip;
-  row.grip_ok = outputs.grip_ok;
-  if (has_features) {
-    row.markers = static_cast<std::uint32_t>(f.markers);
-    row.vx_mm_s = mm_per_s(f.vx);
-    row.vy_mm_s = mm_per_s(f.vy);
-    row.entropy_nat = nat(f.entropy);
-    row.entropy_rate_nat_s = nat_per_s(f.entropy_rate);
-    std::copy(f.histogram.begin(), f.histogram.end(), row.histogram.begin());
-    const evidence::Shown shown =
-        evidence::show({app_->tree()}, f, result.evidence, outputs.reason == Reason::kContactLost);
-    row.evidence = shown.evidence;
-    row.evidence_name = kEvidenceNames[static_cast<std::size_t>(shown.evidence)];
-    row.evidence_value = static_cast<double>(shown.value_milli) / 1000;
-    row.evidence_threshold = static_cast<double>(shown.threshold_milli) / 1000;
-    row.evidence_unit = shown.unit;
-    row.evidence_frames = static_cast<std::uint32_t>(result.run);
-    row.contact_known = result.contact.judged;
-    row.contact = contact::phase_of(result.contact, f.imprint.growth);
-    row.imprint_um = um_of(f.imprint.motion);
-    row.coarse_um = um_of(f.imprint.coarse);
-  }
+  const FrameRecord row = log::facts_of(*app_, frame, t_s, gpio_.level(hal::Line::kAlive) == hal::Level::kHigh);
   if (features_) write_features(row);
 
-  arrows_.clear();
   const MarkerField& field = app_->state().tracker.field;
   const MarkerField& rest = app_->state().reference.rest;
-  if (accepted) {
-    for (int i = 0; i < field.grid.count(); ++i) {
-      const Marker& marker = field.markers[idx(i)];
-      Arrow arrow{to_input(marker.x, scale), to_input(marker.y, scale), 0, 0, marker.valid};
-      if (result.referenced && rest.markers[idx(i)].valid) {
-        arrow.dx_px = (marker.x.raw() - rest.markers[idx(i)].x.raw()) / kQ8 * scale;
-        arrow.dy_px = (marker.y.raw() - rest.markers[idx(i)].y.raw()) / kQ8 * scale;
-      } else {
-        arrow.valid = arrow.valid && !result.referenced;
-      }
-      arrows_.push_back(arrow);
-      if (!markers_) continue;
-      fmt::print(markers_->stream(), "{},{},{},{},{:.4f},{:.4f},{:.4f},{:.4f}\n", frame, i / field.grid.cols,
-                 i % field.grid.cols, arrow.valid ? 1 : 0, arrow.x_px, arrow.y_px, arrow.dx_px, arrow.dy_px);
-    }
-  } else if (markers_ && app_->state().reference.known) {
+  log::arrows_of(*app_, scale, arrows_);
+  for (std::size_t i = 0; markers_ && i < arrows_.size(); ++i) {
+    const Arrow& arrow = arrows_[i];
+    const int k = static_cast<int>(i);
+    fmt::print(markers_->stream(), "{},{},{},{},{:.4f},{:.4f},{:.4f},{:.4f}\n", frame, k / field.grid.cols,
+               k % field.grid.cols, arrow.valid ? 1 : 0, arrow.x_px, arrow.y_px, arrow.dx_px, arrow.dy_px);
+  }
+  if (!accepted && markers_ && app_->state().reference.known) {
     // A rejected frame tells nothing, but keeps its rows: frames times markers is a full table.
     for (int i = 0; i < rest.grid.count(); ++i) {
       fmt::print(markers_->stream(), "{},{},{},0,,,,\n", frame, i / rest.grid.cols, i % rest.grid.cols);
@@ -289,7 +229,7 @@ TrackPicture Session::picture_of(double scale, const hal::Frame& given) const {
 
 // The overlay shows the frame that raised slip first; without one, the frame of the largest entropy.
 void Session::keep_for_overlay(double scale, const hal::Frame& given) {
-  const double entropy = nat(app_->result().features.entropy);
+  const double entropy = app_->result().features.entropy.raw() / 65536.0;
   const bool slip = app_->outputs().slip;
   if (slip_kept_ || (!slip && entropy <= best_entropy_)) return;
   slip_kept_ = slip;

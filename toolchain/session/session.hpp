@@ -97,8 +97,8 @@ class Session {
   [[nodiscard]] const std::optional<EmptyGel>& empty_gel() const { return empty_gel_; }
 
   // The firmware, over `camera`. The camera shares clock().
-  // `tree`: decides instead of the compiled one; outlives the session. May be null.
-  void connect(hal::Camera& camera, const model::Tree* tree);
+  // `tree`: decides instead of the compiled one; outlives the session. May be null. `as_device`: see Devices.
+  void connect(hal::Camera& camera, const model::Tree* tree, bool as_device = false);
   [[nodiscard]] sim::Clock& clock() { return clock_; }
   [[nodiscard]] App& app() { return *app_; }
   [[nodiscard]] const App& app() const { return *app_; }

@@ -657,8 +657,7 @@ TEST(App, ARecordingIsJudgedAsADeviceWhereThatIsAskedFor) {
     std::fill(ages.begin() + 14, ages.end(), 300ms);
     AgedCamera aged(clock, pictures[0].view(), ages, hal::PixelFormat::kMjpeg);
     SlowJpeg decoder(clock, pictures[0]);
-    App other(Devices{aged, gpio, link, clock, decoder});
-    if (as_device) other.as_device();
+    App other(Devices{aged, gpio, link, clock, decoder, as_device});
     CHECK_TRUE(other.start(Params{}).ok());
     for (std::size_t k = 0; k < ages.size(); ++k) CHECK_TRUE(other.step());
     state_is(DeviceState::kFault, other.outputs().state);

@@ -1237,10 +1237,19 @@ TEST(Console, RemembersASlip) {
 TEST(Console, ShowsTheReferenceAndLearnsIt) {
   start();
   check_says("reference json", R"({"known":true,"rows":7,"cols":9,"lines_cut":0,"markers":63,"pitch_px":)");
+  // Where LINK.md's rest positions count from, in the picture.
+  const std::string text = desk.say("reference json");
+  STRCMP_CONTAINS(R"("middle_x_px":)", text.c_str());
+  const auto middle = marker_frame::middle_of(desk.daemon->app().state().reference.rest);
+  CHECK(middle.has_value());
+  DOUBLES_EQUAL(middle->x.raw() / 256.0, std::stod(text.substr(text.find("middle_x_px\":") + 13)), 0.01);
+  DOUBLES_EQUAL(middle->y.raw() / 256.0, std::stod(text.substr(text.find("middle_y_px\":") + 13)), 0.01);
+  STRCMP_CONTAINS(R"("width_px":)", text.c_str());
   (void)desk.unlock();
   check_ok("reference learn");
   desk.run(30ms);
   check_says("reference", "known                 no");
+  check_says("reference json", R"("middle_x_px":null,"middle_y_px":null)");
   check_error("reference nonsense", Error::kArguments);
 }
 

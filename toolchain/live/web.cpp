@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "toolchain/live/web.hpp"
+
+#include <fmt/format.h>
+#include <httplib.h>
+#include <sodium.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdlib>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "toolchain/support/trouble.hpp"
+
+namespace holdfast::live {
+namespace {
+
+constexpr Hub::Millis kPatience{500};
+constexpr Hub::Millis kForAPicture{1000};
+constexpr std::size_t kLongestLine = 4096;
+// Each page holds two of them for as long as it is open.
+constexpr std::size_t kThreads = 32;
+constexpr const char* kPageRules =
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob:; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+
+bool same(const std::string& a, const std::string& b) {
+  return a.size() == b.size() && sodium_memcmp(a.data(), b.data(), a.size()) == 0;
+}
+
+void refuse(httplib::Response& response, int status, const char* why) {
+  response.status = status;
+  response.set_content(why, "text/plain");
+}
+
+}  // namespace
+
+std::string new_token() {
+  if (sodium_init() < 0) std::abort();  // no random numbers on this machine
+  std::array<unsigned char, 16> bytes;
+  randombytes_buf(bytes.data(), bytes.size());
+  std::string text;
+  for (const unsigned char byte : bytes) text += fmt::format("{:02x}", byte);
+  return text;
+}
+
+struct Web::Server {
+  Server(Hub& the_hub, std::string the_page, std::string to_unlock)
+      : hub(the_hub), page(std::move(the_page)), unlock(std::move(to_unlock)) {
+    http.new_task_queue = [] { return new httplib::ThreadPool(kThreads); };
+    http.set_payload_max_length(kLongestLine);
+    // By default another process may bind the same port and take what is meant for this one.
+    http.set_socket_options([](socket_t socket) {
+      const int yes = 1;
+      (void)::setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof(yes));
+    });
+    http.set_tcp_nodelay(true);
+    http.set_default_headers({{"Cache-Control", "no-store"}, {"X-Content-Type-Options", "nosniff"}});
+    http.set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
+      if (ours(request)) return httplib::Server::HandlerResponse::Unhandled;
+      refuse(response, 403, "this address is not the desk's own");
+      return httplib::Server::HandlerResponse::Handled;
+    });
+    http.Get("/", [this](const httplib::Request&, httplib::Response& response) {
+      response.set_header("Content-Security-Policy", kPageRules);
+      response.set_header("Referrer-Policy", "no-referrer");
+      response.set_content(page, "text/html; charset=utf-8");
+    });
+    http.Get("/stream", [this](const httplib::Request& request, httplib::Response& response) {
+      if (const auto right = right_of(request, response)) stream(*right, response);
+    });
+    http.Get("/picture", [this](const httplib::Request& request, httplib::Response& response) {
+      if (right_of(request, response)) picture(request, response);
+    });
+    http.Post("/send", [this](const httplib::Request& request, httplib::Response& response) {
+      const auto right = right_of(request, response);
+      if (!right) return;
+      if (!*right) return refuse(response, 403, "this page may look and not change anything");
+      const bool printable =
+          std::all_of(request.body.begin(), request.body.end(), [](char c) { return c >= ' ' && c <= '~'; });
+      if (!printable || request.body.empty()) return refuse(response, 400, "one line of printable ASCII");
+      if (!hub.say(request.body + "\r\n")) return refuse(response, 503, "the device does not take it");
+      response.status = 204;
+    });
+  }
+  ~Server() {
+    hub.end();
+    http.stop();
+    if (thread.joinable()) thread.join();
+  }
+
+  [[nodiscard]] bool ours(const httplib::Request& request) const {
+    const std::string host = request.get_header_value("Host");
+    const std::string own = fmt::format("127.0.0.1:{}", port);
+    const std::string named = fmt::format("localhost:{}", port);
+    const std::string origin = request.get_header_value("Origin");
+    return (host == own || host == named) && (origin.empty() || origin == "http://" + host);
+  }
+  // Whether it controls; nothing: it was refused.
+  [[nodiscard]] std::optional<bool> right_of(const httplib::Request& request, httplib::Response& response) const {
+    const std::string given = request.get_header_value("Authorization");
+    if (same(given, "Bearer " + control)) return true;
+    if (same(given, "Bearer " + view)) return false;
+    refuse(response, 401, "no token, or a wrong one: open the address that holdfast live printed");
+    return std::nullopt;
+  }
+  void stream(bool controls, httplib::Response& response) {
+    auto listener = hub.listen(controls);
+    if (controls && !unlock.empty()) (void)hub.say(unlock + "\r\n");
+    // Said again, it has the rest positions sent to whoever has just come.
+    (void)hub.say("watch on\r\n");
+    response.set_header("X-Holdfast-Controls", controls ? "yes" : "no");
+    response.set_chunked_content_provider(
+        "application/octet-stream",
+        [this, listener](std::size_t, httplib::DataSink& sink) {
+          std::string bytes;
+          const bool goes_on = hub.hear(*listener, bytes, kPatience);
+          if (!bytes.empty() && !sink.write(bytes.data(), bytes.size())) return false;
+          if (!goes_on) sink.done();
+          // Nothing to send says nothing of whoever has closed the page meanwhile.
+          return !bytes.empty() || !goes_on || sink.is_writable();
+        },
+        [this, listener](bool) { hub.leave(listener); });
+  }
+  void picture(const httplib::Request& request, httplib::Response& response) const {
+    const std::string text = request.get_param_value("after");
+    std::uint64_t after = 0;
+    (void)std::from_chars(text.data(), text.data() + text.size(), after);
+    const auto found = hub.picture(after, kForAPicture);
+    if (!found) {
+      response.status = 204;
+      return;
+    }
+    response.set_header("X-Holdfast-Sequence", std::to_string(found->sequence));
+    response.set_header("X-Holdfast-Number", std::to_string(found->number));
+    response.set_content(std::string(found->jpeg.begin(), found->jpeg.end()), "image/jpeg");
+  }
+
+  Hub& hub;
+  std::string page, unlock;
+  std::string control = new_token(), view = new_token();
+  httplib::Server http;
+  int port = 0;
+  std::thread thread;
+};
+
+Web::Web(Hub& hub, std::string page, std::string unlock)
+    : server_(std::make_unique<Server>(hub, std::move(page), std::move(unlock))) {}
+Web::~Web() = default;
+
+std::string Web::start(int port) {
+  constexpr const char* kHere = "127.0.0.1";
+  if (port == 0) {
+    server_->port = server_->http.bind_to_any_port(kHere);
+    if (server_->port <= 0) return trouble("no port is free on 127.0.0.1", "no network loopback", "look at `ip addr`");
+  } else {
+    if (!server_->http.bind_to_port(kHere, port)) {
+      return trouble(fmt::format("port {} of 127.0.0.1 cannot be had", port), "another program has it",
+                     "give another with --port, or --port 0 for any that is free");
+    }
+    server_->port = port;
+  }
+  server_->thread = std::thread([server = server_.get()] { server->http.listen_after_bind(); });
+  return {};
+}
+
+std::string Web::address(bool controls) const {
+  return fmt::format("http://127.0.0.1:{}/#{}", server_->port, controls ? server_->control : server_->view);
+}
+
+}  // namespace holdfast::live
