@@ -60,8 +60,12 @@ Result<std::unique_ptr<PlayedCamera>> PlayedCamera::open(const std::filesystem::
   }
   auto opened = Recording::open(path, {config.fps});
   if (auto* error = std::get_if<Error>(&opened)) return std::move(*error);
-  const RecordingInfo info = std::get<Recording>(opened).info();
-  return std::unique_ptr<PlayedCamera>(new PlayedCamera(clock, std::get<Recording>(std::move(opened)), {}, info));
+  return of(std::get<Recording>(std::move(opened)), clock);
+}
+
+std::unique_ptr<PlayedCamera> PlayedCamera::of(Recording recording, hal::Clock& clock) {
+  const RecordingInfo info = recording.info();
+  return std::unique_ptr<PlayedCamera>(new PlayedCamera(clock, std::move(recording), {}, info));
 }
 
 bool PlayedCamera::do_start() {

@@ -32,6 +32,8 @@ class PlayedCamera final : public hal::Camera {
   // `path`: a scene file (.json), or what Recording::open() takes. The clock outlives the camera.
   [[nodiscard]] static Result<std::unique_ptr<PlayedCamera>> open(const std::filesystem::path& path, hal::Clock& clock,
                                                                   const Config& config);
+  // The same of a recording that somebody has opened.
+  [[nodiscard]] static std::unique_ptr<PlayedCamera> of(Recording recording, hal::Clock& clock);
 
   // Pixels, and frames of one round as far as known (-1).
   [[nodiscard]] const RecordingInfo& info() const { return info_; }

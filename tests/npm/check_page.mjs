@@ -346,6 +346,61 @@ for (const dark of [false, true]) {
   }
 }
 
+// --- labels: of a recording, not of a scene ---
+
+run("holdfast", "sim", scene, "--mcap", join(work, "grasp, 1.mcap"));
+run("holdfast", "replay", join(work, "grasp, 1.mcap"), "--reference", "first", "--report", join(work, "replay.html"));
+const labelled = await open(join(work, "replay.html"));
+
+await check("labels: a scene has none to mark; a recording is marked by keys, and says what is missing", async () => {
+  assert.ok(await report.locator("#labelling").isHidden());
+  const at = async (frame, key) => {
+    await scrub(labelled, frame);
+    await labelled.keyboard.press(key);
+  };
+  await labelled.locator("#scrub").focus();
+  assert.ok(await labelled.locator("#export-labels").isDisabled());
+  await at(30, "h");
+  assert.ok((await text(labelled, "labels-problem")).startsWith("hold begins at frame 30 and has no end yet"));
+  await at(36, "h");
+  await at(12, "e"); // the end may come first
+  await at(2, "e");
+  await at(34, "s");
+  await at(60, "s");
+  assert.ok((await text(labelled, "labels-problem")).includes("hold and slip at once"));
+  assert.ok(await labelled.locator("#export-labels").isDisabled());
+  await at(39, "s"); // once a clip: marked again, it moves
+  await at(70, "s");
+  await labelled.locator('button[data-kind="contact"]').click();
+  await scrub(labelled, 20);
+  await labelled.locator('button[data-kind="contact"]').click();
+  assert.equal(await labelled.locator("#labels li").count(), 4);
+});
+
+await check("labels: the file is what the tool reads", async () => {
+  const [download] = await Promise.all([labelled.waitForEvent("download"), labelled.locator("#export-labels").click()]);
+  assert.equal(download.suggestedFilename(), "labels.csv");
+  const path = join(work, "labels.csv");
+  await download.saveAs(path);
+  const want = '"grasp, 1.mcap",20,70,39,70,1,30-36:high,2-12,high';
+  assert.equal(readFileSync(path, "utf8").split("\n")[1], want);
+  run("holdfast", "dataset", "--recordings", path, "--out", join(work, "samples.csv"));
+  await labelled.locator("#labels li").nth(0).locator("button").last().click();
+  assert.equal(await labelled.locator("#labels li").count(), 3);
+});
+
+await check("a link to a frame opens there; ? shows the keys", async () => {
+  assert.match(labelled.url(), /#frame=\d+$/);
+  const linked = await browser.newPage();
+  await linked.goto(`${pathToFileURL(join(work, "replay.html")).href}#frame=33`);
+  assert.ok((await text(linked, "when")).startsWith("frame 33 "));
+  assert.ok(!(await linked.locator("#keys-help").isVisible()));
+  await linked.keyboard.press("?");
+  assert.ok(await linked.locator("#keys-help").isVisible());
+  await linked.close();
+  assert.deepEqual(labelled.said, []);
+});
+
 // --- live ---
 
 const live = await open(files["live.html"], { serial: "mock" });

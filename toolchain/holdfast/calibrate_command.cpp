@@ -16,6 +16,7 @@
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/calibrate.hpp"
 #include "toolchain/learn/firmware_row.hpp"
+#include "toolchain/log/recording_file.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
@@ -42,7 +43,7 @@ struct CalibrateOptions {
 // Empty, or an error line.
 std::string watch_recording(const CalibrateOptions& options, const Params& params, bool auto_grid,
                             learn::RestStudy& study) {
-  auto opened = sim::Recording::open(options.input, {options.fps});
+  auto opened = log::open_recording(options.input, {options.fps});
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
   const pipeline::Config config = pipeline_config(params, auto_grid);

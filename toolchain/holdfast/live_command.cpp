@@ -27,6 +27,7 @@
 #include "toolchain/live/hub.hpp"
 #include "toolchain/live/recorder.hpp"
 #include "toolchain/live/web.hpp"
+#include "toolchain/log/recording_file.hpp"
 #include "toolchain/play/empty_gel.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
@@ -59,10 +60,7 @@ struct Source {
 };
 
 // Empty, or an error line.
-std::string find_rest(const LiveOptions& options, const Params& params, Source& source) {
-  auto opened = sim::Recording::open(options.play, {options.fps});
-  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
-  auto& recording = std::get<sim::Recording>(opened);
+std::string find_rest(sim::Recording& recording, const Params& params, Source& source) {
   OneThreadDecoder jpeg(params);
   Progress progress("looking for the empty gel", recording.info().frames);
   const auto found = find_empty_gel(recording, pipeline_config(params), jpeg.get(), [&](long done) {
@@ -76,28 +74,38 @@ std::string find_rest(const LiveOptions& options, const Params& params, Source& 
   auto picture = reference_picture(recording, std::to_string(gel.frame), pipeline_config(params).luma);
   if (const auto* error = std::get_if<sim::Error>(&picture)) return error->line;
   source.rest = std::get<sim::RecordedFrame>(std::move(picture));
-  source.what += fmt::format(", empty gel: frame {}{}", gel.frame, gel.clear ? "" : " (not clear)");
+  source.what = fmt::format("empty gel: frame {}{}", gel.frame, gel.clear ? "" : " (not clear)");
   return {};
 }
 
-std::string open_played(const LiveOptions& options, hal::Clock& clock, const Params& params, Source& source) {
+std::string open_scene(const LiveOptions& options, hal::Clock& clock, Source& source) {
   Progress progress("filming the scene", 0);
   sim::PlayedCamera::Config config;
-  config.fps = options.fps;
   config.filmed = [&](long done, long) {
     progress.update(done);
     return !interrupted();
   };
   auto played = sim::PlayedCamera::open(options.play, clock, config);
   progress.clear();
+  if (interrupted()) return interrupted_line();
   if (const auto* error = std::get_if<sim::Error>(&played)) return error->line;
-  auto camera = std::get<0>(std::move(played));
-  const sim::RecordingInfo& info = camera->info();
-  source.what =
-      fmt::format("{} ({}x{}, {:.4g} fps), again and again", options.play, info.width, info.height, info.time_base_fps);
-  source.camera = std::move(camera);
+  source.camera = std::get<0>(std::move(played));
+  source.what = fmt::format("{} (a scene, filmed in grey), again and again", options.play);
+  return {};
+}
+
+std::string open_played(const LiveOptions& options, hal::Clock& clock, const Params& params, Source& source) {
   source.recorded = true;
-  return options.play.ends_with(".json") ? std::string() : find_rest(options, params, source);
+  if (options.play.ends_with(".json")) return open_scene(options, clock, source);
+  auto opened = log::open_recording(options.play, {options.fps});
+  if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
+  auto& recording = std::get<sim::Recording>(opened);
+  const sim::RecordingInfo info = recording.info();
+  if (std::string error = find_rest(recording, params, source); !error.empty()) return error;
+  source.what = fmt::format("{} ({}x{}, {:.4g} fps), again and again; {}", options.play, info.width, info.height,
+                            info.time_base_fps, source.what);
+  source.camera = sim::PlayedCamera::of(std::move(recording), clock);
+  return {};
 }
 
 // What doctor says of the cameras, before anything is started.

@@ -129,7 +129,7 @@ class LabelRow {
 
   Error find() {
     std::error_code ignored;
-    for (const std::string_view ending : {"", ".avi", ".mjpg"}) {
+    for (const std::string_view ending : {"", ".avi", ".mjpg", ".mcap"}) {
       clip_.path = clip_.file.parent_path() / (clip_.name + std::string(ending));
       if (!clip_.name.empty() && fs::exists(clip_.path, ignored)) return {};
     }

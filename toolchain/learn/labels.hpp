@@ -21,7 +21,7 @@ struct LabelColumn {
   std::string_view help;
 };
 inline constexpr std::array<LabelColumn, 15> kLabelColumns{{
-    {"clip", true, "name of the recording beside the label file, with its ending or without .avi or .mjpg"},
+    {"clip", true, "name of the recording beside the label file, with its ending or without .avi, .mjpg or .mcap"},
     {"slip_start", true, "first frame in which the object moves against the gel; empty: it never does"},
     {"slip_end", true, "last frame of that slip"},
     {"onset_recorded", true, "1: the slip begins inside the clip; 0: there is none, or it began before"},

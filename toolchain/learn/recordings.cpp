@@ -25,6 +25,7 @@
 #include "toolchain/learn/dataset.hpp"
 #include "toolchain/learn/firmware_row.hpp"
 #include "toolchain/learn/labels.hpp"
+#include "toolchain/log/recording_file.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
 
@@ -56,7 +57,7 @@ Label label_of(const ClipLabels& clip, long frame) {
 }
 
 Error load_clip(const ClipLabels& clip, const luma_input::Config& luma, RecordedClip& out) {
-  auto opened = sim::Recording::open(clip.path);
+  auto opened = log::open_recording(clip.path);
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
   auto end = recording.at("last");

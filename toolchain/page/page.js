@@ -4,6 +4,7 @@ import { WIRE } from "./tables.js";
 import { Recording, LiveSession, reasonOf } from "./model.js";
 import { GelView } from "./gel.js";
 import { LivePlots, drawHistogram, drawLatency, drawOverview, kStateClass, minus } from "./charts.js";
+import { kLabels, Labels } from "./labels.js";
 import { Port, Served, serialOf, whyNoSerial } from "./live.js";
 
 const $ = (id) => document.getElementById(id);
@@ -38,8 +39,10 @@ class Page {
     this.ticks = 0;
     this.frozen = null;
     this.factors = new Map();
+    this.labels = new Labels();
     this.listen();
     this.look(this.session);
+    if (recording !== null && recording.data.clip) this.prepareLabels();
     $("session").hidden = false;
     $("desk").hidden = !served;
     if (served) this.port.connect();
@@ -70,6 +73,8 @@ class Page {
 
   // Where a recording is opened: at its first slip, or where the gel is pressed most.
   firstOf(session) {
+    const linked = location.hash.match(/^#frame=(\d+)$/);
+    if (linked !== null) return this.nearestFrame(session.rows, Number(linked[1]));
     const slip = session.rows.findIndex((row) => row.slip);
     if (slip >= 0) return slip;
     let best = 0;
@@ -77,6 +82,70 @@ class Page {
       if (row.entropy > session.rows[best].entropy) best = i;
     });
     return best;
+  }
+
+  nearestFrame(rows, frame) {
+    let best = 0;
+    rows.forEach((row, i) => {
+      if (Math.abs(row.frame - frame) < Math.abs(rows[best].frame - frame)) best = i;
+    });
+    return best;
+  }
+
+  // --- labels ---
+
+  prepareLabels() {
+    $("labelling").hidden = false;
+    $("marks").replaceChildren(
+      ...kLabels.map(({ kind, name, key, help }) => {
+        const button = document.createElement("button");
+        Object.assign(button, { type: "button", textContent: `${name} (${key.toUpperCase()})`, title: help });
+        button.dataset.kind = kind;
+        button.addEventListener("click", () => this.mark(kind));
+        return button;
+      }),
+    );
+    this.showLabels();
+  }
+
+  mark(kind) {
+    if ($("labelling").hidden || this.session.live) return;
+    $("labelling").open = true;
+    this.labels.mark(kind, this.row.frame);
+    this.showLabels();
+  }
+
+  showLabels() {
+    const button = (words, label, act) => {
+      const element = document.createElement("button");
+      Object.assign(element, { type: "button", textContent: words });
+      element.setAttribute("aria-label", `${words} ${label.kind}`);
+      element.addEventListener("click", act);
+      return element;
+    };
+    $("labels").replaceChildren(
+      ...this.labels.list.map((label) => {
+        const line = document.createElement("li");
+        const words = document.createElement("span");
+        words.textContent = label.kind;
+        const from = button(String(label.from), label, () => this.go(this.nearestFrame(this.rows, label.from)));
+        const to = button(String(label.to), label, () => this.go(this.nearestFrame(this.rows, label.to)));
+        from.className = to.className = "go";
+        const remove = button("Remove", label, () => {
+          this.labels.remove(label);
+          this.showLabels();
+        });
+        line.append(words, from, label.to === null ? "to: mark it again at its last frame" : "to", ...(label.to === null ? [] : [to]), remove);
+        return line;
+      }),
+    );
+    for (const element of $("marks").children) {
+      const open = this.labels.open.some((label) => label.kind === element.dataset.kind);
+      element.setAttribute("aria-pressed", String(open));
+    }
+    const { problem } = this.labels;
+    $("labels-problem").textContent = problem === "" ? `For ${this.recording.data.clip}; put it beside the recording.` : `${problem}.`;
+    $("export-labels").disabled = problem !== "";
   }
 
   sayWhatIsThinned(data) {
@@ -378,6 +447,8 @@ class Page {
     this.at = Math.min(Math.max(at, 0), Math.max(this.rows.length - 1, 0));
     this.playedFrom = null;
     this.show();
+    // So that the address, copied, shows this frame.
+    if (!this.session.live && this.row !== undefined) history.replaceState(null, "", `#frame=${this.row.frame}`);
   }
 
   // First frame of the next slip in this direction; -1: none.
@@ -509,9 +580,13 @@ class Page {
   }
 
   save() {
+    this.download("holdfast_session.csv", this.live.csv());
+  }
+
+  download(name, csv) {
     const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([this.live.csv()], { type: "text/csv" }));
-    link.download = "holdfast_session.csv";
+    link.href = URL.createObjectURL(new Blob([csv], { type: "text/csv" }));
+    link.download = name;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   }
@@ -524,6 +599,7 @@ class Page {
     on("mode-live", "click", () => this.look(this.live));
     on("connect", "click", () => this.connect());
     on("save", "click", () => this.save());
+    on("export-labels", "click", () => this.download("labels.csv", this.labels.csv(this.recording.data.clip)));
     on("tare", "click", () => this.say("reference learn"));
     on("ask-parameters", "click", () => this.say("get json"));
     on("say", "submit", (event) => {
@@ -596,8 +672,10 @@ class Page {
       n: () => this.jump(1),
       p: () => this.jump(-1),
       " ": () => this.toggle(),
+      "?": () => ($("keys-help").parentElement.open = !$("keys-help").parentElement.open),
     };
-    if (event.key === " " && target.matches("button, input[type=checkbox]")) return;
+    for (const { kind, key } of kLabels) acts[key] = () => this.mark(kind);
+    if (event.key === " " && target.matches("button, summary, input[type=checkbox]")) return;
     const act = acts[event.key];
     if (act === undefined || this.rows.length === 0) return;
     if ((event.key === "Home" || event.key === "End") && target !== $("scrub")) return;

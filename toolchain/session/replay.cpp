@@ -14,9 +14,8 @@
 #include <vector>
 
 #include "drivers/sim/camera_replay.hpp"
-#include "drivers/sim/container.hpp"
 #include "drivers/sim/recording.hpp"
-#include "toolchain/log/frame_reader.hpp"
+#include "toolchain/log/recording_file.hpp"
 #include "toolchain/play/empty_gel.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
@@ -37,29 +36,6 @@ std::string explain_reference(Reason reason, const App& app, const Params& param
   if (reason != Reason::kJpegDamaged) return explain(reason, app);
   return "the JPEG picture is damaged. Likely cause: the recording broke off, or was damaged on the way. Next: give "
          "another frame or an image with --reference";
-}
-
-// In a log of --mcap. Empty, or an error line; other files are left to whoever opens them.
-std::string find_pictures(const std::string& path, sim::RecordingOptions& options) {
-  const sim::MappedFile mapped(path);
-  const auto bytes = mapped.bytes();
-  if (!log::is_mcap(bytes)) return {};
-  std::vector<sim::StampedPicture> pictures;
-  log::FrameVisit visit;
-  visit.picture = [&](const log::CompressedImage& picture) {
-    const log::Time& stamp = picture.header.stamp;
-    pictures.push_back({static_cast<std::size_t>(picture.data.data() - bytes.data()), picture.data.size(),
-                        Micros{std::int64_t{stamp.sec} * 1'000'000 + stamp.nanosec / 1000}});
-  };
-  const log::McapFile file = log::read_frames(bytes, visit);
-  if (!file.faults.empty()) return log::fault_line(path, file);
-  if (pictures.empty()) {
-    return fmt::format(
-        "{}: has no {}. Likely cause: it was made of a recording without JPEG pictures. Next: give that recording",
-        path, log::kCameraTopic);
-  }
-  options.pictures = std::make_shared<const std::vector<sim::StampedPicture>>(std::move(pictures));
-  return {};
 }
 
 struct Opening {
@@ -117,14 +93,13 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   }
   std::vector<Opening> openings;
   if (std::string error = parse_openings(options.opening, openings); !error.empty()) return error;
-  sim::RecordingOptions recorded{options.fps};
-  if (std::string error = find_pictures(options.input, recorded); !error.empty()) return error;
-  auto opened = sim::Recording::open(options.input, recorded);
+  auto opened = log::open_recording(options.input, {options.fps});
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
   const sim::RecordingInfo about = recording.info();
 
   info.title = fmt::format("Replay of {}", std::filesystem::path(options.input).filename().string());
+  info.clip = std::filesystem::path(options.input).filename().string();
   info.inputs = {options.input, options.common.model};
   const bool find = options.reference == "auto";
   if (!find && !names_a_frame(options.reference)) info.inputs.emplace_back(options.reference);

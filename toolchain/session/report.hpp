@@ -39,6 +39,7 @@ struct TruthSeries {
 struct ReportInfo {
   std::string title;
   std::string input;
+  std::string clip;  // as SessionInfo::clip
   std::string grid;
   std::string mode;
   std::string model;

@@ -265,6 +265,7 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
                             std::vector<std::string> notes) {
   if (report_file_) {
     ReportInfo report{};
+    report.clip = info_.clip;
     const GridSize grid = app_->state().tracker.field.grid;
     report.title = info_.title;
     report.input = info_.input_text;

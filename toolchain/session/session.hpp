@@ -59,6 +59,7 @@ struct SessionInfo {
   std::string title;
   std::vector<std::filesystem::path> inputs;  // files and folders that this run reads: no output may touch them
   std::string input_text;
+  std::string clip;  // name of the recording, for a label file; empty: it is none
   std::string reference_text;
   std::string model_text;
   std::vector<std::string> notes;

@@ -177,6 +177,7 @@ std::string Track::json(const ReportInfo& info) const {
     if (std::isfinite(mark.t_s)) marks.push_back({{"t_s", mark.t_s}, {"name", mark.name}, {"onset", mark.onset}});
   }
   const nlohmann::json data = {{"frames", frames_},
+                               {"clip", info.clip},
                                {"width_px", nothing ? 320.0
                                             : sized ? width_px_
                                                     : height_px_},

@@ -419,6 +419,23 @@ TEST(Daemon, TellsOfASlipUnderAnOpeningThatIsHeld) {
   CHECK_TRUE(told > 5s && told < 6500ms);
 }
 
+// Fingers move on command alone: neither a start nor a slip that nobody asked to grip for opens or closes them.
+TEST(Daemon, LeavesFingersAloneThatNobodyCommanded) {
+  constexpr int kGo = 1 << 3;  // rGTO of the Hand-E's first output register
+  film();
+  use(Gripper::kHandE);
+  build();
+  hand->put_object({.width_mm = 20.0});
+  bool went = false;
+  for (const Micros end = clock.now() + 3s; clock.now() < end;) {
+    daemon->poll();
+    went = went || (hand->output(0) & kGo) != 0;
+  }
+  LONGS_EQUAL(1, hand->activations());
+  CHECK_FALSE(went);
+  CHECK_FALSE(hand->object_held());
+}
+
 // RELEASE opens the fingers however often it is said; what it masks is capped like OPENING.
 TEST(Daemon, CapsWhatReleaseMasksAsWell) {
   grip_an_object();

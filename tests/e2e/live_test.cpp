@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// The sensor on a PC without a sensor: `holdfast live`, `holdfast record` and `holdfastd --play` as processes, over
+// scenes. (The page in a browser: tests/npm/check_live.mjs.)
+#include <poll.h>
+
+#include <chrono>
+#include <csignal>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "tests/support/host_process.hpp"
+#include "tests/support/temp_dir.hpp"
+// last: it redefines new
+#include <CppUTest/TestHarness.h>
+
+#include "tests/support/error_line.hpp"
+
+namespace {
+
+using namespace holdfast;
+using test::Finished;
+using test::HostProcess;
+using test::read_file;
+using Words = std::vector<std::string>;
+
+constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
+constexpr const char* kFirmware = HOLDFAST_BIN_DIR "/holdfastd";
+// Whether `condition` came within 20 s.
+template <typename Condition>
+bool until(const Condition& condition) {
+  const auto limit = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() >= limit) return false;
+    (void)::poll(nullptr, 0, 5);
+  }
+  return true;
+}
+
+constexpr const char* kSlip = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
+
+}  // namespace
+
+TEST_GROUP(LiveTool) {
+  test::TempDir dir;
+  [[nodiscard]] std::string in(const std::string& name) const {
+    return (dir / name).string();
+  }
+  static Finished tool(const Words& words) {
+    Words command{kTool};
+    command.insert(command.end(), words.begin(), words.end());
+    return test::run(command);
+  }
+  static void refuses(const Words& words, const char* what, int status = 1) {
+    const Finished done = tool(words);
+    LONGS_EQUAL(status, done.status);
+    test::check_says(done.err.substr(0, done.err.find_last_not_of('\n') + 1), {what});
+  }
+};
+
+// The recording is what the run saw and decided: the same pictures, in the firmware again, decide the same lattice.
+TEST(LiveTool, RecordsWhatItSeesAndDecides) {
+  const Finished made = tool({"record", in("a.mcap"), "--play", kSlip, "--seconds", "2.4"});
+  CHECK_TEXT(made.status == 0, made.err.c_str());
+  STRCMP_CONTAINS("SLIP (slip)  by ", made.out.c_str());
+  STRCMP_CONTAINS("recorded  ", made.out.c_str());
+  STRCMP_EQUAL("", made.err.c_str());
+  const Finished info = tool({"log", "info", in("a.mcap"), "--json"});
+  CHECK_TEXT(info.status == 0, info.err.c_str());
+  const auto log = nlohmann::json::parse(info.out);
+  for (const auto& channel : log["channels"]) CHECK(channel["messages"].get<int>() > 40);
+  LONGS_EQUAL(3, log["channels"].size());
+  CHECK(log["first_ns"].get<std::uint64_t>() > 1'700'000'000'000'000'000U);  // the wall clock: after 2023
+  CHECK_TEXT(tool({"log", "export", in("a.mcap"), "--csv", in("a.csv")}).status == 0, "export");
+  const std::string csv = read_file(dir / "a.csv");
+  STRCMP_CONTAINS("\n0.000000,0,", csv.c_str());  // a table counts from its first frame
+  CHECK(read_file(dir / "a.mcap").find("sphere_slip.json") != std::string::npos);  // what it is of
+  const Finished again = tool({"replay", in("a.mcap"), "--reference", "first", "--json"});
+  CHECK_TEXT(again.status == 0, again.err.c_str());
+  CHECK(nlohmann::json::parse(again.out)["frames"].get<int>() > 40);
+}
+
+TEST(LiveTool, EndsInOrderAndPutsTheRecordingInItsPlace) {
+  HostProcess running({kTool, "record", in("b.mcap"), "--play", kSlip});
+  CHECK(until([&] { return read_file(dir / ("b.mcap.tmp-" + std::to_string(running.pid()))).size() > 8; }));
+  running.send(SIGINT);
+  const Finished done = running.finish();
+  LONGS_EQUAL(0, done.status);
+  CHECK_TEXT(tool({"log", "info", in("b.mcap")}).status == 0, "a whole file");
+}
+
+TEST(LiveTool, SaysWhatItCannotDo) {
+  STRCMP_CONTAINS("absent.avi: ", tool({"live", "--play", in("absent.avi")}).err.c_str());
+  refuses({"record", in("none/a.mcap"), "--play", kSlip, "--seconds", "1"}, "none");
+  refuses({"live", "--play", kSlip, "--grid", "auto"}, "--grid auto");
+  refuses({"live", "--board", in("tty"), "--play", kSlip}, "--board goes with none of");
+  refuses({"live", "--board", in("tty")}, "tty");
+  refuses({"record", in("a.mcap"), "--sensor", "0000-0000", "--seconds", "1"}, "sensor");
+  // A port that another one has.
+  HostProcess first({kTool, "live", "--play", kSlip, "--port", "38632"});
+  Finished second;
+  CHECK(until([&] {
+    second = tool({"live", "--play", kSlip, "--port", "38632", "--seconds", "0.2"});
+    return second.status != 0;
+  }));
+  STRCMP_CONTAINS("port 38632 of 127.0.0.1 cannot be had", second.err.c_str());
+  first.send(SIGINT);
+  LONGS_EQUAL(0, first.finish().status);
+}
+
+TEST(LiveTool, TheFirmwareAsAProcessPlaysASceneToo) {
+  const Finished done = test::run({kFirmware, "--play", kSlip, "--seconds", "2.4"});
+  CHECK_TEXT(done.status == 0, done.err.c_str());
+  STRCMP_CONTAINS("SLIP slip", done.out.c_str());
+  const Finished absent = test::run({kFirmware, "--play", in("absent.avi")});
+  LONGS_EQUAL(2, absent.status);
+}

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// One port, several who listen: who hears what, what happens to the slow, and when the console is locked.
+#include <array>
+#include <string>
+#include <string_view>
+
+#include "toolchain/live/hub.hpp"
+#include "toolchain/live/web.hpp"
+// last: it redefines new
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+using live::Hub;
+
+TEST_GROUP(LiveHub) {
+  Hub hub;
+  std::string bytes;
+
+  bool writes(std::string_view text) {
+    return hub.write({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  }
+  std::string to_device() {
+    std::array<std::uint8_t, 64> room{};
+    const std::size_t count = hub.read(room);
+    return {room.begin(), room.begin() + static_cast<std::ptrdiff_t>(count)};
+  }
+  std::string heard(const std::shared_ptr<Hub::Listener>& listener) {
+    CHECK(hub.hear(*listener, bytes, Hub::Millis{0}));
+    return bytes;
+  }
+};
+
+TEST(LiveHub, EachHearsAllFromWhenItCame) {
+  CHECK(writes("before "));  // nobody is there: it is gone, and held nothing up
+  const auto first = hub.listen(true);
+  CHECK(writes("one "));
+  const auto second = hub.listen(false);
+  CHECK(writes("two"));
+  STRCMP_EQUAL("one two", heard(first).c_str());
+  STRCMP_EQUAL("two", heard(second).c_str());
+  STRCMP_EQUAL("", heard(first).c_str());
+  LONGS_EQUAL(2, hub.listeners());
+  hub.leave(second);
+  hub.leave(second);
+  LONGS_EQUAL(1, hub.listeners());
+  STRCMP_EQUAL("", to_device().c_str());
+}
+
+TEST(LiveHub, LocksTheConsoleWhenTheLastWhoControlsLeaves) {
+  const auto looks = hub.listen(false);
+  const auto first = hub.listen(true);
+  const auto second = hub.listen(true);
+  hub.leave(first);
+  STRCMP_EQUAL("", to_device().c_str());
+  hub.leave(second);
+  STRCMP_EQUAL("lock\r\n", to_device().c_str());
+  hub.leave(looks);
+  STRCMP_EQUAL("", to_device().c_str());
+}
+
+TEST(LiveHub, WhoeverIsSlowLosesWhatWaits) {
+  const auto slow = hub.listen(false);
+  const auto quick = hub.listen(false);
+  const std::string block(Hub::kMostWaiting / 2, 'x');
+  for (int k = 0; k < 3; ++k) {
+    CHECK(writes(block));
+    LONGS_EQUAL(block.size(), heard(quick).size());
+  }
+  LONGS_EQUAL(block.size(), heard(slow).size());
+  // And whoever says too much is told that it was too much.
+  CHECK(hub.say(std::string(Hub::kMostSaid, 'y')));
+  CHECK_FALSE(hub.say("z"));
+}
+
+TEST(LiveHub, LinesReachTheDeviceInPiecesAndInOrder) {
+  const std::string line(100, 'a');
+  CHECK(hub.say(line + "\r\n"));
+  CHECK(hub.say("b\r\n"));
+  std::string all;
+  for (std::string piece = to_device(); !piece.empty(); piece = to_device()) all += piece;
+  STRCMP_EQUAL((line + "\r\nb\r\n").c_str(), all.c_str());
+}
+
+TEST(LiveHub, GivesTheNewestPictureOnce) {
+  CHECK_FALSE(hub.picture_wanted());
+  CHECK_FALSE(hub.picture(0, Hub::Millis{0}).has_value());
+  CHECK(hub.picture_wanted());
+  hub.show(7, {1});
+  hub.show(9, {2, 3});
+  const auto newest = hub.picture(0, Hub::Millis{0});
+  CHECK(newest.has_value());
+  LONGS_EQUAL(9, newest->sequence);
+  LONGS_EQUAL(2, newest->number);
+  LONGS_EQUAL(2, newest->jpeg.size());
+  CHECK_FALSE(hub.picture(newest->number, Hub::Millis{0}).has_value());
+}
+
+TEST(LiveHub, AtTheEndNobodyWaits) {
+  const auto listener = hub.listen(true);
+  CHECK(writes("last"));
+  hub.end();
+  CHECK_FALSE(hub.hear(*listener, bytes, Hub::Millis{100'000}));
+  STRCMP_EQUAL("last", bytes.c_str());
+  CHECK_FALSE(hub.picture(0, Hub::Millis{100'000}).has_value());
+}
+
+TEST(LiveHub, TokensAreLongAndDiffer) {
+  const std::string a = live::new_token();
+  LONGS_EQUAL(32, a.size());
+  CHECK(a.find_first_not_of("0123456789abcdef") == std::string::npos);
+  CHECK(a != live::new_token());
+}
