@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Debian's Chromium for the checks of pages, and what they do with a page.
 import assert from "node:assert/strict";
-import { existsSync } from "node:fs";
+import { existsSync, readFileSync } from "node:fs";
+import { createRequire } from "node:module";
 import { dirname, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 
@@ -49,4 +50,14 @@ export const drawn = (page) =>
 
 export function near(a, b, tolerance, what) {
   assert.ok(Math.abs(a - b) <= tolerance, `${what}: ${a} is not ${b}`);
+}
+
+// What axe-core finds that keeps somebody out: of impact serious or critical. The page's own rules let no script in, so
+// its text goes through the debugger.
+export async function barriers(page) {
+  await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
+  const found = await page.evaluate(() => window.axe.run(document, { resultTypes: ["violations"] }));
+  return found.violations
+    .filter(({ impact }) => impact === "serious" || impact === "critical")
+    .map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.target.join(" ")).slice(0, 4).join(", ")}`);
 }

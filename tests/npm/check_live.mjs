@@ -12,7 +12,7 @@ import { join, resolve } from "node:path";
 import { McapStreamReader } from "@mcap/core";
 import { parse } from "@foxglove/rosmsg";
 import { MessageReader } from "@foxglove/rosmsg2-serialization";
-import { drawn, launch, near, root, scrub } from "./browser.mjs";
+import { barriers, drawn, launch, near, root, scrub } from "./browser.mjs";
 
 function option(name, otherwise) {
   const at = process.argv.indexOf(name);
@@ -141,6 +141,7 @@ await check("at 390 and 1400 px, light and dark: no sideways scroll, nothing sai
       await page.emulateMedia({ colorScheme });
       const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
       assert.equal(wide, 0, `${width} px: ${wide} px too wide`);
+      assert.deepEqual(await barriers(page), []);
       if (shots !== null) await page.screenshot({ path: join(shots, `live_${width}_${colorScheme}.png`), fullPage: true });
     }
   }

@@ -9,7 +9,7 @@ import { copyFileSync, mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, w
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { pathToFileURL } from "node:url";
-import { drawn, launch, near, root, scrub } from "./browser.mjs";
+import { barriers, drawn, launch, near, root, scrub } from "./browser.mjs";
 
 function option(name, otherwise) {
   const at = process.argv.indexOf(name);
@@ -387,6 +387,15 @@ await check("labels: the file is what the tool reads", async () => {
   run("holdfast", "dataset", "--recordings", path, "--out", join(work, "samples.csv"));
   await labelled.locator("#labels li").nth(0).locator("button").last().click();
   assert.equal(await labelled.locator("#labels li").count(), 3);
+});
+
+await check("nothing keeps anybody out who sees or points differently, light and dark", async () => {
+  for (const page of [report, labelled]) {
+    for (const colorScheme of ["light", "dark"]) {
+      await page.emulateMedia({ colorScheme });
+      assert.deepEqual(await barriers(page), []);
+    }
+  }
 });
 
 await check("a link to a frame opens there; ? shows the keys", async () => {
