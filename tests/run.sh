@@ -22,6 +22,7 @@ declare -A what=(
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
   [system]="the cards; holdfastd with a stock kernel on an emulated machine: start, slip, replug, a kill, an update"
+  [deb]="the host tool as a Debian package: lintian, and a fresh root that installs it and plays a scene"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, trials, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
@@ -35,7 +36,7 @@ parts packages, format and sim without its longest tests, twelve minutes of two 
   --only PART  just this part in full; may be given again. The parts, in order:
 USAGE
   local part
-  for part in "${parts[@]}"; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
+  for part in "${parts[@]}" deb; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
   --long       --all, or the parts named by --only, and the runs that take long, an hour or more: all pairs of faults, a
                soak of a day of frames, a million frames of the firmware without a heap call, 200 kills and stops, 200
@@ -57,7 +58,7 @@ while (($# > 0)); do
   case $1 in
     --only)
       if [[ -z ${2:-} || -z ${what[$2]:-} ]]; then
-        complain "--only '${2:-}' is no part" "a typing error" "give one of: ${parts[*]}"
+        complain "--only '${2:-}' is no part" "a typing error" "give one of: ${parts[*]} deb"
         exit 2
       fi
       chosen+=("$2")
@@ -86,7 +87,10 @@ fi
 add() { [[ " ${chosen[*]} " == *" $1 "* ]] || chosen+=("$1"); }
 ((whole_tidy == 0)) || add tidy
 ((all_scenarios == 0)) || add system
-((long == 0)) || add long
+if ((long)); then
+  add deb
+  add long
+fi
 
 # use_ccache: where it is installed and may write, the same sources are compiled once on a machine, whatever the clone's
 # folder. CMake takes the launchers from here when it configures for the first time.
@@ -281,6 +285,14 @@ part_web() {
   node_check "web page" tests/npm/check_page.mjs
   node_check "web live" tests/npm/check_live.mjs
 }
+part_deb() {
+  ensure_packages deb || return 1
+  build sim || return 1
+  local status=0
+  step deb toolchain/install/deb.sh --check || status=1
+  sed 's/^/   /' "$logs/deb.log"
+  count_one "deb (toolchain/install/deb.sh --check)" "$status"
+}
 part_long() {
   build sim || return 1
   step "long faults" build/sim/bin/holdfast faults --pairs
@@ -402,7 +414,7 @@ closing() {
     say "left out under the sanitizers: the host tool, programs, physics, ${not_sanitized//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
     say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
   }
-  ((long == 1)) || say "left out (--long): pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
+  ((long == 1)) || say "left out (--long): the Debian package in a fresh root (--only deb), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
   ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an emulated Pi 3"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"

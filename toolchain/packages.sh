@@ -8,7 +8,7 @@
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
 # GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; system:
-# the cards, and the emulated machine that starts from one; fuzz: libFuzzer; web: the browser that the page of a session is shown in.
+# the cards, and the emulated machine that starts from one; fuzz: libFuzzer; deb: the tool as a Debian package, tried in a fresh root; web: the browser that the page of a session is shown in.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -70,6 +70,11 @@ system jq 1.6-2.1+deb12u1
 system rauc 1.8-2
 system openssl 3.0.19-1~deb12u2
 system file 1:5.44-3
+deb help2man 1.49.3
+deb lintian 2.116.3+deb12u1
+deb dpkg-dev 1.21.23
+deb fakeroot 1.31-1.2
+deb mmdebstrap 1.3.5-7
 web chromium 156.0.8078.79-1~deb12u1
 TABLE
 }

@@ -14,7 +14,7 @@ constexpr std::array<std::string_view, hal::kLineCount> kLineNames{"GRIP_OK", "A
 constexpr std::array<std::string_view, hal::kInputCount> kInputNames{"TARE", "OPENING", "RELEASE", "ARM"};
 constexpr std::size_t kNamesTold = 3;
 
-std::string quoted(std::string_view text) {
+std::string in_quotes(std::string_view text) {
   return "'" + std::string(text) + "'";
 }
 
@@ -30,8 +30,9 @@ std::string told(std::span<const ChipInfo> chips) {
 
 std::string wanted(const Wiring& wiring) {
   std::string out = std::string(name_of(wiring.role)) + ": ";
-  if (wiring.line.empty()) return out + "offset " + std::to_string(wiring.offset) + " of chip " + quoted(wiring.chip);
-  return out + "line " + quoted(wiring.line) + (wiring.chip.empty() ? "" : " of chip " + quoted(wiring.chip));
+  if (wiring.line.empty())
+    return out + "offset " + std::to_string(wiring.offset) + " of chip " + in_quotes(wiring.chip);
+  return out + "line " + in_quotes(wiring.line) + (wiring.chip.empty() ? "" : " of chip " + in_quotes(wiring.chip));
 }
 
 Found refusal(const Wiring& wiring, const std::string& what, const std::string& cause, const std::string& next) {
@@ -67,7 +68,7 @@ std::string nearest(std::span<const ChipInfo> chips, std::string_view name) {
   std::stable_sort(names.begin(), names.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   std::string out;
   for (std::size_t i = 0; i < std::min(names.size(), kNamesTold); ++i) {
-    out += (i == 0 ? "" : ", ") + quoted(names[i].second);
+    out += (i == 0 ? "" : ", ") + in_quotes(names[i].second);
   }
   return out.empty() ? "none of their lines has a name" : "nearest names: " + out;
 }
@@ -137,7 +138,7 @@ Found find(std::span<const ChipInfo> chips, const Wiring& wiring) {
   if (line.used) {
     Found found = refusal(wiring,
                           "line " + std::to_string(place.offset) + " of " + told(chips[place.chip]) + " is used by " +
-                              (line.user.empty() ? "someone whom the kernel does not name" : quoted(line.user)),
+                              (line.user.empty() ? "someone whom the kernel does not name" : in_quotes(line.user)),
                           "another process holds the line, or a device of the kernel is on this pin",
                           "end that process, take its dtoverlay out of config.txt, or wire another pin");
     found.held = true;

@@ -85,7 +85,7 @@ bool parse(std::span<char*> words, Command& command) {
   return (command.verb == "reset" || command.verb == "wait") && command.any == command.serial.empty() && !command.json;
 }
 
-std::string quoted(std::string_view text) {
+std::string in_quotes(std::string_view text) {
   std::string out = "\"";
   for (const char letter : text) {  // printable ASCII, see UsbDevice
     if (letter == '"' || letter == '\\') out += '\\';
@@ -121,10 +121,10 @@ int list(const Command& command, const UsbCensus& census) {
     const std::string serial(serial_of(device).view());
     const std::string kind(name_of(kinship(device)));
     if (command.json) {
-      json += (json.empty() ? "" : ",\n") + std::string("  {\"kind\": ") + quoted(kind) +
-              ", \"serial\": " + quoted(serial) + ", \"node\": " + quoted(path) +
-              ", \"usb_path\": " + quoted(device.path) + ", \"usb_id\": " + quoted(id_of(device)) +
-              ", \"manufacturer\": " + quoted(device.manufacturer) + ", \"product\": " + quoted(device.product) +
+      json += (json.empty() ? "" : ",\n") + std::string("  {\"kind\": ") + in_quotes(kind) +
+              ", \"serial\": " + in_quotes(serial) + ", \"node\": " + in_quotes(path) +
+              ", \"usb_path\": " + in_quotes(device.path) + ", \"usb_id\": " + in_quotes(id_of(device)) +
+              ", \"manufacturer\": " + in_quotes(device.manufacturer) + ", \"product\": " + in_quotes(device.product) +
               ", \"speed_mbit\": " + std::to_string(device.speed_mbit) + "}";
     } else {
       std::printf("%-10s  %-9s  %-12s  %-8s  %s  %4u Mb/s  %s\n", kind.c_str(), serial.empty() ? "-" : serial.c_str(),

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Debian's Chromium for the checks of pages, and what they do with a page.
 import assert from "node:assert/strict";
-import { existsSync, readFileSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { dirname, resolve } from "node:path";
+import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const kChromium = "/usr/bin/chromium";
@@ -12,6 +12,17 @@ export const root = resolve(dirname(fileURLToPath(import.meta.url)), "../..");
 function skip(why, next) {
   console.log(`SKIPPED: ${why}. Next: ${next}`);
   process.exit(77);
+}
+
+// Of the command line: --bin, where the programs are, and --shots, where pictures of the page are kept (null: nowhere).
+export function folders() {
+  const option = (name, otherwise) => {
+    const at = process.argv.indexOf(name);
+    return at < 0 ? otherwise : resolve(process.argv[at + 1]);
+  };
+  const shots = option("--shots", null);
+  if (shots !== null) mkdirSync(shots, { recursive: true });
+  return { bin: option("--bin", join(root, "build/sim/bin")), shots };
 }
 
 export async function launch() {

@@ -5,22 +5,16 @@
 // The last line is "N passed"; exit status 77 when Chromium or node_modules is missing.
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
-import { mkdirSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { request } from "node:http";
 import { tmpdir } from "node:os";
-import { join, resolve } from "node:path";
+import { join } from "node:path";
 import { McapStreamReader } from "@mcap/core";
 import { parse } from "@foxglove/rosmsg";
 import { MessageReader } from "@foxglove/rosmsg2-serialization";
-import { barriers, drawn, launch, near, root, scrub } from "./browser.mjs";
+import { barriers, drawn, folders, launch, near, root, scrub } from "./browser.mjs";
 
-function option(name, otherwise) {
-  const at = process.argv.indexOf(name);
-  return at < 0 ? otherwise : resolve(process.argv[at + 1]);
-}
-const bin = option("--bin", join(root, "build/sim/bin"));
-const shots = option("--shots", null);
-if (shots !== null) mkdirSync(shots, { recursive: true });
+const { bin, shots } = folders();
 const work = mkdtempSync(join(tmpdir(), "holdfast_live_"));
 
 let checks = 0;

@@ -5,20 +5,13 @@
 // The last line is "N passed"; exit status 77 when Chromium or node_modules is missing.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { copyFileSync, mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
+import { copyFileSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { join, resolve } from "node:path";
+import { join } from "node:path";
 import { pathToFileURL } from "node:url";
-import { barriers, drawn, launch, near, root, scrub } from "./browser.mjs";
+import { barriers, drawn, folders, launch, near, root, scrub } from "./browser.mjs";
 
-function option(name, otherwise) {
-  const at = process.argv.indexOf(name);
-  return at < 0 ? otherwise : resolve(process.argv[at + 1]);
-}
-const bin = option("--bin", join(root, "build/sim/bin"));
-const shots = option("--shots", null);
-if (shots !== null) mkdirSync(shots, { recursive: true });
-
+const { bin, shots } = folders();
 const work = mkdtempSync(join(tmpdir(), "holdfast_page_"));
 process.on("exit", () => rmSync(work, { recursive: true, force: true }));
 

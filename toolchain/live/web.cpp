@@ -86,6 +86,8 @@ struct Web::Server {
       response.status = 204;
     });
   }
+  Server(const Server&) = delete;
+  Server& operator=(const Server&) = delete;
   ~Server() {
     hub.end();
     http.stop();

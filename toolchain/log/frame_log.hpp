@@ -20,7 +20,7 @@ class FrameLog {
  public:
   explicit FrameLog(std::ostream& out, std::uint64_t begun_ns = 0);
   // `arrows`: row by row of `cols`, a lost marker not valid. `jpeg`: as the camera sent it; empty: none.
-  void add(const FrameRecord& record, std::span<const Arrow> arrows, int cols, std::span<const std::uint8_t> jpeg);
+  void add(const FrameRecord& since_begun, std::span<const Arrow> arrows, int cols, std::span<const std::uint8_t> jpeg);
   void about(const std::map<std::string, std::string>& entries) { writer_.add_metadata("holdfast", entries); }
   // Once, after the last frame.
   void finish() { writer_.finish(); }

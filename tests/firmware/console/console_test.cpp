@@ -88,6 +88,11 @@ class Owner final : public hal::Verifier {
   }
 };
 
+// Two texts in a pattern of %s.
+std::string fmt_of(const char* pattern, const std::string& a, const std::string& b) {
+  return StringFromFormat(pattern, a.c_str(), b.c_str()).asCharString();
+}
+
 }  // namespace
 
 TEST_GROUP(Console) {
@@ -922,9 +927,8 @@ TEST(Console, HoldsFaultWhenItsModelIsLost) {
       const std::string number = falls_back ? std::to_string(7 - damaged[0]) : "null";
       const std::string from = falls_back ? "loaded: the other record, maybe the newer one, is damaged"
                                           : "compiled in: what was stored is lost or damaged";
-      check_says("model json",
-                 ("\"from\":\"" + from + "\",\"sequence\":" + number + ",\"next_start\":\"the same\"").c_str());
-      check_says("version json", ("\"model_from\":\"" + from + "\",\"model_sequence\":" + number).c_str());
+      check_says("model json", fmt_of(R"("from":"%s","sequence":%s,"next_start":"the same")", from, number).c_str());
+      check_says("version json", fmt_of(R"("model_from":"%s","model_sequence":%s)", from, number).c_str());
       check_says("log json", R"("event":"model","what":"damaged","value":"")");
       (void)desk.unlock();
       if (owned) {
@@ -1369,7 +1373,7 @@ TEST(Console, TellsOfALowSupplyAndOfItsEnd) {
   STRCMP_CONTAINS("\"supply\":\"low\"", status.c_str());
   desk.supply.now = hal::Supply::State::kGood;
   desk.run(1s);
-  check_says("status json", "\"state\":\"OK\"");
+  check_says("status json", R"("state":"OK")");
   const std::string log = desk.say("log");
   STRCMP_CONTAINS("supply          low", log.c_str());
   STRCMP_CONTAINS("supply          good", log.c_str());
