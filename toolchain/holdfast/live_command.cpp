@@ -111,9 +111,9 @@ std::string open_played(const LiveOptions& options, hal::Clock& clock, const Par
 // What doctor says of the cameras, before anything is started.
 void say_what_is_wrong_with_cameras() {
   for (const devices::Item& item : devices::cameras(devices::this_computer())) {
-    if (item.verdict == devices::Verdict::kGood) continue;
-    note(item.fix.empty() ? fmt::format("{} {}: {}", item.path, item.name, item.what)
-                          : trouble(fmt::format("{} {}: {}", item.path, item.name, item.what), "see there", item.fix));
+    // That there is none at all is the error itself.
+    if (item.verdict == devices::Verdict::kGood || item.path.empty()) continue;
+    note(fmt::format("{} {}: {}{}{}", item.path, item.name, item.what, item.fix.empty() ? "" : ". Next: ", item.fix));
   }
 }
 
