@@ -191,7 +191,7 @@ await check("arrows and states on the page are those of the recording, frame by 
   assert.ok(shown.length >= 10, `${shown.length} fields were shown`);
   let compared = 0;
   for (const { frame, state, width, arrows } of shown) {
-    // Status frames count from the same picture as the recording.
+    // The recording numbers its frames as the status frames are.
     const want = markers.get(frame);
     assert.ok(want !== undefined, `frame ${frame} is recorded`);
     assert.equal(state, states.get(frame).state_name);

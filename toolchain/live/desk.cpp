@@ -68,6 +68,7 @@ struct Desk::Parts {
   Recorder* recorder = nullptr;
   std::uint64_t seen = 0;
   long frame = 0;
+  std::uint16_t sequence = 0;  // of the status frame of `frame`
   std::chrono::microseconds first{}, asked_at{};
   std::vector<log::Arrow> arrows;
 };
@@ -113,10 +114,13 @@ std::optional<log::FrameRecord> Desk::turn() {
   if (p.tap.count() == p.seen) return std::nullopt;
   p.seen = p.tap.count();
   const hal::Frame& given = p.tap.given();
-  if (p.frame == 0) p.first = given.timestamp;
+  if (p.seen == 1) p.first = given.timestamp;
   const App& app = p.daemon.app();
+  // By the number of its status frame: one more is sent whenever a picture is overdue.
+  p.frame += static_cast<std::uint16_t>(app.told().sequence - p.sequence);
+  p.sequence = app.told().sequence;
   const double t_s = static_cast<double>((given.timestamp - p.first).count()) * 1e-6;
-  log::FrameRecord record = log::facts_of(app, p.frame++, t_s, app.told().alive);
+  log::FrameRecord record = log::facts_of(app, p.frame, t_s, app.told().alive);
   if (p.recorder != nullptr) {
     const double scale = luma_input::reduction(pipeline_config(p.config.params).luma, given);
     log::arrows_of(app, scale, p.arrows);
