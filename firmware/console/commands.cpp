@@ -707,7 +707,8 @@ Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
   page.decimal("pitch_px", state.pitch.raw(), 256, 2);
   page.integer("pitch_printed_um", console.params().pitch_um);
   // For whoever draws markers over the working picture: LINK.md counts rest positions from the middle.
-  if (const auto middle = marker_frame::middle_of(state.rest); state.known && middle) {
+  const auto middle = state.known ? marker_frame::middle_of(state.rest) : std::nullopt;
+  if (middle) {
     page.decimal("middle_x_px", middle->x.raw(), 256, 2);
     page.decimal("middle_y_px", middle->y.raw(), 256, 2);
   } else {
