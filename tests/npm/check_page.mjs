@@ -392,7 +392,7 @@ await check("nothing keeps anybody out who sees or points differently, light and
 });
 
 await check("a link to a frame opens there; ? shows the keys", async () => {
-  assert.match(labelled.url(), /#frame=\d+$/);
+  await labelled.waitForFunction(() => /#frame=\d+$/.test(location.href));
   const linked = await browser.newPage();
   await linked.goto(`${pathToFileURL(join(work, "replay.html")).href}#frame=33`);
   assert.ok((await text(linked, "when")).startsWith("frame 33 "));

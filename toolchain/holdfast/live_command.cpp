@@ -19,7 +19,6 @@
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/linux/camera_v4l2.hpp"
 #include "drivers/sim/camera_played.hpp"
-#include "toolchain/console/find.hpp"
 #include "toolchain/console/port.hpp"
 #include "toolchain/devices/inventory.hpp"
 #include "toolchain/holdfast/commands.hpp"
@@ -324,8 +323,9 @@ void add_live(CLI::App& app, std::vector<Command>& commands) {
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
   command->footer(
-      "Open the address that it prints. Whoever has the first may change the device, with the second only look; any "
-      "number of pages at once. No lines are driven: this shows and records, it guards no grasp.\n"
+      "Open the address that it prints. Whoever has the first may change the device, with the second only look; "
+      "several "
+      "pages at once. No lines are driven: this shows and records, it guards no grasp.\n"
       "Example:\n  holdfast live --record grasp.mcap\n  holdfast live --play tests/scenes/sphere_slip.json");
   commands.push_back({command, [options] { return run_live(*options); }});
 }

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/live/desk.hpp"
 
-#include <fmt/format.h>
-
 #include <array>
 #include <utility>
 
@@ -19,6 +17,7 @@
 #include "hal/keep.hpp"
 #include "toolchain/log/facts.hpp"
 #include "toolchain/session/camera_tap.hpp"
+#include "toolchain/session/session.hpp"
 #include "toolchain/support/trouble.hpp"
 #include "vision/jpeg_decoder.hpp"
 #include "vision/luma_input.hpp"
@@ -79,9 +78,7 @@ Desk::~Desk() = default;
 
 std::string Desk::learn(const sim::RecordedFrame& rest) {
   const Status status = parts_->daemon.app().learn(parts_->config.params, sim::as_frame(rest));
-  if (status.ok()) return {};
-  const ReasonInfo& row = info(status.reason);
-  return trouble(std::string(row.what), row.cause, row.next);
+  return status.ok() ? std::string() : tool::explain(status.reason, parts_->daemon.app());
 }
 
 std::string Desk::start() {
@@ -91,8 +88,7 @@ std::string Desk::start() {
     return trouble("no thread for the output watchdog", "too many processes", "end some, and start anew");
   }
   if (const Status status = p.daemon.start(p.config.params); !status.ok()) {
-    const ReasonInfo& row = info(status.reason);
-    return trouble(std::string(row.what), row.cause, row.next);
+    return tool::explain(status.reason, p.daemon.app());
   }
   p.console.start(p.config.params);
   return {};
@@ -148,10 +144,6 @@ void Desk::show() {
 std::string Desk::camera_problem() const {
   if (parts_->daemon.streaming()) return std::string(parts_->tap.unset());
   return std::string(parts_->tap.problem());
-}
-
-std::string Desk::sensor() const {
-  return std::string(parts_->tap.identity());
 }
 
 void Desk::stop() {

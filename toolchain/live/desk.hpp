@@ -46,7 +46,6 @@ class Desk {
 
   // Why there is no camera, one line; empty: there is.
   [[nodiscard]] std::string camera_problem() const;
-  [[nodiscard]] std::string sensor() const;
 
  private:
   struct Parts;

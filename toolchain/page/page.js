@@ -447,8 +447,13 @@ class Page {
     this.at = Math.min(Math.max(at, 0), Math.max(this.rows.length - 1, 0));
     this.playedFrom = null;
     this.show();
-    // So that the address, copied, shows this frame.
-    if (!this.session.live && this.row !== undefined) history.replaceState(null, "", `#frame=${this.row.frame}`);
+    if (!this.session.live) this.linkSoon();
+  }
+
+  // The address, copied, shows this frame. Not while a hand drags: browsers refuse many changes a second.
+  linkSoon() {
+    clearTimeout(this.linking);
+    this.linking = setTimeout(() => history.replaceState(null, "", `#frame=${this.row.frame}`), 300);
   }
 
   // First frame of the next slip in this direction; -1: none.
