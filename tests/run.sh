@@ -23,6 +23,7 @@ declare -A what=(
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
   [system]="the cards; holdfastd with a stock kernel on an emulated machine: start, slip, replug, a kill, an update"
   [deb]="the host tool as a Debian package: lintian, and a fresh root that installs it and plays a scene"
+  [deb13]="the same built in a root of Debian 13, without the device libraries"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, trials, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
@@ -36,7 +37,7 @@ parts packages, format and sim without its longest tests, twelve minutes of two 
   --only PART  just this part in full; may be given again. The parts, in order:
 USAGE
   local part
-  for part in "${parts[@]}" deb; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
+  for part in "${parts[@]}" deb deb13; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
   --long       --all, or the parts named by --only, and the runs that take long, an hour or more: all pairs of faults, a
                soak of a day of frames, a million frames of the firmware without a heap call, 200 kills and stops, 200
@@ -58,7 +59,7 @@ while (($# > 0)); do
   case $1 in
     --only)
       if [[ -z ${2:-} || -z ${what[$2]:-} ]]; then
-        complain "--only '${2:-}' is no part" "a typing error" "give one of: ${parts[*]} deb"
+        complain "--only '${2:-}' is no part" "a typing error" "give one of: ${parts[*]} deb deb13"
         exit 2
       fi
       chosen+=("$2")
@@ -89,6 +90,7 @@ add() { [[ " ${chosen[*]} " == *" $1 "* ]] || chosen+=("$1"); }
 ((all_scenarios == 0)) || add system
 if ((long)); then
   add deb
+  add deb13
   add long
 fi
 
@@ -293,6 +295,13 @@ part_deb() {
   sed 's/^/   /' "$logs/deb.log"
   count_one "deb (toolchain/install/deb.sh --check)" "$status"
 }
+part_deb13() {
+  ensure_packages deb || return 1
+  local status=0
+  step deb13 toolchain/install/deb.sh --release trixie --check || status=1
+  sed 's/^/   /' "$logs/deb13.log"
+  count_one "deb13 (toolchain/install/deb.sh --release trixie --check)" "$status"
+}
 part_long() {
   build sim || return 1
   step "long faults" build/sim/bin/holdfast faults --pairs
@@ -414,7 +423,7 @@ closing() {
     say "left out under the sanitizers: the host tool, programs, physics, ${not_sanitized//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
     say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
   }
-  ((long == 1)) || say "left out (--long): the Debian package in a fresh root (--only deb), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
+  ((long == 1)) || say "left out (--long): the Debian package in a fresh root of Debian 12 and of 13 (--only deb, deb13), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
   ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an emulated Pi 3"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"

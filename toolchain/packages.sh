@@ -79,6 +79,14 @@ web chromium 156.0.8078.79-1~deb12u1
 TABLE
 }
 
+# name_here PACKAGE: what this system calls it. Ubuntu (24.04; not tried) has one library under another name.
+name_here() {
+  case $(. /etc/os-release 2>/dev/null && printf %s "${ID:-}"):$1 in
+    ubuntu:libjpeg62-turbo-dev) echo libjpeg-turbo8-dev ;;
+    *) echo "$1" ;;
+  esac
+}
+
 # ensure_packages GROUP...: installs the packages of the groups that are missing; touches nothing when none is.
 ensure_packages() {
   local groups=" $* " group package wanted installed
@@ -90,6 +98,7 @@ ensure_packages() {
   fi
   while read -r group package wanted; do
     [[ $groups == *" $group "* ]] || continue
+    package=$(name_here "$package")
     # shellcheck disable=SC2016  # dpkg-query's own fields
     installed=$(dpkg-query -W -f '${db:Status-Status} ${Version}\n' "$package" 2>/dev/null |
       awk '$1 == "installed" { print $2; exit }')

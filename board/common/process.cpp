@@ -211,6 +211,7 @@ std::string read_code(const std::filesystem::path& path, std::string& code) {
 }
 
 std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv) {
+  cli.set_version_flag("--version", "holdfastd " HOLDFAST_VERSION);
   try {
     cli.parse(argc, argv);
   } catch (const CLI::Success& help) {

@@ -595,8 +595,8 @@ Result<RecordingInfo> probe(const fs::path& path, Recording::Source& source, con
   info.frames = source.frames();
   const double fps = source.fps();
   info.fps = std::isfinite(fps) && fps >= 0.5 && fps <= 1000 ? fps : 0;
-  const double wanted = options.fps > 0 ? options.fps : kDefaultFps;
-  info.time_base_fps = info.fps > 0 ? info.fps : wanted;
+  info.stamped = options.pictures != nullptr;
+  info.time_base_fps = options.fps > 0 && !info.stamped ? options.fps : info.fps > 0 ? info.fps : kDefaultFps;
   info.width = frame.input_width;
   info.height = frame.input_height;
   if (auto error = refuse_small(path, info.width, info.height)) return *error;
@@ -680,9 +680,10 @@ Read Recording::next(RecordedFrame& frame) {
   if (count_ == 0) {
     first_pts_s_ = pts_s.value_or(0);
     frame.time = Micros{};
-  } else if (pts_s && std::isfinite(*pts_s)) {
+  } else if (pts_s && std::isfinite(*pts_s) && (info_.fps > 0 || options_.fps <= 0 || info_.stamped)) {
     constexpr double kFarthest_s = 1e9;  // 32 years: microseconds fit
-    frame.time = Micros{std::llround(std::clamp(*pts_s - first_pts_s_, -kFarthest_s, kFarthest_s) * 1e6)};
+    const double stretch = info_.fps > 0 && !info_.stamped ? info_.fps / info_.time_base_fps : 1.0;
+    frame.time = Micros{std::llround(std::clamp((*pts_s - first_pts_s_) * stretch, -kFarthest_s, kFarthest_s) * 1e6)};
   } else {
     // n / fps is rounded once, not summed up: 18.75 fps must not drift.
     const double step_us = 1e6 / info_.time_base_fps;

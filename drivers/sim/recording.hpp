@@ -37,7 +37,9 @@ struct StampedPicture {
 };
 
 struct RecordingOptions {
-  double fps = 0;  // time base of inputs that carry none; 0: kDefaultFps
+  // Time base of inputs that carry none; 0: kDefaultFps. Of a container that carries one, instead of it: a frame keeps
+  // its place, gaps with it. The stamps of `pictures` stay.
+  double fps = 0;
   // For files that the caller can read and this one cannot (logs): the pictures in them. Null: the file is looked at.
   std::shared_ptr<const std::vector<StampedPicture>> pictures = nullptr;
 };
@@ -48,9 +50,10 @@ struct RecordingInfo {
   int width = 0;                       // pixels of the input
   int height = 0;                      // pixels of the input
   long frames = -1;                    // as far as known without reading to the end; -1: unknown
-  double fps = 0;                      // carried by the container; 0: none
+  double fps = 0;                      // carried by the container, whatever was asked for; 0: none
   double time_base_fps = kDefaultFps;  // used where a frame has no time stamp of its own
   bool mjpeg = false;                  // frames are JPEG bytes
+  bool stamped = false;                // each frame has a time of its own, whatever rate was asked for
   double scale = 1;  // input pixels per delivered pixel: x_in = (x + 0.5) * scale - 0.5; 1 for JPEG bytes
 };
 

@@ -73,7 +73,7 @@ TEST(LiveTool, RecordsWhatItSeesAndDecides) {
   CHECK_TEXT(info.status == 0, info.err.c_str());
   const auto log = nlohmann::json::parse(info.out);
   for (const auto& channel : log["channels"]) CHECK(channel["messages"].get<int>() > 40);
-  LONGS_EQUAL(3, log["channels"].size());
+  LONGS_EQUAL(4, log["channels"].size());                                    // slip, markers, camera, annotations
   CHECK(log["first_ns"].get<std::uint64_t>() > 1'700'000'000'000'000'000U);  // the wall clock: after 2023
   CHECK_TEXT(tool({"log", "export", in("a.mcap"), "--csv", in("a.csv")}).status == 0, "export");
   const std::string csv = read_file(dir / "a.csv");

@@ -192,6 +192,8 @@ TEST(LogFiles, SayWhatTheOtherTablesSay) {
     if (topic == "/holdfast/camera") {
       const auto picture = log::decode<log::CompressedImage>(m.data);
       pictures.append(picture->data.begin(), picture->data.end());
+    } else if (topic == "/holdfast/annotations") {
+      return;  // HaveGreyPicturesEncoded looks at them
     } else if (topic == "/holdfast/slip") {
       const auto state = log::decode<log::FrameRecord>(m.data);
       DOUBLES_EQUAL(rows.at(states).at("t_s"), t_s, 1e-9);
@@ -250,10 +252,10 @@ TEST(LogFiles, CanBePlayedAgainAndTakenOut) {
   std::map<std::string, long> counts;
   for (const auto& channel : info["channels"]) counts[channel["topic"]] = channel["messages"].get<long>();
   const std::map<std::string, long> expected{
-      {"/holdfast/camera", 16}, {"/holdfast/markers", 15}, {"/holdfast/slip", 16}};
+      {"/holdfast/annotations", 16}, {"/holdfast/camera", 16}, {"/holdfast/markers", 15}, {"/holdfast/slip", 16}};
   CHECK(counts == expected);
   CHECK(info["wrong"].empty());
-  LONGS_EQUAL(47, info["messages"].get<long>());
+  LONGS_EQUAL(63, info["messages"].get<long>());
   CHECK_EQUAL(800'000'000, info["last_ns"].get<long>());
   STRCMP_CONTAINS("/holdfast/slip holdfast_msgs/msg/SlipState: 16 messages",
                   succeed({"log", "info", in("a.mcap")}).out.c_str());
@@ -277,13 +279,53 @@ TEST(LogFiles, OfASceneHaveThePicturesThatTheFirmwareGot) {
   CHECK(refused(first) == refused(again));
 }
 
-TEST(LogFiles, SayWhenThereAreNoPictures) {
+// Grey pictures are encoded, which the tool and the file say; nearly the same comes of playing them again.
+TEST(LogFiles, HaveGreyPicturesEncoded) {
   const std::string scene = kScenes + std::string("relief_slip_20_mm_s.json");
+  const Finished done = succeed({"sim", scene, "--inject", "grey", "--markers", in("m.csv"), "--mcap", in("l.mcap")});
+  LONGS_EQUAL(1, std::count(done.err.begin(), done.err.end(), '\n'));
+  STRCMP_CONTAINS("pictures of /holdfast/camera are encoded for this file, grey", done.err.c_str());
+  std::string annotated;
+  const std::string bytes = read_file(dir / "l.mcap");
+  CHECK(bytes.find("grey, encoded as JPEG of quality 95 for this file") != std::string::npos);
+  const auto markers = table_of(dir / "m.csv");
+  std::size_t row = 1, frames = 0;
+  const log::McapFile file = log::read_mcap(bytes_of(bytes), [&](const log::McapFile& f, const log::McapMessage& m) {
+    if (f.channels.at(m.channel).topic != "/holdfast/annotations") return;
+    const auto drawn = log::decode<log::ImageAnnotations>(m.data);
+    CHECK(drawn.has_value() && drawn->points.size() == 2 && drawn->texts.size() == 1);
+    annotated += std::string(drawn->texts[0].text) + "\n";
+    ++frames;
+    const log::PointsAnnotation& way = drawn->points[0];
+    const log::PointsAnnotation& here = drawn->points[1];
+    LONGS_EQUAL(2 * here.points.size(), way.points.size());
+    std::size_t k = 0;
+    for (; row < markers.size() && std::stoul(markers[row][0]) == m.sequence; ++row) {
+      if (markers[row][3] != "1") continue;
+      // This scene's camera gives pictures of the working size: the table's pixels, from the corner of the first one.
+      DOUBLES_EQUAL(std::stod(markers[row][4]) + 0.5, here.points[k].x, 1e-3);
+      DOUBLES_EQUAL(std::stod(markers[row][5]) + 0.5, here.points[k].y, 1e-3);
+      DOUBLES_EQUAL(here.points[k].x - std::stod(markers[row][6]), way.points[2 * k].x, 1e-3);
+      DOUBLES_EQUAL(here.points[k].y - std::stod(markers[row][7]), way.points[2 * k].y, 1e-3);
+      ++k;
+    }
+    LONGS_EQUAL(k, here.points.size());
+  });
+  LONGS_EQUAL(markers.size(), row);
+  LONGS_EQUAL(0, file.faults.size());
+  STRCMP_CONTAINS("\nSLIP (slip)  imprint ", annotated.c_str());
+  succeed({"replay", in("l.mcap"), "--report", in("r.html"), "--log", in("again.csv")});
+  LONGS_EQUAL(frames, strict_table(dir / "again.csv").size());
+  succeed({"log", "export", in("l.mcap"), "--csv", in("x.csv"), "--mjpg", in("x.mjpg")});
+}
+
+TEST(LogFiles, SayWhenThereAreNoPictures) {
+  const std::string scene = kScenes + std::string("empty_gel.json");
   const Finished done = succeed(
-      {"sim", scene, "--inject", "grey", "--features", in("f.csv"), "--log", in("l.csv"), "--mcap", in("l.mcap")});
+      {"sim", scene, "--inject", "markers", "--features", in("f.csv"), "--log", in("l.csv"), "--mcap", in("l.mcap")});
   check_against_features(dir / "l.csv", dir / "f.csv");
   LONGS_EQUAL(1, std::count(done.err.begin(), done.err.end(), '\n'));
-  STRCMP_CONTAINS("without /holdfast/camera, because no frame came as a JPEG picture", done.err.c_str());
+  STRCMP_CONTAINS("without /holdfast/camera, because no frame came as a picture", done.err.c_str());
   const auto info = nlohmann::json::parse(succeed({"log", "info", in("l.mcap"), "--json"}).out);
   LONGS_EQUAL(2, info["channels"].size());
   refuse({"replay", in("l.mcap"), "--report", in("r.html")}, "has no /holdfast/camera");

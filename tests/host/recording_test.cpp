@@ -168,6 +168,13 @@ TEST(Recording, KeepsThePlaceInTimeOfDroppedAviFrames) {
     LONGS_EQUAL(213333, frames[2].time.count());
     LONGS_EQUAL(1, frames[0].sequence);
     LONGS_EQUAL(4, frames[1].sequence);
+    // Another rate than the container's: the gap stays three places long.
+    Recording faster = opened(path, {.fps = 25});
+    DOUBLES_EQUAL(18.75, faster.info().fps, 1e-12);
+    DOUBLES_EQUAL(25, faster.info().time_base_fps, 0);
+    const auto again = all_frames(faster);
+    LONGS_EQUAL(120000, again[1].time.count());
+    LONGS_EQUAL(160000, again[2].time.count());
     LONGS_EQUAL(1, frames[1].index);
   }
 }

@@ -181,7 +181,7 @@ await check("arrows and states on the page are those of the recording, frame by 
     if (record.type === "Metadata") about = Object.fromEntries(record.metadata);
     if (record.type !== "Message") continue;
     const { topic, schemaId } = channels.get(record.channelId);
-    if (topic === "/holdfast/camera") continue;
+    if (topic === "/holdfast/camera" || topic === "/holdfast/annotations") continue;
     const message = schemas.get(schemaId).readMessage(record.data);
     (topic === "/holdfast/markers" ? markers : states).set(message.frame, message);
   }

@@ -84,10 +84,14 @@ equal "frames with slip" "$(awk -F, 'NR > 1 && $10 == 1' "$work/f.csv" | wc -l)"
 equal "states" "$(awk -F, 'NR > 1 && !seen[$3]++ { print $3 }' "$work/f.csv" | sort | paste -sd,)" \
   "$(field 'Object.keys(o.channels["/holdfast/slip"].states).sort().join(",")')"
 
-# Without pictures, and with frames that are refused.
-"$tool" sim tests/scenes/fault_garbage.json --json --mcap "$work/grey.mcap" >/dev/null 2>&1
-agreed "grasp without pictures" "$work/grey.mcap"
+# Without pictures, and with pictures that are encoded, of which some are refused.
+"$tool" sim tests/scenes/empty_gel.json --inject markers --json --mcap "$work/none.mcap" >/dev/null 2>&1
+agreed "grasp without pictures" "$work/none.mcap"
 equal "pictures" 0 "$(field o.pictures)"
+summary=$("$tool" sim tests/scenes/fault_garbage.json --json --mcap "$work/grey.mcap" --log "$work/grey.csv" 2>/dev/null)
+agreed "grasp with grey pictures" "$work/grey.mcap"
+equal "pictures" "$(node -p "($summary).frames")" "$(field o.pictures)"
+node tests/npm/check_layouts.mjs "$work/grey.mcap" "$work/grey.csv"
 
 # A file that was changed is refused.
 cp "$work/replay.mcap" "$work/changed.mcap"

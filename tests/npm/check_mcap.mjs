@@ -41,7 +41,8 @@ class Decoder {
       this.readers.set(channel.id, new MessageReader(definitions));
     }
     const said = this.readers.get(channel.id).readMessage(message.data);
-    const stamp = BigInt(said.header.stamp.sec) * 1000000000n + BigInt(said.header.stamp.nanosec ?? said.header.stamp.nsec);
+    const { sec, nanosec, nsec } = said.header?.stamp ?? said.texts[0].timestamp;
+    const stamp = BigInt(sec) * 1000000000n + BigInt(nanosec ?? nsec);
     same(`${channel.topic}: time and stamp`, message.logTime, stamp);
     return said;
   }

@@ -185,6 +185,8 @@ TEST(Calibrate, TheEmptyGelIsClearOfTheCompiledTree) {
   const auto out = nlohmann::json::parse(finished.out);
   STRCMP_EQUAL("stands clear", out["verdict"].get<std::string>().c_str());
   LONGS_EQUAL(0, out["slip_frames"].get<int>());
+  const Finished text = calibrate({kEmpty});
+  CHECK(text.out.starts_with("verdict   the model's thresholds stand clear"));
   // The scene's markers tremble by 2 um: 35 frames of 63 markers know it to 2 %; rounding to 1 um adds 2 %.
   DOUBLES_EQUAL(2.0, out["jitter_um"]["x"].get<double>(), 0.1);
   DOUBLES_EQUAL(2.0, out["jitter_um"]["y"].get<double>(), 0.1);

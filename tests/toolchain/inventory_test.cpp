@@ -155,6 +155,20 @@ TEST(Inventory, PowerAndMemory) {
   for (const Item& item : devices::system_state(places)) CHECK_TRUE(item.verdict != Verdict::kWrong);
 }
 
+// What a board's unit gives the firmware is nothing that a PC lacks.
+TEST(Inventory, ABoardSaysItsNameAndAPcThatItIsNone) {
+  put("proc/meminfo", "MemAvailable:    900000 kB");
+  auto items = devices::system_state(places);
+  LONGS_EQUAL(2, items.size());
+  STRCMP_EQUAL("this computer", items[1].name.c_str());
+  STRCMP_CONTAINS("holdfast live", items[1].what.c_str());
+  put("proc/device-tree/model", std::string("Raspberry Pi 4 Model B Rev 1.4\0", 31));
+  items = devices::system_state(places);
+  LONGS_EQUAL(4, items.size());
+  STRCMP_EQUAL("Raspberry Pi 4 Model B Rev 1.4", items[1].what.c_str());
+  STRCMP_EQUAL("lock memory", items[2].name.c_str());
+}
+
 // This computer has no sensor: both commands say so and go on.
 TEST(Inventory, CommandsSpeakToPeopleAndPrograms) {
   const char* const tool = HOLDFAST_BIN_DIR "/holdfast";

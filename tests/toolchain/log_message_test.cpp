@@ -134,6 +134,34 @@ TEST(LogMessage, BytesAreCdr) {
   CHECK(padded == encode(field));
 }
 
+// Messages in a sequence: the count, then one behind the other, each aligned by its own members.
+TEST(LogMessage, SequencesOfMessages) {
+  STRCMP_EQUAL("foxglove_msgs/msg/ImageAnnotations", schema_name<ImageAnnotations>().c_str());
+  const std::string text = schema_text<ImageAnnotations>();
+  CHECK(
+      text.starts_with("foxglove_msgs/CircleAnnotation[] circles\nfoxglove_msgs/PointsAnnotation[] points\n"
+                       "foxglove_msgs/TextAnnotation[] texts\n"));
+  const std::string point = "\nMSG: foxglove_msgs/Point2\nfloat64 x\nfloat64 y\n";
+  STRCMP_CONTAINS(point.c_str(), text.c_str());
+  CHECK(text.find(point) == text.rfind(point));  // each definition once
+  ImageAnnotations drawn;
+  drawn.texts = {{{1, 2}, {3, 4}, "hi", 5, {}, {}}, {{}, {}, "", 0, {}, {}}};
+  const Bytes bytes = encode(drawn);
+  const Bytes head{0, 1, 0, 0, 0, 0, 0, 0,   0,      0, 0, 0, 2, 0, 0, 0,  // no circles, no points, two texts
+                   1, 0, 0, 0, 2, 0, 0, 0,   /**/ 0, 0, 0, 0,              // stamp; x at 24, which 8 divides
+                   0, 0, 0, 0, 0, 0, 8, 0x40};
+  CHECK(std::equal(head.begin(), head.end(), bytes.begin()));
+  const auto again = decode<ImageAnnotations>(bytes);
+  CHECK(again && again->texts.size() == 2 && again->texts[0].text == "hi" && again->texts[0].font_size == 5);
+  CHECK(encode(*again) == bytes);
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    CHECK(!decode<ImageAnnotations>(std::span(bytes).first(size)));
+  }
+  Bytes many = bytes;
+  many[12] = many[13] = many[14] = many[15] = 0xFF;  // a count of four billion is not believed
+  CHECK(!decode<ImageAnnotations>(many));
+}
+
 TEST(LogMessage, DecodesWhatItEncodesAndNothingElse) {
   const Bytes state = encode(some_state());
   const auto again = decode<FrameRecord>(state);

@@ -89,7 +89,7 @@ class Sink {
   void flush() {
     if (!std::exchange(waits_, false)) return;
     if (mcap_) {
-      mcap_->add(waiting_, arrows_, cols_, {});
+      mcap_->add(waiting_, arrows_, cols_, hal::Frame{});
     } else {
       out_ << log::csv_row(waiting_);
     }

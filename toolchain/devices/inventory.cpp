@@ -273,6 +273,13 @@ std::vector<Item> system_state(const Places& places) {
       judge(power, Verdict::kNote, "was slowed down since boot", "cool it");
     }
   }
+  // What firmware on a board needs of its kernel. A computer without a device tree is no board.
+  std::string board = line_of(fs::path(places.proc) / "device-tree/model");
+  if (board.empty()) {
+    judge(add("this computer"), Verdict::kGood, "no board: holdfast live and record show and record the sensor here");
+    return items;
+  }
+  judge(add("board"), Verdict::kGood, std::move(board));
   const auto limit = [&](const char* name, int resource, rlim_t least, const char* fix) {
     rlimit now{};
     Item& item = add(name);

@@ -136,7 +136,10 @@ double in_units(double raw, const FeatureInfo& feature) {
   return raw / std::exp2(feature.q);
 }
 
-void print_tables(const learn::RestStudy& study, const learn::ModelCheck& check, const std::string& model_text) {
+void print_tables(const learn::RestStudy& study, const learn::ModelCheck& check, const std::string& model_text,
+                  bool clear) {
+  fmt::print("verdict   the model's thresholds {}\n",
+             clear ? "stand clear of this gel's noise" : "do not stand clear of this gel's noise: see the end");
   const learn::RestStudy::Jitter jitter = study.jitter();
   fmt::print("rest      {} of {} frames; marker jitter (RMS) {:.2f} um in x and {:.2f} um in y, the worst {:.2f} um\n",
              study.rest().size(), study.frames(), jitter.x_um, jitter.y_um, jitter.worst_um);
@@ -255,15 +258,13 @@ int calibrate(const CalibrateOptions& options) {
   if (error.empty()) error = check_study(options, study);
   if (!error.empty()) return fail(error);
   const learn::ModelCheck check = learn::check_rest(model, study.rest());
+  const std::string complained = complaint(check, model_text, study.rest().size());
   if (common.json) {
     print_json(study, check, model_text);
   } else {
-    print_tables(study, check, model_text);
+    print_tables(study, check, model_text, complained.empty());
   }
-  const std::string complained = complaint(check, model_text, study.rest().size());
-  if (!complained.empty()) return fail(complained);
-  if (!common.json) fmt::print("\nverdict   the model's thresholds stand clear of this gel's noise\n");
-  return 0;
+  return complained.empty() ? 0 : fail(complained);
 }
 
 std::string frame_number(const std::string& text) {
@@ -302,7 +303,7 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--grid", options->common.grid, "printed grid as COLSxROWS, or auto: take the lattice found")
       ->capture_default_str();
   command->add_option("--mode", options->common.mode, "speed setting for JPEG pictures")->capture_default_str();
-  command->add_option("--fps", options->fps, "frames per second of inputs that carry no time (else 25)")
+  command->add_option("--fps", options->fps, "frames per second of inputs that carry no time (else 25), or a wrong one")
       ->check(frame_rate);
   command->add_flag("--json", options->common.json, "print the figures as JSON, features in raw units");
   command->footer(

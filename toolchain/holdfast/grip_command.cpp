@@ -18,6 +18,7 @@
 
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/charts.hpp"
+#include "toolchain/page/assets.hpp"
 #include "toolchain/play/grasp.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/escape.hpp"
@@ -336,13 +337,15 @@ std::string html_of(const std::vector<Played>& all, const std::vector<std::strin
   std::string pictures;
   for (const std::string& picture : charts) pictures += "<figure>" + picture + "</figure>\n";
   return fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/><title>holdfast grip</title><style>"
-      "body{{font-family:system-ui,sans-serif;margin:24px;color:#1d2126;background:#fff}}"
-      "pre{{font-size:12px;overflow-x:auto}}figure{{margin:24px "
-      "0}}svg{{max-width:100%;height:auto}}</style></head><body>\n"
+      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>"
+      "<meta name=\"viewport\" content=\"width=device-width\"/><title>holdfast grip</title><style>{}"
+      "pre{{font-size:12px;overflow-x:auto}}figure{{margin:24px 0;padding:12px;background:#fff;overflow-x:auto}}"
+      "figure svg{{min-width:640px;max-width:100%;height:auto}}"
+      "@media print{{figure svg{{min-width:0}}figure{{break-inside:avoid}}}}</style></head><body><main>\n"
       "<h1>Slip prevention in the closed loop</h1>\n<p>{}. Bound: the larger of 1.3 times the least force that holds "
-      "and two steps above the start. Forces are of one finger.</p>\n<pre>{}\n{}</pre>\n{}</body></html>\n",
-      summary_of(all), escape(head()), table, pictures);
+      "and two steps above the start. Forces are of one finger.</p>\n<pre "
+      "tabindex=\"0\">{}\n{}</pre>\n{}</main></body></html>\n",
+      page::style_text(), summary_of(all), escape(head()), table, pictures);
 }
 
 // --- the command ---

@@ -296,7 +296,9 @@ void add_source_options(CLI::App* command, LiveOptions& options) {
                    "anew, what was held is gone: SLIP (contact_lost)")
       ->check(not_empty)
       ->excludes("--sensor");
-  command->add_option("--fps", options.fps, "frames per second of a recording that carries no time (else 25)")
+  command
+      ->add_option("--fps", options.fps,
+                   "frames per second of a recording that carries no time (else 25), or a wrong one")
       ->check(number_from_to(1, 100))
       ->needs("--play");
   command->add_option("--grid", options.common.grid, "printed grid as COLSxROWS")->capture_default_str();

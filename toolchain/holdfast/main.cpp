@@ -80,7 +80,7 @@ int run(int argc, char** argv) {
       ->check(not_empty);
   replay_command
       ->add_option("--fps", replay_options.fps,
-                   "frames per second, 0.1 to 1000, of inputs that carry no time (else 25)")
+                   "frames per second, 0.1 to 1000, of inputs that carry no time (else 25), or instead of a wrong one")
       ->check(frame_rate);
   add_common_options(*replay_command, replay_options.common);
   replay_command->footer("Example:\n  holdfast replay grasp.avi --report grasp.html --features grasp.csv");

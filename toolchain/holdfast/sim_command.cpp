@@ -187,7 +187,7 @@ int sim_grasp(const SimOptions& options) {
                    contact, left_out)});
   if (!error.empty()) return fail(error);
   print_summary(session, summary, common);
-  if (!common.json) fmt::print("lines\n{}", session.gpio_timeline());
+  if (!common.json) fmt::print(common.paths.people(), "lines\n{}", session.gpio_timeline());
 
   std::vector<Promise> promises = check_promises(scene.expect, frames);
   if (!summary.slip_frames.empty()) {
@@ -198,13 +198,15 @@ int sim_grasp(const SimOptions& options) {
   std::string broken;
   for (const Promise& promise : promises) {
     if (!common.json) {
-      fmt::print("expected  {}: {}, {}\n", promise.what, promise.result, promise.met ? "met" : "NOT MET");
+      fmt::print(common.paths.people(), "expected  {}: {}, {}\n", promise.what, promise.result,
+                 promise.met ? "met" : "NOT MET");
     }
     if (!promise.met) broken += fmt::format("{}{} ({})", broken.empty() ? "" : "; ", promise.what, promise.result);
   }
   if (!common.json) {
     const bool committed = options.inject.empty() && options.contact.empty() && common.model.empty();
-    for (const Promise& goal : check_goals(scene.goal, frames)) fmt::print("goal  {}\n", goal_line(goal, committed));
+    for (const Promise& goal : check_goals(scene.goal, frames))
+      fmt::print(common.paths.people(), "goal  {}\n", goal_line(goal, committed));
   }
   if (broken.empty()) return 0;
   return fail(

@@ -62,10 +62,18 @@ int trade_firmware(const TradeFirmwareOptions& options) {
     mine.push_back(static_cast<long>(i));
     learns = learns || points[i].learns();
   }
-  const trade::Lessons lessons(learns ? options.lessons : 0);
+  Progress learning("trade: lessons", learns ? trade::lesson_count(options.lessons) : 0);
+  const trade::Lessons lessons(learns ? options.lessons : 0, [&](long played) {
+    learning.update(played);
+    return !interrupted();
+  });
   std::vector<trade::Trialled> trialled;
   trialled.reserve(mine.size());
-  for (const long i : mine) trialled.emplace_back(points[static_cast<std::size_t>(i)], lessons);
+  for (const long i : mine) {
+    if (interrupted()) return fail(interrupted_line());
+    trialled.emplace_back(points[static_cast<std::size_t>(i)], lessons);
+  }
+  learning.clear();
   const std::vector<learn::PlannedGrasp> grasps = trade::planned_grasps(options.every);
   // A film takes about as long as so many grasps, filming and one setting each.
   constexpr long kFilmInGrasps = 20;
@@ -76,7 +84,8 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   std::iota(turns.begin(), turns.end(), 0);
   scene::Random random(1);
   for (int which = 0; which < options.films; ++which) {
-    const trade::Film film = trade::shoot(which);
+    const trade::Film film = trade::shoot(which, [] { return !interrupted(); });
+    if (interrupted()) return fail(interrupted_line());
     done += kFilmInGrasps;
     progress.update(done);
     const auto frames = static_cast<long>(film.shots.size());

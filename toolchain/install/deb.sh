@@ -1,24 +1,68 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The Debian package of the host tool and the firmware on a simulated board, for this machine's release and processor.
-#   toolchain/install/deb.sh [--check] [BUILD_DIR]      default build/sim, built; the package is made in BUILD_DIR
-# --check: then lintian, and the package in a fresh root of the same release, where it plays a scene (mmdebstrap,
-# network, root).
+# The Debian package of the host tool and the firmware on a simulated board.
+#   toolchain/install/deb.sh [--check] [BUILD_DIR]      for this machine's release; default build/sim, built
+#   toolchain/install/deb.sh --release trixie [--check] [DIR]
+#                                                       for another one, built in a root of it from what is committed,
+#                                                       without the device libraries; default build/RELEASE
+# The package is in the folder. --check: then lintian, and the package in a fresh root of the release, where it plays a
+# scene. Both kinds of root need mmdebstrap, network, root.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-# shellcheck source=toolchain/say.sh
-source toolchain/say.sh
-check=0
-[[ ${1:-} != --check ]] || { check=1 && shift; }
-build=${1:-build/sim}
-[[ -x $build/bin/holdfast ]] || { complain "no $build/bin/holdfast" "not built" "cmake --workflow --preset sim" && exit 1; }
-for tool in help2man dpkg-shlibdeps fakeroot; do
-  command -v "$tool" >/dev/null || { complain "no $tool" "not installed" "tests/run.sh --only packages, or apt-get install help2man dpkg-dev fakeroot" && exit 1; }
+# shellcheck source=toolchain/packages.sh
+source toolchain/packages.sh
+check=0 release='' build=''
+while (($# > 0)); do
+  case $1 in
+    --check) check=1 ;;
+    --release)
+      [[ ${2:-} =~ ^[a-z]+$ ]] || { complain "--release '${2:-}' is no name" "a typing error" "give one as trixie" && exit 2; }
+      release=$2
+      shift
+      ;;
+    -*) complain "unknown option '$1'" "a typing error" "see the head of $0" && exit 2 ;;
+    *) build=$1 ;;
+  esac
+  shift
 done
-ninja -C "$build" man_pages >/dev/null
-rm -f "$build"/holdfast_*.deb
 umask 022
-quietly "$build/cpack.log" cpack --config "$build/CPackConfig.cmake" -B "$build"
+work=$(mktemp -d)
+# What is mounted in it must not be deleted with it.
+trap 'umount "$work/root/dev" 2>/dev/null || true; rm -rf --one-file-system "$work"' EXIT
+
+# in_root ROOT COMMAND...
+in_root() {
+  local root=$1
+  shift
+  chroot "$root" env -i PATH=/usr/bin:/bin:/usr/sbin:/sbin HOME=/root LC_ALL=C.UTF-8 "$@"
+}
+
+if [[ -n $release ]]; then
+  build=${build:-build/$release}
+  mkdir -p "$build" "$work/root"
+  # libcamera, libgpiod, hidapi and libusb are left out: the tool goes without.
+  needed=$(package_table | awk '$1 == "build" && $2 !~ /^lib(camera|gpiod|hidapi|usb-1.0-0)-dev$/ { print $2 }' | paste -sd,)
+  quietly "$build/root.log" mmdebstrap --variant=minbase --include="$needed,help2man,dpkg-dev,fakeroot,file" "$release" "$work/root"
+  mkdir "$work/root/src"
+  git archive HEAD | tar -x -C "$work/root/src"
+  mount --bind /dev "$work/root/dev"
+  # shellcheck disable=SC2016  # the root's shell
+  quietly "$build/build.log" in_root "$work/root" bash -c 'cd /src && cmake -G Ninja -B build/sim -DCMAKE_BUILD_TYPE=Release \
+    -DBUILD_TESTING=OFF && ninja -C build/sim holdfast holdfastd && toolchain/install/deb.sh'
+  umount "$work/root/dev"
+  rm -f "$build"/holdfast_*.deb
+  cp "$work"/root/src/build/sim/holdfast_*.deb "$build"
+  rm -rf --one-file-system "$work/root"
+else
+  build=${build:-build/sim}
+  [[ -x $build/bin/holdfast ]] || { complain "no $build/bin/holdfast" "not built" "cmake --workflow --preset sim" && exit 1; }
+  for tool in help2man dpkg-shlibdeps fakeroot; do
+    command -v "$tool" >/dev/null || { complain "no $tool" "not installed" "tests/run.sh --only packages, or apt-get install help2man dpkg-dev fakeroot" && exit 1; }
+  done
+  ninja -C "$build" man_pages >/dev/null
+  rm -f "$build"/holdfast_*.deb
+  quietly "$build/cpack.log" cpack --config "$build/CPackConfig.cmake" -B "$build"
+fi
 deb=$(ls "$build"/holdfast_*.deb)
 say "$deb: $(stat -c %s "$deb") bytes, $(dpkg-deb -f "$deb" Architecture)"
 ((check == 1)) || exit 0
@@ -26,19 +70,15 @@ say "$deb: $(stat -c %s "$deb") bytes, $(dpkg-deb -f "$deb" Architecture)"
 # No release is uploaded to Debian, so no bug closes; and the changelog is a table of what a user notices.
 lintian --fail-on error,warning --suppress-tags initial-upload-closes-no-bugs,syntax-error-in-debian-changelog "$deb"
 say "lintian: no error and no warning"
-root=$(mktemp -d)
-trap 'rm -rf "$root"' EXIT
-release=$(. /etc/os-release && echo "$VERSION_CODENAME")
-cp "$deb" "$root.deb"
-quietly "$build/root.log" mmdebstrap --variant=minbase --include=ca-certificates "$release" "$root" \
-  --customize-hook="cp $root.deb \$1/tmp/holdfast.deb" \
+release=${release:-$(. /etc/os-release && echo "$VERSION_CODENAME")}
+cp "$deb" "$work/holdfast.deb"
+quietly "$build/root.log" mmdebstrap --variant=minbase --include=ca-certificates "$release" "$work/root" \
+  --customize-hook="cp $work/holdfast.deb \$1/tmp/holdfast.deb" \
   --customize-hook='chroot "$1" apt-get install -y --no-install-recommends /tmp/holdfast.deb'
-rm -f "$root.deb"
-in_root() { chroot "$root" env -i PATH=/usr/bin:/bin HOME=/root "$@"; }
-in_root holdfast --version
-in_root holdfast sim /usr/share/holdfast/scenes/relief_slip_20_mm_s.json --report /tmp/slip.html >"$build/root.log"
+in_root "$work/root" holdfast --version
+in_root "$work/root" holdfast sim /usr/share/holdfast/scenes/relief_slip_20_mm_s.json --report /tmp/slip.html >"$build/root.log"
 grep '^slip' "$build/root.log"
-in_root holdfastd --play /usr/share/holdfast/scenes/relief_slip_20_mm_s.json --seconds 2.2 >"$build/root.log"
+in_root "$work/root" holdfastd --play /usr/share/holdfast/scenes/relief_slip_20_mm_s.json --seconds 2.2 >"$build/root.log"
 grep -m 1 'SLIP' "$build/root.log"
-in_root holdfast record /tmp/a.mcap --play /usr/share/holdfast/scenes/relief_slip_20_mm_s.json --seconds 1 | tail -n 1
+in_root "$work/root" holdfast record /tmp/a.mcap --play /usr/share/holdfast/scenes/relief_slip_20_mm_s.json --seconds 1 | tail -n 1
 say "a fresh root of $release installs and runs it"

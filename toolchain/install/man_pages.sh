@@ -32,7 +32,7 @@ page() {
 }
 page holdfast "the host side of the slip sensor" "$bin/holdfast"
 page holdfastd "the firmware on a simulated board" "$bin/holdfastd"
-page holdfast-sensor "the GelSight Mini's USB port" "$bin/holdfast-sensor"
+[[ ! -x $bin/holdfast-sensor ]] || page holdfast-sensor "the GelSight Mini's USB port" "$bin/holdfast-sensor"
 "$bin/holdfast" --help | sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\)  *\(.*\)$/\1 \2/p' | while read -r command title; do
   page "holdfast-$command" "$title" "$bin/holdfast" "$command"
 done

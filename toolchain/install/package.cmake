@@ -3,11 +3,15 @@
 # it). Component `pc`; the boards have components of their own (board/CMakeLists.txt).
 include(GNUInstallDirs)
 set(pages ${PROJECT_BINARY_DIR}/man)
+set(packaged holdfast holdfastd)
+if(TARGET holdfast-sensor)
+  list(APPEND packaged holdfast-sensor)
+endif()
 add_custom_target(man_pages
   COMMAND ${PROJECT_SOURCE_DIR}/toolchain/install/man_pages.sh ${CMAKE_RUNTIME_OUTPUT_DIRECTORY} ${pages}
-  DEPENDS holdfast holdfastd holdfast-sensor
+  DEPENDS ${packaged}
   VERBATIM)
-install(TARGETS holdfast holdfastd holdfast-sensor DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT pc)
+install(TARGETS ${packaged} DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT pc)
 install(DIRECTORY ${pages}/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT pc FILES_MATCHING PATTERN "*.1.gz")
 install(FILES toolchain/install/holdfast.bash
   DESTINATION share/bash-completion/completions RENAME holdfast COMPONENT pc)

@@ -570,7 +570,7 @@ std::string shown(const Cell& cell, const Column& column, std::string_view none,
 }
 
 // Names of objects, trials and files come from outside.
-std::string quoted(const std::string& cell) {
+std::string in_quotes(const std::string& cell) {
   if (cell.find_first_of(",\"\n\r") == std::string::npos) return cell;
   std::string out = "\"";
   for (const char c : cell) out += c == '"' ? std::string("\"\"") : std::string(1, c);
@@ -689,7 +689,7 @@ std::vector<Chart> charts_of(const Samples& samples, const Evaluation& e, const 
 std::string csv(const Table& table) {
   std::string out;
   for (const Column& column : table.columns) {
-    out += fmt::format("{}{}", out.empty() ? "" : ",", quoted(column.id));
+    out += fmt::format("{}{}", out.empty() ? "" : ",", in_quotes(column.id));
     if (column.interval) out += fmt::format(",{}_ci95", column.id);
   }
   out += '\n';
@@ -699,7 +699,7 @@ std::string csv(const Table& table) {
       if (c > 0) out += ',';
       // Two digits more than for people: they can still be rounded.
       const auto digits = [&](double value) { return number(value, column.decimals == 0 ? 0 : column.decimals + 2); };
-      out += row[c].number ? std::isfinite(*row[c].number) ? digits(*row[c].number) : "" : quoted(row[c].text);
+      out += row[c].number ? std::isfinite(*row[c].number) ? digits(*row[c].number) : "" : in_quotes(row[c].text);
       if (column.interval) out += ',' + (row[c].half > 0.0 ? digits(row[c].half) : std::string());
     }
     out += '\n';

@@ -56,7 +56,7 @@ std::string cell_of(std::string name) {
   return name;
 }
 
-std::string quoted(std::string_view cell) {
+std::string in_quotes(std::string_view cell) {
   constexpr std::size_t kShown = 40;
   return fmt::format("'{}{}'", cell.substr(0, kShown), cell.size() > kShown ? "..." : "");
 }
@@ -109,8 +109,9 @@ class Reader {
     const std::size_t count = split(line, cells);
     for (std::size_t i = 0; i < kColumnCount; ++i) {
       if (i < count && cells[i] == column_name(i)) continue;
-      return error(i < count ? fmt::format("column {} is {} where '{}' is due", i + 1, quoted(cells[i]), column_name(i))
-                             : fmt::format("column {}, '{}', is missing", i + 1, column_name(i)),
+      return error(i < count
+                       ? fmt::format("column {} is {} where '{}' is due", i + 1, in_quotes(cells[i]), column_name(i))
+                       : fmt::format("column {}, '{}', is missing", i + 1, column_name(i)),
                    "no file of samples, or of a firmware with other features",
                    "write it again with this version's `holdfast dataset`");
     }
@@ -120,7 +121,7 @@ class Reader {
   }
 
   [[nodiscard]] Error bad_cell(Column column, std::string_view cell, const std::string& due) const {
-    return error(fmt::format("{} {} is not {}", column_name(column), quoted(cell), due),
+    return error(fmt::format("{} {} is not {}", column_name(column), in_quotes(cell), due),
                  "the file is damaged, or was changed by hand", "write it again with `holdfast dataset`");
   }
 
@@ -178,7 +179,7 @@ class Reader {
       const std::string_view cell = cells[kFirstFeature + i];
       const FeatureInfo& info = kFeatures[i];
       if (!to_number(cell, row.x[i])) {
-        return error(fmt::format("{} {} is not an integer", info.name, quoted(cell)),
+        return error(fmt::format("{} {} is not an integer", info.name, in_quotes(cell)),
                      "the file is damaged, or was written by another program",
                      "write it again with `holdfast dataset`");
       }
@@ -204,8 +205,8 @@ class Reader {
     if (same) {
       for (const Column column : {kSource, kObject, kPrimitive, kKind, kSeed}) {
         if (cells[column] == first_[column]) continue;
-        return error(fmt::format("{} is {} and was {} in the same trial {}", column_name(column), quoted(cells[column]),
-                                 quoted(first_[column]), number_here),
+        return error(fmt::format("{} is {} and was {} in the same trial {}", column_name(column),
+                                 in_quotes(cells[column]), in_quotes(first_[column]), number_here),
                      "two files were joined by hand", "give the files one by one");
       }
       return std::nullopt;

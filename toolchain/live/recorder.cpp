@@ -1,18 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/live/recorder.hpp"
 
-#include <fmt/format.h>
-
 #include <chrono>
 #include <utility>
 
-#include "drivers/sim/scene/picture/jpeg_encode.hpp"
 #include "toolchain/support/trouble.hpp"
 
 namespace holdfast::live {
 namespace {
-
-constexpr int kQuality = 95;
 
 std::uint64_t wall_ns() {
   using std::chrono::nanoseconds;
@@ -73,15 +68,9 @@ void Recorder::write() {
 }
 
 void Recorder::put(const Entry& entry) {
-  if (entry.given.format == hal::PixelFormat::kMjpeg) {
-    return log_->add(entry.record, entry.arrows, entry.cols, entry.bytes);
-  }
-  encoded_ = true;
-  const hal::Frame& given = entry.given;
-  const auto jpeg = given.stride == given.width
-                        ? scene::encode_jpeg(entry.bytes, given.width, given.height, scene::JpegInput::kGrey, kQuality)
-                        : std::vector<std::uint8_t>{};
-  log_->add(entry.record, entry.arrows, entry.cols, jpeg);
+  hal::Frame given = entry.given;
+  given.bytes = entry.bytes;
+  log_->add(entry.record, entry.arrows, entry.cols, given);
 }
 
 std::string Recorder::finish() {
@@ -95,8 +84,6 @@ std::string Recorder::finish() {
     return trouble("no frame came, and nothing was recorded", "the camera does not deliver",
                    "holdfast doctor says what is wrong with it");
   }
-  about_["pictures"] =
-      encoded_ ? fmt::format("grey, encoded as JPEG of quality {} for this file", kQuality) : "as the camera sent them";
   about_["frames_left_out"] = std::to_string(left_out_);
   log_->about(about_);
   log_->finish();

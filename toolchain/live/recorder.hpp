@@ -62,7 +62,7 @@ class Recorder {
   std::condition_variable more_;
   std::deque<Entry> waiting_;
   std::size_t bytes_ = 0;
-  bool over_ = false, encoded_ = false;
+  bool over_ = false;
   long frames_ = 0, left_out_ = 0;
   std::thread thread_;
 };

@@ -36,6 +36,7 @@ McapFile read_frames(std::span<const std::uint8_t> bytes, const FrameVisit& visi
     give(so_far, message, kSlipTopic, visit.slip);
     give(so_far, message, kCameraTopic, visit.picture);
     give(so_far, message, kMarkersTopic, std::function<void(const MarkerField&)>{});
+    give(so_far, message, kAnnotationsTopic, std::function<void(const ImageAnnotations&)>{});
   });
   for (McapFault& fault : faults) {
     if (file.faults.size() < McapFile::kMostFaults) file.faults.push_back(std::move(fault));

@@ -109,6 +109,48 @@ struct MarkerField {
   std::vector<double> dy_px;
 };
 
+// foxglove_msgs: what a viewer draws over a picture. Places are in pixels of the picture, from the top left corner of
+// its first pixel.
+struct Point2 {
+  double x = 0;
+  double y = 0;
+};
+struct Color {
+  double r = 0;
+  double g = 0;
+  double b = 0;
+  double a = 0;
+};
+struct CircleAnnotation {
+  Time timestamp;
+  Point2 position;
+  double diameter = 0;
+  double thickness = 0;
+  Color fill_color, outline_color;
+};
+struct PointsAnnotation {
+  static constexpr std::uint8_t kPoints = 1, kLineList = 4;
+  Time timestamp;
+  std::uint8_t type = kPoints;
+  std::vector<Point2> points;
+  Color outline_color;
+  std::vector<Color> outline_colors;
+  Color fill_color;
+  double thickness = 0;
+};
+struct TextAnnotation {
+  Time timestamp;
+  Point2 position;
+  std::string_view text;
+  double font_size = 0;
+  Color text_color, background_color;
+};
+struct ImageAnnotations {
+  std::vector<CircleAnnotation> circles;
+  std::vector<PointsAnnotation> points;
+  std::vector<TextAnnotation> texts;
+};
+
 template <>
 struct Message<Time> {
   static constexpr std::string_view kPackage = "builtin_interfaces", kType = "Time";
@@ -176,8 +218,57 @@ struct Message<MarkerField> {
   };
 };
 
+template <>
+struct Message<Point2> {
+  static constexpr std::string_view kPackage = "foxglove_msgs", kType = "Point2";
+  static constexpr std::tuple kFields{field("x", &Point2::x), field("y", &Point2::y)};
+};
+template <>
+struct Message<Color> {
+  static constexpr std::string_view kPackage = "foxglove_msgs", kType = "Color";
+  static constexpr std::tuple kFields{field("r", &Color::r), field("g", &Color::g), field("b", &Color::b),
+                                      field("a", &Color::a)};
+};
+template <>
+struct Message<CircleAnnotation> {
+  static constexpr std::string_view kPackage = "foxglove_msgs", kType = "CircleAnnotation";
+  static constexpr std::tuple kFields{
+      field("timestamp", &CircleAnnotation::timestamp),   field("position", &CircleAnnotation::position),
+      field("diameter", &CircleAnnotation::diameter),     field("thickness", &CircleAnnotation::thickness),
+      field("fill_color", &CircleAnnotation::fill_color), field("outline_color", &CircleAnnotation::outline_color)};
+};
+template <>
+struct Message<PointsAnnotation> {
+  static constexpr std::string_view kPackage = "foxglove_msgs", kType = "PointsAnnotation";
+  static constexpr std::tuple kFields{field("timestamp", &PointsAnnotation::timestamp),
+                                      field("type", &PointsAnnotation::type, "1 points, 4 a list of lines"),
+                                      field("points", &PointsAnnotation::points),
+                                      field("outline_color", &PointsAnnotation::outline_color),
+                                      field("outline_colors", &PointsAnnotation::outline_colors),
+                                      field("fill_color", &PointsAnnotation::fill_color),
+                                      field("thickness", &PointsAnnotation::thickness)};
+};
+template <>
+struct Message<TextAnnotation> {
+  static constexpr std::string_view kPackage = "foxglove_msgs", kType = "TextAnnotation";
+  static constexpr std::tuple kFields{field("timestamp", &TextAnnotation::timestamp),
+                                      field("position", &TextAnnotation::position),
+                                      field("text", &TextAnnotation::text),
+                                      field("font_size", &TextAnnotation::font_size),
+                                      field("text_color", &TextAnnotation::text_color),
+                                      field("background_color", &TextAnnotation::background_color)};
+};
+template <>
+struct Message<ImageAnnotations> {
+  static constexpr std::string_view kPackage = "foxglove_msgs", kType = "ImageAnnotations";
+  static constexpr std::tuple kFields{field("circles", &ImageAnnotations::circles),
+                                      field("points", &ImageAnnotations::points),
+                                      field("texts", &ImageAnnotations::texts)};
+};
+
 inline constexpr std::string_view kCameraTopic = "/holdfast/camera";
 inline constexpr std::string_view kSlipTopic = "/holdfast/slip";
 inline constexpr std::string_view kMarkersTopic = "/holdfast/markers";
+inline constexpr std::string_view kAnnotationsTopic = "/holdfast/annotations";
 
 }  // namespace holdfast::log

@@ -6,7 +6,7 @@
 //   bool, std::uint8_t, std::int32_t, std::uint32_t, double   of that width; an enum as its underlying type
 //   std::string_view                                           string; of the bytes, when decoded
 //   std::span<const std::uint8_t>                              uint8[]; likewise
-//   std::vector<number>, std::array<number, N>                 number[], number[N]
+//   std::vector<T>, std::array<number, N>                      T[] of a number or message, number[N]
 //   a struct with a Message                                    package/Type
 #pragma once
 
@@ -55,8 +55,11 @@ struct IsArrayType<std::array<T, N>> : std::true_type {};
 template <typename T>
 concept IsArray = IsArrayType<T>::value;
 template <typename T>
-concept IsSequence = std::is_same_v<T, std::span<const std::uint8_t>> || std::is_same_v<T, std::vector<std::uint8_t>> ||
-    std::is_same_v<T, std::vector<double>>;
+struct IsVectorType : std::false_type {};
+template <typename T>
+struct IsVectorType<std::vector<T>> : std::bool_constant<IsNumber<T> || IsMessage<T>> {};
+template <typename T>
+concept IsSequence = std::is_same_v<T, std::span<const std::uint8_t>> || IsVectorType<T>::value;
 
 // Calls what(field) for each member in order.
 template <IsMessage T, typename What>
@@ -98,6 +101,15 @@ template <typename T>
   }
 }
 
+template <typename T>
+struct Element {
+  using Type = T;
+};
+template <typename T>
+struct Element<std::vector<T>> {
+  using Type = T;
+};
+
 template <IsMessage T>
 void add_schema(std::string& text, std::set<std::string>& seen) {
   for_each_field<T>([&]<typename S, typename M>(const Field<S, M>& f) {
@@ -106,10 +118,11 @@ void add_schema(std::string& text, std::set<std::string>& seen) {
     text += "\n";
   });
   for_each_field<T>([&]<typename S, typename M>(const Field<S, M>&) {
-    if constexpr (IsMessage<M>) {
-      if (!seen.insert(type_name<M>()).second) return;
-      text += std::string(80, '=') + "\nMSG: " + type_name<M>() + "\n";
-      add_schema<M>(text, seen);
+    using Inner = typename Element<M>::Type;
+    if constexpr (IsMessage<Inner>) {
+      if (!seen.insert(type_name<Inner>()).second) return;
+      text += std::string(80, '=') + "\nMSG: " + type_name<Inner>() + "\n";
+      add_schema<Inner>(text, seen);
     }
   });
 }
@@ -195,8 +208,9 @@ class CdrReader {
       if constexpr (std::is_same_v<T, std::span<const std::uint8_t>>) {
         value = take(size);
       } else {
-        // Not more is reserved than there are bytes for.
-        ok_ = ok_ && size <= (bytes_.size() - at_) / sizeof(typename T::value_type);
+        // Not more is reserved than there are bytes for: those of a number, or at least one for a message.
+        using One = typename T::value_type;
+        ok_ = ok_ && size <= (bytes_.size() - at_) / (IsMessage<One> ? 1 : sizeof(One));
         value.assign(ok_ ? size : 0, {});
         for (auto& element : value) get(element);
       }

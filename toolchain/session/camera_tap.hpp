@@ -4,7 +4,6 @@
 
 #include <chrono>
 #include <cstdint>
-#include <span>
 #include <string_view>
 #include <vector>
 
@@ -15,10 +14,6 @@ namespace holdfast::tool {
 class CameraTap final : public hal::Camera {
  public:
   explicit CameraTap(hal::Camera& inside) : inside_(inside) {}
-  // Of the frame last given, when it is JPEG; else nothing.
-  [[nodiscard]] std::span<const std::uint8_t> jpeg() const {
-    return given_.format == hal::PixelFormat::kMjpeg ? given_.bytes : std::span<const std::uint8_t>{};
-  }
   // The frame last given, its bytes among them; empty ones: nothing came at the last try.
   [[nodiscard]] const hal::Frame& given() const { return given_; }
   // How many were given.

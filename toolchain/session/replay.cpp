@@ -178,7 +178,9 @@ int replay(const ReplayOptions& options) {
     std::string problem = session.commit({}, {}, {});
     if (!problem.empty()) return problem;
     if (options.fps > 0 && about.fps > 0) {
-      note(fmt::format("{} carries its own time base ({:.4g} fps), so --fps was not used", options.input, about.fps));
+      note(about.stamped ? fmt::format("{} has the time of each frame, so --fps was not used", options.input)
+                         : fmt::format("{} says {:.4g} fps; played at {:.4g}, as --fps says", options.input, about.fps,
+                                       options.fps));
     }
     print_summary(session, session.summary(), options.common);
     return problem;

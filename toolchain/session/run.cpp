@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -128,7 +129,10 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
                               "four features): {}",
                               known_feature_sets()))
       ->check(not_empty);
-  command.add_option("--features", options.paths.features, "write one row per frame: CSV")->check(not_empty);
+  command
+      .add_option("--features", options.paths.features,
+                  "write one row per frame: CSV; - is standard output, and the summary goes to standard error")
+      ->check(not_empty);
   command.add_option("--markers", options.paths.markers, "write one row per marker and frame: CSV")->check(not_empty);
   command
       .add_option("--overlay", options.paths.overlay,
@@ -185,64 +189,73 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
 }
 
 void print_summary(const Session& session, const Summary& summary, const CommonOptions& options) {
-  if (session.left_pictures_out()) {
-    note(fmt::format("{}: without {}, because no frame came as a JPEG picture", options.paths.mcap.string(),
+  std::FILE* const out = options.paths.people();
+  if (const log::FrameLog* log = session.frame_log(); log != nullptr && !log->has_pictures()) {
+    note(fmt::format("{}: without {}, because no frame came as a picture", options.paths.mcap.string(),
                      log::kCameraTopic));
+  } else if (log != nullptr && log->has_encoded()) {
+    note(fmt::format(
+        "{}: the pictures of {} are encoded for this file, grey and at the firmware's working size, because "
+        "the input is not JPEG",
+        options.paths.mcap.string(), log::kCameraTopic));
   }
   const std::optional<EmptyGel>& gel = session.empty_gel();
   const grid::Cut& cut = session.app().state().tracker.cut;
   const GridSize grid = session.app().state().tracker.field.grid;
   if (options.json) {
-    nlohmann::json out;
-    out["frames"] = summary.frames;
-    out["grid"] = grid_text(grid);
-    out["cut"] = {{"top", cut.top}, {"bottom", cut.bottom}, {"left", cut.left}, {"right", cut.right}};
+    nlohmann::json all;
+    all["frames"] = summary.frames;
+    all["grid"] = grid_text(grid);
+    all["cut"] = {{"top", cut.top}, {"bottom", cut.bottom}, {"left", cut.left}, {"right", cut.right}};
     if (gel) {
-      out["reference"] = {{"frame", gel->frame},
+      all["reference"] = {{"frame", gel->frame},
                           {"first", gel->first},
                           {"last", gel->last},
                           {"at_rest", gel->at_rest},
                           {"clear", gel->clear}};
     }
-    out["accepted"] = summary.accepted;
-    out["markers_mean"] = summary.mean_markers;
-    out["markers_least"] = summary.least_markers;
-    out["searches"] = summary.searches;
-    out["saturations"] = summary.saturations;
-    out["slip_frames"] = summary.slip_frames;
-    out["slip_times_s"] = summary.slip_times_s;
-    fmt::print("{}\n", out.dump());
+    all["accepted"] = summary.accepted;
+    all["markers_mean"] = summary.mean_markers;
+    all["markers_least"] = summary.least_markers;
+    all["searches"] = summary.searches;
+    all["saturations"] = summary.saturations;
+    all["slip_frames"] = summary.slip_frames;
+    all["slip_times_s"] = summary.slip_times_s;
+    fmt::print(out, "{}\n", all.dump());
     return;
   }
   const long rejected = summary.frames - summary.accepted;
-  fmt::print("frames    {} read, {} accepted{}\n", summary.frames, summary.accepted,
+  fmt::print(out, "frames    {} read, {} accepted{}\n", summary.frames, summary.accepted,
              rejected > 0
                  ? fmt::format(", {} rejected; the last because {}", rejected, info(summary.last_rejection).what)
                  : "");
-  fmt::print("markers   {:.2f} of {} ({}) on average, {} at least\n", summary.mean_markers, grid.count(),
+  fmt::print(out, "markers   {:.2f} of {} ({}) on average, {} at least\n", summary.mean_markers, grid.count(),
              grid_text(grid), summary.least_markers);
-  if (gel) fmt::print("rest      {}\n", session.reference_text());
+  if (gel) fmt::print(out, "rest      {}\n", session.reference_text());
   if (cut.lines() > 0) {
-    fmt::print("grid      {} kept; left out, because the picture's edge cuts it: {}\n", grid_text(grid), cut_text(cut));
+    fmt::print(out, "grid      {} kept; left out, because the picture's edge cuts it: {}\n", grid_text(grid),
+               cut_text(cut));
   }
   const reference::State& reference = session.app().state().reference;
   const std::int32_t most_bend = reference::Config{}.most_bend_permille;
   if (const std::int32_t bend = reference::bend_permille(reference.rest); reference.known && bend > most_bend) {
     fmt::print(
+        out,
         "note      the rest position is bent by {} thousandths of a pitch ({} at most on an empty gel): something "
         "pressed on the gel. Next: give a picture of the empty gel with --reference\n",
         bend, most_bend);
   }
-  for (const std::string& text : session.notes()) fmt::print("note      {}\n", text);
+  for (const std::string& text : session.notes()) fmt::print(out, "note      {}\n", text);
   if (summary.slip_frames.empty()) {
-    fmt::print("slip      never raised\n");
+    fmt::print(out, "slip      never raised\n");
   } else {
-    fmt::print("slip      raised {} times, first in frame {} at {:.3f} s\n", summary.slip_frames.size(),
+    fmt::print(out, "slip      raised {} times, first in frame {} at {:.3f} s\n", summary.slip_frames.size(),
                summary.slip_frames.front(), summary.slip_times_s.front());
   }
-  if (summary.saturations > 0) fmt::print("note      {} values were clamped to their range\n", summary.saturations);
+  if (summary.saturations > 0)
+    fmt::print(out, "note      {} values were clamped to their range\n", summary.saturations);
   for (const auto& [name, path] : options.paths.named()) {
-    if (!path->empty()) fmt::print("written   {}: {}\n", name, path->string());
+    if (!path->empty() && *path != "-") fmt::print(out, "written   {}: {}\n", name, path->string());
   }
 }
 

@@ -104,7 +104,14 @@ Session::Session(SessionInfo info, OutputPaths paths)
 
 std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
   if (path.empty()) return nullptr;
-  auto file = std::make_unique<AtomicFile>(path);
+  const bool table = std::ranges::none_of(std::array{&paths_.report, &paths_.overlay, &paths_.mcap},
+                                          [&](const fs::path* one) { return one == &path; });
+  if (path == "-" && !table && error_.empty()) {
+    error_ =
+        "-: standard output takes a table. Likely cause: - given for a report, a picture or an MCAP file. Next: give "
+        "that a file, or a path such as ./-";
+  }
+  auto file = std::make_unique<AtomicFile>(path, fs::path(), Dash::kStandardOutput);
   if (error_.empty()) error_ = file->error();
   return file;
 }
@@ -172,7 +179,11 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
 
   if (!paths_.report.empty()) report_.add(row, arrows_, picture_of(scale, given));
   if (log_) log_->stream() << log::csv_row(row);
-  if (frame_log_) frame_log_->add(row, arrows_, field.grid.cols, tap_->jpeg());
+  if (frame_log_) {
+    // A grey picture is the working picture; arrows are in pixels of the input.
+    const bool grey = given.format == hal::PixelFormat::kLuma8;
+    frame_log_->add(row, arrows_, field.grid.cols, tap_->given(), grey ? scale : 1.0);
+  }
   if (!paths_.overlay.empty() && has_features) keep_for_overlay(scale, given);
 }
 

@@ -6,7 +6,9 @@
 // inside does not.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -51,6 +53,10 @@ struct OutputPaths {
              {"log", &log},
              {"mcap", &mcap},
              {"report", &report}}};
+  }
+  // Where what is said to people goes: not where a table goes.
+  [[nodiscard]] std::FILE* people() const {
+    return std::ranges::any_of(named(), [](const auto& one) { return *one.second == "-"; }) ? stderr : stdout;
   }
 };
 
@@ -117,8 +123,8 @@ class Session {
   [[nodiscard]] std::string commit(std::vector<TruthMark> marks, std::optional<TruthSeries> series,
                                    std::vector<std::string> notes);
 
-  // No frame had a JPEG picture, so the MCAP file that was asked for has no channel of pictures.
-  [[nodiscard]] bool left_pictures_out() const { return frame_log_ && !frame_log_->has_pictures(); }
+  // The MCAP file that was asked for; null: none was.
+  [[nodiscard]] const log::FrameLog* frame_log() const { return frame_log_.get(); }
 
   // The lines' edges as text: GRIP_OK one by one, ALIVE counted between them.
   [[nodiscard]] std::string gpio_timeline() const;

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdio>
 #include <memory>
 #include <system_error>
 #include <utility>
@@ -21,7 +22,11 @@ bool same_place(const std::filesystem::path& a, const std::filesystem::path& b) 
   return !place.empty() && place == std::filesystem::weakly_canonical(std::filesystem::absolute(b, ignored), ignored);
 }
 
-AtomicFile::AtomicFile(fs::path path, const fs::path& input) : path_(std::move(path)) {
+AtomicFile::AtomicFile(fs::path path, const fs::path& input, Dash dash) : path_(std::move(path)) {
+  if (dash == Dash::kStandardOutput && path_ == "-") {
+    printed_ = std::make_unique<std::ostringstream>();
+    return;
+  }
   std::error_code ignored;
   const fs::file_status status = fs::status(path_, ignored);
   if (fs::exists(status) && !fs::is_regular_file(status)) {
@@ -57,6 +62,12 @@ AtomicFile::~AtomicFile() {
 
 std::string AtomicFile::commit() {
   if (!error_.empty()) return error_;
+  if (printed_) {
+    const std::string text = printed_->str();
+    if (std::fwrite(text.data(), 1, text.size(), stdout) == text.size() && std::fflush(stdout) == 0) return {};
+    fail("could not be written to its end", "who reads it went away, or the disk is full", "look at what reads it");
+    return error_;
+  }
   stream_.close();
   if (!stream_) {
     fail("could not be written to its end", "the disk is full, or was taken away", "free some space and run again");

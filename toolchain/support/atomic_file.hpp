@@ -3,12 +3,15 @@
 //
 // Written as `path.tmp-PID` beside its place and renamed by commit(); without commit() nothing is left
 // behind. Refuses what a rename would destroy: the input of the same run, a folder, a device (`/dev/null`).
+// A Dash::kStandardOutput is not a file named `-`: it is kept in memory and printed by commit(), all of it or nothing.
 // Errors are one line: file, what, likely cause, next step. Not for several writers of one path in one process.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -19,16 +22,19 @@ namespace holdfast::tool {
 // Whether both names are one file or folder; also for those that do not exist yet, and through links.
 [[nodiscard]] bool same_place(const std::filesystem::path& a, const std::filesystem::path& b);
 
+// What the path `-` is.
+enum class Dash : std::uint8_t { kFile, kStandardOutput };
+
 class AtomicFile {
  public:
-  explicit AtomicFile(std::filesystem::path path, const std::filesystem::path& input = {});
+  explicit AtomicFile(std::filesystem::path path, const std::filesystem::path& input = {}, Dash dash = Dash::kFile);
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
 
   // Why the file cannot be written, as far as known; empty: good. Ask early, before a long run.
   [[nodiscard]] const std::string& error() const { return error_; }
-  [[nodiscard]] std::ostream& stream() { return stream_; }
+  [[nodiscard]] std::ostream& stream() { return printed_ ? static_cast<std::ostream&>(*printed_) : stream_; }
   // Puts the file in its place. Empty, or the error line.
   [[nodiscard]] std::string commit();
 
@@ -38,6 +44,7 @@ class AtomicFile {
   std::filesystem::path path_;
   std::filesystem::path temp_;
   std::ofstream stream_;
+  std::unique_ptr<std::ostringstream> printed_;
   std::string error_;
 };
 

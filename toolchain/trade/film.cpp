@@ -64,7 +64,7 @@ std::vector<learn::PlannedGrasp> planned_grasps(std::uint64_t seed, int every) {
 
 }  // namespace
 
-Film shoot(int which) {
+Film shoot(int which, const std::function<bool()>& go_on) {
   const Choice& choice = kChoices[static_cast<std::size_t>(which)];
   learn::Planned grasp = planned(choice).make();
   grasp.scene.level.inject = scene::Inject::kJpeg;
@@ -78,7 +78,7 @@ Film shoot(int which) {
   std::vector<learn::Truth> truths;
   hal::Frame frame;
   if (!camera.start()) return film;
-  while (camera.next(frame, std::chrono::seconds{1}) == hal::Capture::kFrame) {
+  while ((!go_on || go_on()) && camera.next(frame, std::chrono::seconds{1}) == hal::Capture::kFrame) {
     const scene::Snapshot& truth = camera.snapshot();
     const auto centers = camera.marker_centers();
     film.shots.push_back({frame.timestamp,

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "drivers/sim/scene/picture/render.hpp"
@@ -43,7 +44,8 @@ struct Grasp {
 };
 
 inline constexpr int kFilms = 6;
-[[nodiscard]] Film shoot(int which);  // 0 .. kFilms - 1; 90 MB each
+// `which`: 0 .. kFilms - 1; 90 MB each. `go_on` is asked before each picture; false ends the film there.
+[[nodiscard]] Film shoot(int which, const std::function<bool()>& go_on = {});
 
 // The names of every so many-th of the planned grasps, and of others for who learns (learned.hpp); one of them played.
 [[nodiscard]] std::vector<learn::PlannedGrasp> planned_grasps(int every);

@@ -121,10 +121,15 @@ double DoubleFeatures::entropy_nat(const std::vector<double>& lengths_um) const 
   return out;
 }
 
-Lessons::Lessons(int every) {
+long lesson_count(int every) {
+  return every == 0 ? 0 : static_cast<long>(grasps_to_learn_from(every).size());
+}
+
+Lessons::Lessons(int every, const std::function<bool(long)>& go_on) {
   if (every == 0) return;
   const pipeline::Config config = pipeline_config(learn::with_all_features(Params{}));
   for (const learn::PlannedGrasp& planned : grasps_to_learn_from(every)) {
+    if (go_on && !go_on(static_cast<long>(grasps_.size()))) return;
     Grasp& grasp = grasps_.emplace_back(play(planned));
     const auto state = std::make_unique<pipeline::State>();
     grasp.trial.first = static_cast<int>(samples_.rows.size());

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string_view>
@@ -52,10 +53,14 @@ class DeskTree {
   [[nodiscard]] virtual bool slips(const DoubleFeatures::Values& values) const = 0;
 };
 
+// How many grasps Lessons(every) plays.
+[[nodiscard]] long lesson_count(int every);
+
 class Lessons {
  public:
-  // Plays every so many-th of the grasps that are there to learn from; 0: none.
-  explicit Lessons(int every);
+  // Plays every so many-th of the grasps that are there to learn from; 0: none. `go_on` hears how many are played;
+  // false ends it, and what was learned is worth nothing.
+  explicit Lessons(int every, const std::function<bool(long)>& go_on = {});
 
   // There must be some. Range: the name of a feature set of the markers alone; depth 1 to 16. One that these grasps
   // teach nothing says hold.

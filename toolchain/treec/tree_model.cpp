@@ -31,7 +31,7 @@ constexpr std::array<Leaf, 3> kLeaves{{
     {"slip_now", Verdict::kSlipNow, "Verdict::kSlipNow"},
 }};
 
-std::string quoted(std::string_view text) {
+std::string in_quotes(std::string_view text) {
   return "'" + std::string(text) + "'";
 }
 
@@ -83,7 +83,7 @@ class Parser {
     if (key == "feature_set") return on_feature_set(words);
     if (key == "feature") return on_feature(words);
     if (key == "node" || key == "leaf") return on_node(words);
-    return problem("unknown word " + quoted(key), "use name, feature_set, feature, node, leaf or a # comment");
+    return problem("unknown word " + in_quotes(key), "use name, feature_set, feature, node, leaf or a # comment");
   }
 
   std::optional<Problem> end() {
@@ -110,7 +110,7 @@ class Parser {
       return problem("the file does not start with its format", "start with the line `format 1`");
     }
     if (to_integer<int>(words[1]) != kFormat) {
-      return problem("format " + quoted(words[1]) + " is not known here",
+      return problem("format " + in_quotes(words[1]) + " is not known here",
                      "use the holdfast that belongs to this model, or write it as format 1");
     }
     has_format_ = true;
@@ -179,15 +179,16 @@ class Parser {
     const auto feature = std::find_if(model_.features.begin(), model_.features.end(),
                                       [&](const Feature& f) { return f.name == words[3]; });
     if (feature == model_.features.end()) {
-      return problem("the node reads " + quoted(words[3]) + ", which no `feature` line lists", "use a listed feature");
+      return problem("the node reads " + in_quotes(words[3]) + ", which no `feature` line lists",
+                     "use a listed feature");
     }
     node.feature = static_cast<int>(feature - model_.features.begin());
     if (words[4] != "<=") {
-      return problem("the predicate " + quoted(words[4]) + " is not known", "the only one is `x <= t`");
+      return problem("the predicate " + in_quotes(words[4]) + " is not known", "the only one is `x <= t`");
     }
     const auto threshold = to_integer<std::int32_t>(words[5]);
     if (!threshold) {
-      return problem("the threshold " + quoted(words[5]) + " is not a 32-bit integer",
+      return problem("the threshold " + in_quotes(words[5]) + " is not a 32-bit integer",
                      "round the trained value down: x <= t and x <= floor(t) agree on integers");
     }
     node.threshold = *threshold;
@@ -209,7 +210,7 @@ std::optional<Problem> check_features(const Model& model) {
   if (set == nullptr) {
     std::string known;
     for (const FeatureSet& s : kFeatureSets) known += (known.empty() ? "" : ", ") + std::string(s.name);
-    return Problem{model.feature_set_line, "feature set " + quoted(model.feature_set) + " is not known",
+    return Problem{model.feature_set_line, "feature set " + in_quotes(model.feature_set) + " is not known",
                    "this firmware has: " + known};
   }
   for (std::size_t i = 0; i < std::max(model.features.size(), set->members.size()); ++i) {
