@@ -77,6 +77,15 @@ constexpr SlopeWeights kSlope = [] {
   }
   return weights;
 }();
+// The patch is its own mirror image about its diagonal, and so are the two slopes.
+static_assert([] {
+  for (std::size_t i = 0; i < kFree; ++i) {
+    for (std::size_t k = 0; k < kFree; ++k) {
+      if (kPlaces[i].a == kPlaces[k].b && kPlaces[i].b == kPlaces[k].a && kSlope.a[i] != kSlope.b[k]) return false;
+    }
+  }
+  return true;
+}());
 
 // --- The reduced picture ---
 

@@ -862,6 +862,42 @@ TEST(Imprint, DotsWithoutARestPositionHaveNoPatches) {
   }
 }
 
+// A rest position that is known by a guess alone carries no patch, wherever the guess lies.
+TEST(Imprint, AGuessedRestPositionCarriesNoPatch) {
+  const Gel gel;
+  const std::vector<std::uint8_t> pixels(static_cast<std::size_t>(gel.width * gel.height), 200);
+  for (const auto& [dot, patches] : {std::pair{31, 16}, {0, 9}, {1, 14}, {9, 14}, {62, 9}}) {
+    MarkerField rest = gel.field({});
+    rest.markers[idx(dot)].valid = false;  // and where it is stays right
+    auto state = std::make_unique<imprint::State>();
+    Saturations saturations;
+    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, gel.field({}), rest, gel.pitch(),
+                          Micros{40'000}, saturations);
+    LONGS_EQUAL(4 * 63 - patches, usable(*state));
+  }
+}
+
+// A relief that is too weak for a motion now is too weak however strong it was, and the other way round.
+TEST(Imprint, BothReliefsMustBeThere) {
+  const auto moves = [](double before, double now) {
+    Gel gel;
+    gel.noise = 0.5;
+    Bench bench(gel);
+    bench.gel.relief = within(kContact_mm, grain(before));
+    (void)bench.wait(8);
+    bench.gel.relief = within(kContact_mm, grain(now, {0.1, 0.0}));
+    return bench.step().motion.raw() > 0;
+  };
+  int weak = 0, strong = 0;
+  for (double levels = 0.8; levels < 6.0; levels *= 1.08) {
+    const bool there = moves(levels, levels);
+    CHECK_EQUAL(there, moves(14.0, levels));
+    CHECK_EQUAL(there, moves(levels, 14.0));
+    (there ? strong : weak) += 1;
+  }
+  CHECK(weak > 3 && strong > 3);
+}
+
 // Nothing is learned of the noise of a gel that is empty, but of which nothing is seen.
 TEST(Imprint, AnEmptyGelThatIsNotSeenHasNoNoise) {
   Gel gel;
