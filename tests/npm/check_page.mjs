@@ -170,7 +170,8 @@ await check("the scrubber moves the arrows: every marker of every frame as in th
   assert.ok(arrows > 3000);
 });
 
-await check("state, reason, lines and values are those of the features CSV", async () => {
+await check("state, reason, lines, values and evidence are those of the features CSV", async () => {
+  let reasons = 0;
   for (let i = 0; i < features.length; i += 3) {
     const want = features[i];
     await scrub(report, i);
@@ -184,9 +185,22 @@ await check("state, reason, lines and values are those of the features CSV", asy
       assert.equal(shown.e, "\u2013");
     }
     if (want.vx_mm_s !== "" && shown.vx !== "\u2013") near(Number(shown.vx), Number(want.vx_mm_s), 0.006, "Vx");
+    const why = (await text(report, "why")).match(/^Contact (\w+)\. (?:No evidence yet|Evidence: (\w+) ([\d.]+) of ([\d.]+) (.*), (\d+) frames? in a row.*)\.$/);
+    if (want.contact_phase !== "") {
+      assert.ok(why !== null, `frame ${i}: '${await text(report, "why")}'`);
+      assert.equal(why[1], want.contact_phase);
+      assert.equal(why[2] ?? "", want.evidence);
+      if (want.evidence !== "") {
+        near(Number(why[3]), Number(want.evidence_value), 0.11, "evidence");
+        near(Number(why[4]), Number(want.evidence_threshold), 0.11, "threshold");
+        assert.deepEqual([why[5], why[6]], [want.evidence_unit, want.evidence_frames]);
+        ++reasons;
+      }
+    }
     assert.ok((await text(report, "lamp-grip")).includes(want.grip_ok === "1" ? "HIGH" : "LOW"));
     assert.ok((await text(report, "lamp-decision")).includes(want.slip === "1" ? "slip" : "hold"));
   }
+  assert.ok(reasons > 15, `${reasons} frames said why`);
 });
 
 await check("the cursor stands at the frame's time in the plots", async () => {

@@ -339,7 +339,8 @@ std::string html_of(const std::vector<Played>& all, const std::vector<std::strin
   return fmt::format(
       "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>"
       "<meta name=\"viewport\" content=\"width=device-width\"/><title>holdfast grip</title><style>{}"
-      "pre{{font-size:12px;overflow-x:auto}}figure{{margin:24px 0;padding:12px;background:#fff;overflow-x:auto}}"
+      "pre{{font-size:12px;overflow-x:auto}}figure{{margin:24px 0;padding:12px;background:#fff;overflow-x:auto}}figure "
+      "text{{fill:#4a5058}}"
       "figure svg{{min-width:640px;max-width:100%;height:auto}}"
       "@media print{{figure svg{{min-width:0}}figure{{break-inside:avoid}}}}</style></head><body><main>\n"
       "<h1>Slip prevention in the closed loop</h1>\n<p>{}. Bound: the larger of 1.3 times the least force that holds "

@@ -80,7 +80,7 @@ export class Recording {
   readRows(bytes) {
     const view = new DataView(bytes.buffer);
     const rows = [];
-    for (let at = 0; at < bytes.length; at += 55) {
+    for (let at = 0; at < bytes.length; at += 66) {
       const flags = view.getUint8(at + 18);
       const flag = (bit) => ((flags >> bit) & 1) === 1;
       const row = {
@@ -104,9 +104,26 @@ export class Recording {
         decided_us: view.getFloat32(at + 36, true),
         histogram: bytes.subarray(at + 40, at + 55),
       };
+      row.why = row.featuresValid ? this.whyOf(view, at + 55, row.slip) : null;
       rows.push(row);
     }
     return rows;
+  }
+
+  // As `status json` of a device says it.
+  whyOf(view, at, slip) {
+    const round = (value) => Number(value.toFixed(1));
+    const evidence = view.getUint8(at + 1);
+    const [name, unit] = evidence === 0 ? ["none", ""] : this.data.evidences[evidence - 1];
+    return {
+      slip,
+      contact: this.data.contacts[view.getUint8(at)] ?? null,
+      evidence: name,
+      evidence_value: round(view.getFloat32(at + 2, true)),
+      evidence_threshold: round(view.getFloat32(at + 6, true)),
+      evidence_unit: unit,
+      evidence_frames: view.getUint8(at + 10),
+    };
   }
 
   readFields(bytes, unit) {

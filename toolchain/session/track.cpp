@@ -25,10 +25,11 @@ constexpr int kJpegQuality = 60;
 // Of a picture's width: 1/64 px of one 320 wide, an eighth of the trembling at rest.
 constexpr double kMarkerUnits = 20'480;
 constexpr int kLost = -32'768;  // in place of a displacement
+constexpr unsigned kContactUnknown = 255;
 constexpr std::size_t kLatencyBins = 30;
 constexpr double kFresh_s = static_cast<double>(status_frame::kFreshFor.count()) * 1e-6;
 
-// toolchain/page/recording.js reads what this writes.
+// toolchain/page/model.js reads what this writes.
 class Bytes {
  public:
   template <typename Value>
@@ -133,6 +134,15 @@ void Track::keep_row(const FrameRecord& f, bool event) {
   row.put(f.vx_mm_s, f.rates_valid).put(f.vy_mm_s, f.rates_valid);
   row.put(f.decided_us, true);
   for (const std::uint32_t count : f.histogram) row.put(static_cast<std::uint8_t>(std::min(count, 255U)));
+  std::size_t evidence = 0;
+  if (f.evidence != Evidence::kNone) {
+    const std::pair<std::string, std::string> one{f.evidence_name, f.evidence_unit};
+    evidence = static_cast<std::size_t>(std::ranges::find(evidences_, one) - evidences_.begin()) + 1;
+    if (evidence > evidences_.size()) evidences_.push_back(one);
+  }
+  row.put(static_cast<std::uint8_t>(f.contact_known ? static_cast<unsigned>(f.contact) : kContactUnknown));
+  row.put(static_cast<std::uint8_t>(evidence)).put(f.evidence_value, true).put(f.evidence_threshold, true);
+  row.put(static_cast<std::uint8_t>(std::min(f.evidence_frames, 255U)));
   rows_.keep({frames_, event, row.take()});
 }
 
@@ -185,6 +195,8 @@ std::string Track::json(const ReportInfo& info) const {
                                {"marker_unit_px", (sized ? width_px_ : 320.0) / kMarkerUnits},
                                {"histogram_range_mm", info.histogram_range_mm},
                                {"marks", marks},
+                               {"evidences", evidences_},
+                               {"contacts", contact::kPhaseNames},
                                {"latency", latency_of(decided_us_)},
                                {"every", {rows_.stride(), markers_.stride(), pictures_.stride()}},
                                {"rows", base64(rows_)},

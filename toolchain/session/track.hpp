@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "toolchain/session/overlay.hpp"
@@ -62,9 +63,10 @@ class Track {
   void keep_markers(std::span<const Arrow> arrows, bool event);
   void keep_picture(const LumaView& picture, bool event);
 
-  // In base64 a third more: together 3.3 MB.
-  Thinned rows_{620'000}, markers_{1'000'000}, pictures_{850'000};
+  // In base64 a third more: together 3.5 MB.
+  Thinned rows_{744'000}, markers_{1'000'000}, pictures_{850'000};
   std::vector<float> decided_us_;
+  std::vector<std::pair<std::string, std::string>> evidences_;  // name and unit, as rows count them from 1; 0: none
   std::uint32_t frames_ = 0;
   int last_state_ = -1;
   bool last_slip_ = false;

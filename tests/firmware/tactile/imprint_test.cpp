@@ -871,8 +871,8 @@ TEST(Imprint, AGuessedRestPositionCarriesNoPatch) {
     rest.markers[idx(dot)].valid = false;  // and where it is stays right
     auto state = std::make_unique<imprint::State>();
     Saturations saturations;
-    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, gel.field({}), rest, gel.pitch(),
-                          Micros{40'000}, saturations);
+    (void)imprint::update(*state, {}, {pixels.data(), gel.width, gel.height, gel.width}, gel.field({}), rest,
+                          gel.pitch(), Micros{40'000}, saturations);
     LONGS_EQUAL(4 * 63 - patches, usable(*state));
   }
 }
