@@ -287,21 +287,17 @@ part_web() {
   node_check "web page" tests/npm/check_page.mjs
   node_check "web live" tests/npm/check_live.mjs
 }
-part_deb() {
+# package NAME OPTION...: the Debian package of deb.sh OPTION...
+package() {
   ensure_packages deb || return 1
-  build sim || return 1
-  local status=0
-  step deb toolchain/install/deb.sh --check || status=1
-  sed 's/^/   /' "$logs/deb.log"
-  count_one "deb (toolchain/install/deb.sh --check)" "$status"
+  local name=$1 status=0
+  shift
+  step "$name" toolchain/install/deb.sh "$@" || status=1
+  sed 's/^/   /' "$logs/$name.log"
+  count_one "$name (toolchain/install/deb.sh $*)" "$status"
 }
-part_deb13() {
-  ensure_packages deb || return 1
-  local status=0
-  step deb13 toolchain/install/deb.sh --release trixie --check || status=1
-  sed 's/^/   /' "$logs/deb13.log"
-  count_one "deb13 (toolchain/install/deb.sh --release trixie --check)" "$status"
-}
+part_deb() { build sim && package deb --check; }
+part_deb13() { package deb13 --release trixie --check; }
 part_long() {
   build sim || return 1
   step "long faults" build/sim/bin/holdfast faults --pairs

@@ -675,14 +675,14 @@ Read Recording::next(RecordedFrame& frame) {
   const Read read = source_->next(frame, pts_s);
   if (read == Read::kError) error_ = source_->error();
   if (read != Read::kFrame) return read;
-  // A frame's own stamp stays as it is: the firmware rejects what is wrong with it, as it does with a camera. The time
-  // base is for frames that have none.
+  // What is wrong with a frame's own stamp stays wrong: the firmware rejects it, as it does with a camera. The time
+  // base is for frames that have none, and stretches those of a container whose rate was replaced.
   if (count_ == 0) {
     first_pts_s_ = pts_s.value_or(0);
     frame.time = Micros{};
   } else if (pts_s && std::isfinite(*pts_s) && (info_.fps > 0 || options_.fps <= 0 || info_.stamped)) {
     constexpr double kFarthest_s = 1e9;  // 32 years: microseconds fit
-    const double stretch = info_.fps > 0 && !info_.stamped ? info_.fps / info_.time_base_fps : 1.0;
+    const double stretch = info_.fps > 0 ? info_.fps / info_.time_base_fps : 1.0;
     frame.time = Micros{std::llround(std::clamp((*pts_s - first_pts_s_) * stretch, -kFarthest_s, kFarthest_s) * 1e6)};
   } else {
     // n / fps is rounded once, not summed up: 18.75 fps must not drift.

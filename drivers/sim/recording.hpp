@@ -51,7 +51,7 @@ struct RecordingInfo {
   int height = 0;                      // pixels of the input
   long frames = -1;                    // as far as known without reading to the end; -1: unknown
   double fps = 0;                      // carried by the container, whatever was asked for; 0: none
-  double time_base_fps = kDefaultFps;  // used where a frame has no time stamp of its own
+  double time_base_fps = kDefaultFps;  // at which it is played: asked for, the container's, or the nominal one
   bool mjpeg = false;                  // frames are JPEG bytes
   bool stamped = false;                // each frame has a time of its own, whatever rate was asked for
   double scale = 1;  // input pixels per delivered pixel: x_in = (x + 0.5) * scale - 0.5; 1 for JPEG bytes

@@ -62,8 +62,9 @@ int trade_firmware(const TradeFirmwareOptions& options) {
     mine.push_back(static_cast<long>(i));
     learns = learns || points[i].learns();
   }
-  Progress learning("trade: lessons", learns ? trade::lesson_count(options.lessons) : 0);
-  const trade::Lessons lessons(learns ? options.lessons : 0, [&](long played) {
+  const int every = learns ? options.lessons : 0;
+  Progress learning("trade: lessons", every == 0 ? 0 : static_cast<long>(trade::grasps_to_learn_from(every).size()));
+  const trade::Lessons lessons(every, [&](long played) {
     learning.update(played);
     return !interrupted();
   });

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # The manual's pages, from what the programs' --help says, and the changelog of the package.
-#   toolchain/install/man_pages.sh BIN OUT     BIN: folder of holdfast, holdfastd and holdfast-sensor; OUT: for *.1.gz
+#   toolchain/install/man_pages.sh BIN OUT     BIN: folder of holdfast, holdfastd and, where it was built, holdfast-sensor; OUT: for *.1.gz
 # Needs help2man. A page for each command of the tool: `man holdfast-replay`.
 set -euo pipefail
 top=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes what a running device sees and decides into an MCAP file, beside the loop that must not wait for a disk.
 //
-// Pictures are the camera's bytes, untouched where they are JPEG; grey ones become JPEG of one component, quality 95,
-// and the file says so. Times are the wall clock's: that of the first frame, and the camera's own steps from there.
+// Pictures are the camera's bytes, untouched where they are JPEG; grey ones are encoded, and the file says so
+// (log/frame_log.hpp). Times are the wall clock's: that of the first frame, and the camera's own steps from there.
 #pragma once
 
 #include <condition_variable>

@@ -258,7 +258,7 @@ class Page {
     this.showWhy(row);
   }
 
-  // What the verdict stands on, where somebody was asked for it.
+  // What the verdict stands on, where it is known.
   showWhy(row) {
     const why = row.why ?? null;
     $("why").hidden = why === null;

@@ -20,13 +20,19 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Which output would destroy another one or something that the run reads. Empty: none. A folder of images is read as
-// a whole: a file more in it may be a frame more at the next run.
+// Which output would destroy another one or something that the run reads, or cannot be where it was asked for. Empty:
+// none. A folder of images is read as a whole: a file more in it may be a frame more at the next run.
 std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inputs) {
   const auto outputs = paths.named();
   for (const auto* one = outputs.begin(); one != outputs.end(); ++one) {
     const auto& [name, path] = *one;
     if (path->empty()) continue;
+    if (*path == "-" && (path == &paths.report || path == &paths.overlay || path == &paths.mcap)) {
+      return fmt::format(
+          "--{} -: standard output takes a table. Likely cause: a report, a picture or an MCAP file was meant for a "
+          "pipe. Next: give it a file, or a path such as ./-",
+          name);
+    }
     for (const fs::path& input : inputs) {
       if (input.empty()) continue;
       std::error_code ignored;
@@ -104,13 +110,6 @@ Session::Session(SessionInfo info, OutputPaths paths)
 
 std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
   if (path.empty()) return nullptr;
-  const bool table = std::ranges::none_of(std::array{&paths_.report, &paths_.overlay, &paths_.mcap},
-                                          [&](const fs::path* one) { return one == &path; });
-  if (path == "-" && !table && error_.empty()) {
-    error_ =
-        "-: standard output takes a table. Likely cause: - given for a report, a picture or an MCAP file. Next: give "
-        "that a file, or a path such as ./-";
-  }
   auto file = std::make_unique<AtomicFile>(path, fs::path(), Dash::kStandardOutput);
   if (error_.empty()) error_ = file->error();
   return file;

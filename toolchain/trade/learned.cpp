@@ -121,10 +121,6 @@ double DoubleFeatures::entropy_nat(const std::vector<double>& lengths_um) const 
   return out;
 }
 
-long lesson_count(int every) {
-  return every == 0 ? 0 : static_cast<long>(grasps_to_learn_from(every).size());
-}
-
 Lessons::Lessons(int every, const std::function<bool(long)>& go_on) {
   if (every == 0) return;
   const pipeline::Config config = pipeline_config(learn::with_all_features(Params{}));

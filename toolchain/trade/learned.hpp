@@ -53,9 +53,6 @@ class DeskTree {
   [[nodiscard]] virtual bool slips(const DoubleFeatures::Values& values) const = 0;
 };
 
-// How many grasps Lessons(every) plays.
-[[nodiscard]] long lesson_count(int every);
-
 class Lessons {
  public:
   // Plays every so many-th of the grasps that are there to learn from; 0: none. `go_on` hears how many are played;
