@@ -214,10 +214,9 @@ part_sim() {
 # Begins here and goes on, with what the parts after it leave of the cores, until end_tidy.
 tidy_pid=''
 part_tidy() {
-  build sim || return 1
   local -a share=(--some)
   ((whole_tidy == 0)) || share=()
-  nice -n 19 tests/checks/tidy.sh "${share[@]}" build/sim >"$logs/tidy.log" 2>&1 </dev/null &
+  nice -n 19 tests/checks/tidy.sh "${share[@]}" >"$logs/tidy.log" 2>&1 </dev/null &
   tidy_pid=$!
 }
 end_tidy() {

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # clang-tidy over every source of ours that the sim board compiles, as .clang-tidy says; any finding is an error.
-#   tests/checks/tidy.sh [--some] [BUILD_DIR]      default build/sim, configured and built
+#   tests/checks/tidy.sh [--some]      configures build/tidy, where each source has a command of its own
 # All of it takes 21 minutes of two cores on a fresh clone. --some, for a run that has to end sooner, looks at the 50 files
 # that changed last, within twenty commits (a header by one source that includes it), and at a sixteenth of the rest, drawn
 # by the newest commit's name: so every source is looked at again within some tens of commits, without a record of who was when.
@@ -13,22 +13,21 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=tests/checks/sources.sh
 source tests/checks/sources.sh
+# shellcheck source=toolchain/say.sh
+source toolchain/say.sh
 
 root=$PWD some=0
 if [[ ${1:-} == --some ]]; then
   some=1
   shift
 fi
-build=${1:-build/sim}
-[[ -f $build/compile_commands.json ]] || {
-  echo "error: no $build/compile_commands.json (not configured). Next: cmake --preset sim, or tests/run.sh" >&2
-  exit 1
-}
+build=build/tidy
+quietly "$build.log" cmake --preset sim -B "$build" -DHOLDFAST_UNITY=OFF || exit 1
 tool=$(command -v clang-tidy-14 || command -v clang-tidy) || {
   echo "error: no clang-tidy (not installed). Next: apt-get install clang-tidy, or run tests/run.sh" >&2
   exit 1
 }
-stamps=${HOLDFAST_TIDY_STAMPS:-$build/tidy}
+stamps=${HOLDFAST_TIDY_STAMPS:-$build/stamps}
 mkdir -p "$stamps"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -40,27 +39,20 @@ awk -v root="$root/" '
   key == "\"file\":" {
     if (index(value, root) == 1 && !seen[value]++) print substr(value, length(root) + 1) "\t" command
   }' "$build/compile_commands.json" | sort >"$work/commands"
-# object file -> our headers and sources that it was made of, as ninja recorded them: relative ones by ccache.
-ninja -C "$build" -t deps 2>/dev/null | awk -v root="$root/" -v up="$(realpath --relative-to="$build" "$root")/" '
-  /^[^ ].*: #deps/ { object = $1; sub(/:$/, "", object) }
-  /^ / { if (index($1, root) == 1) print object "\t" substr($1, length(root) + 1) }
-  /^ / { if (index($1, up) == 1) print object "\t" substr($1, length(up) + 1) }' >"$work/deps"
 rules=$({ "$tool" --version; find . -name .clang-tidy -not -path './build/*' -exec cat {} +; } | sha256sum)
 
 # chosen: the sources to look at.
 if ((some)); then
   git log -n 20 --no-merges --name-only --format= -- . | grep -E '\.[ch]pp$' | awk '!seen[$0]++' |
     sed -n 1,50p >"$work/changed"
-  # A changed header stands for the first source that includes it.
-  awk -F '\t' -v root="$root/" '
-    FILENAME ~ /changed$/ { changed[$0] = 1; next }
-    FILENAME ~ /commands$/ {
-      if (match($2, / -o [^ ]+/)) source_of[substr($2, RSTART + 4, RLENGTH - 4)] = $1
-      if ($1 in changed) print $1
-      next
-    }
-    ($2 in changed) && $2 ~ /\.hpp$/ && ($1 in source_of) && !seen[$2]++ { print source_of[$1] }' \
-    "$work/changed" "$work/commands" "$work/deps" >"$work/some"
+  # A changed header stands for the first source that includes it, by its path from the top or from firmware/.
+  while read -r file; do
+    if [[ $file == *.cpp ]]; then
+      [[ ! -f $file ]] || echo "$file"
+    else
+      git grep -l -F "#include \"${file#firmware/}\"" -- '*.cpp' | sed -n 1p || true
+    fi
+  done <"$work/changed" >"$work/some"
   commit=$(git rev-parse HEAD)
   our_sources '*.cpp' | while read -r file; do
     share=$(sha256sum <<<"$commit $file")
@@ -71,19 +63,23 @@ else
   our_sources '*.cpp' >"$work/chosen"
 fi
 
-total=0 known=0
-while read -r file; do
-  command=$(awk -F '\t' -v file="$file" '$1 == file { print $2; exit }' "$work/commands")
-  [[ -n $command ]] || continue
-  object=$(sed -n 's/.* -o \([^ ]*\) .*/\1/p' <<<"$command")
-  mapfile -t made_of < <(awk -F '\t' -v object="$object" '$1 == object { print $2 }' "$work/deps")
-  key=none
-  if ((${#made_of[@]} > 0)); then
-    key=$({ echo "$rules ${command//$root/.}" && cat "$file" "${made_of[@]}"; } 2>/dev/null | sha256sum | cut -d ' ' -f 1) || key=none
+# keyed FILE: FILE and the hash of all that a finding could come from, or "none".
+# shellcheck disable=SC2317
+keyed() {
+  local command own made_of key=none
+  command=$(awk -F '\t' -v file="$1" '$1 == file { print $2; exit }' "$work/commands")
+  [[ -n $command ]] || return 0
+  own="${command%% -o *} -MM -MT x ${command##* -c }"
+  if made_of=$(cd "$build" && eval "$own" | tr -d "\\\\" | tr -s ' ' '\n' | grep "^$root/"); then
+    key=$({ echo "$rules ${command//$root/.}" && xargs -d '\n' cat <<<"$made_of"; } 2>/dev/null | sha256sum | cut -d ' ' -f 1) || key=none
   fi
-  printf '%s\t%s\n' "$file" "$key"
-done <"$work/chosen" >"$work/files"
+  printf '%s\t%s\n' "$1" "$key"
+}
+export -f keyed
+export root rules build work
+xargs -d '\n' -n 1 -P "$(nproc)" bash -c 'keyed "$@"' keyed <"$work/chosen" | sort >"$work/files"
 
+total=0 known=0
 while IFS=$'\t' read -r file key; do
   total=$((total + 1))
   if [[ $key != none && -e $stamps/$key ]]; then
@@ -106,7 +102,7 @@ check() {
   fi
 }
 export -f check
-export tool build stamps work
+export tool stamps
 
 status=0
 if [[ -s $work/todo ]]; then

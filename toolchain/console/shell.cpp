@@ -21,7 +21,7 @@ namespace {
 
 constexpr Millis kToAttach{1500};
 
-std::vector<std::string> words_of(std::string_view line) {
+std::vector<std::string> typed_words(std::string_view line) {
   std::vector<std::string> words;
   while (true) {
     const std::size_t begin = line.find_first_not_of(" \t");
@@ -103,7 +103,7 @@ class Shell {
 
   void obey(const std::string& line) {
     if (says_nothing(line)) return;
-    const std::vector<std::string> words = words_of(line);
+    const std::vector<std::string> words = typed_words(line);
     if (words[0] == "quit" || words[0] == "exit") {
       over_ = true;
     } else if (away_) {

@@ -21,7 +21,7 @@ namespace {
 using faults::Run;
 using faults::Trouble;
 
-struct Options {
+struct FaultsOptions {
   bool pairs = false;
   std::uint64_t soak = 0;
   std::uint64_t seed = 1;
@@ -161,7 +161,7 @@ void print_pairs(const std::vector<Run>& runs) {
       pairs, pairs / 2, faults_from_the_field(), failed, ms(safe), ms(back));
 }
 
-bool play_all(Suite& suite, const Options& options) {
+bool play_all(Suite& suite, const FaultsOptions& options) {
   for (int k = 0; k < faults::kTroubles; ++k) {
     for (const bool held : {true, false}) {
       if (!suite.add(faults::play(static_cast<Trouble>(k), held))) return false;
@@ -214,7 +214,7 @@ void print_json(const std::vector<Run>& runs) {
   fmt::print("{}\n", out.dump());
 }
 
-int soak(const Options& options) {
+int soak(const FaultsOptions& options) {
   const faults::Setup setup = faults::soak_setup(options.soak, options.seed);
   const std::size_t troubles = setup.windows.size();
   const Run run = faults::play(fmt::format("soak, seed {}", options.seed), setup);
@@ -239,7 +239,7 @@ int soak(const Options& options) {
                     "Next: the same seed plays the same faults again");
 }
 
-int run_faults(const Options& options) {
+int run_faults(const FaultsOptions& options) {
   if (options.soak > 0) return soak(options);
   std::optional<AtomicFile> csv;
   if (!options.csv.empty()) csv.emplace(options.csv);
@@ -274,7 +274,7 @@ int run_faults(const Options& options) {
 }  // namespace
 
 void add_faults(CLI::App& app, std::vector<Command>& commands) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<FaultsOptions>();
   CLI::App* command = app.add_subcommand(
       "faults", "let everything around the firmware fail, and measure the time to safe and to recover");
   command->add_flag("--pairs", options->pairs,

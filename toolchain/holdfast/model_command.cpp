@@ -16,7 +16,7 @@
 namespace holdfast::tool {
 namespace {
 
-struct Options {
+struct ModelOptions {
   SealOptions seal;
   bool compiled_in = false;
   bool json = false;
@@ -43,7 +43,7 @@ std::string text_of(const model::Tree& tree) {
                      tree.text_crc32, tree.text_crc32, tree.set->name, tree.count);
 }
 
-int seal(const Options& options) {
+int seal_model(const ModelOptions& options) {
   if (options.compiled_in == !options.seal.input.empty()) {
     return fail(
         "holdfast model seal: give either a compiled model or --compiled-in. Likely cause: one was left out, or both "
@@ -78,7 +78,7 @@ int seal(const Options& options) {
   return 0;
 }
 
-int show(const Options& options) {
+int show_model(const ModelOptions& options) {
   std::string bytes;
   sealed::Record record;
   if (const std::string error = read_record(sealed::Kind::kModel, options.seal.input, options.seal.key, bytes, record);
@@ -103,7 +103,7 @@ int show(const Options& options) {
 }  // namespace
 
 void add_model(CLI::App& app, std::vector<Command>& commands) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ModelOptions>();
   CLI::App* const command = app.add_subcommand("model", "seal and sign a compiled model for a device");
   command->require_subcommand(1);
 
@@ -117,7 +117,7 @@ void add_model(CLI::App& app, std::vector<Command>& commands) {
       "Example:\n  holdfast compile slip_v4.tree --binary slip_v4.model\n"
       "  holdfast model seal slip_v4.model -o slip_v4.sealed --sign keys/owner.key\n"
       "  holdfast console --load slip_v4.sealed --code-file code");
-  commands.push_back({seal_command, [options] { return seal(*options); }});
+  commands.push_back({seal_command, [options] { return seal_model(*options); }});
 
   CLI::App* const show_command = command->add_subcommand("show", "what is in a sealed file");
   show_command->add_option("FILE", options->seal.input, "what seal wrote")->required()->check(not_empty);
@@ -125,7 +125,7 @@ void add_model(CLI::App& app, std::vector<Command>& commands) {
       ->check(not_empty);
   show_command->add_flag("--json", options->json, "as JSON");
   show_command->footer("Example:\n  holdfast model show slip_v4.sealed --owner-key keys/owner.pub");
-  commands.push_back({show_command, [options] { return show(*options); }});
+  commands.push_back({show_command, [options] { return show_model(*options); }});
 }
 
 }  // namespace holdfast::tool

@@ -19,12 +19,12 @@
 namespace holdfast::tool {
 namespace {
 
-struct Options {
+struct SettingsOptions {
   SealOptions seal;
   bool json = false;
 };
 
-int compile(const Options& options) {
+int compile_settings(const SettingsOptions& options) {
   const SealOptions& seal = options.seal;
   std::string text;
   if (const std::string error = read_small_file(seal.input, "settings", "a TOML file", text); !error.empty()) {
@@ -52,7 +52,7 @@ int compile(const Options& options) {
   return 0;
 }
 
-int show(const Options& options) {
+int show_settings(const SettingsOptions& options) {
   std::string bytes;
   sealed::Record record;
   if (const std::string error =
@@ -96,7 +96,7 @@ int list() {
 }  // namespace
 
 void add_settings(CLI::App& app, std::vector<Command>& commands) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<SettingsOptions>();
   CLI::App* const command = app.add_subcommand("settings", "check, compile and sign settings for a device");
   command->require_subcommand(1);
 
@@ -110,7 +110,7 @@ void add_settings(CLI::App& app, std::vector<Command>& commands) {
   compile_command->footer(
       "Example:\n  holdfast settings compile robot.toml -o robot.settings --sign keys/owner.key\n"
       "  holdfast console --load robot.settings --code-file code");
-  commands.push_back({compile_command, [options] { return compile(*options); }});
+  commands.push_back({compile_command, [options] { return compile_settings(*options); }});
 
   CLI::App* const show_command = command->add_subcommand("show", "what is in a compiled file, as TOML");
   show_command->add_option("FILE", options->seal.input, "what compile wrote")->required()->check(not_empty);
@@ -118,7 +118,7 @@ void add_settings(CLI::App& app, std::vector<Command>& commands) {
       ->check(not_empty);
   show_command->add_flag("--json", options->json, "as JSON");
   show_command->footer("Example:\n  holdfast settings show robot.settings --owner-key keys/owner.pub");
-  commands.push_back({show_command, [options] { return show(*options); }});
+  commands.push_back({show_command, [options] { return show_settings(*options); }});
 
   CLI::App* const list_command = command->add_subcommand("list", "every parameter with its default, as TOML to edit");
   list_command->footer("Example:\n  holdfast settings list > robot.toml");

@@ -28,7 +28,7 @@ double x_log_x(double x) {
   return x > 0.0 ? x * std::log2(x) : 0.0;
 }
 
-struct Split {
+struct Cut {
   double gain = 0.0;
   int column = 0;
   std::int32_t threshold = 0;
@@ -92,7 +92,7 @@ class Grower {
     tree_.nodes.push_back(leaf);
     const Cost as_leaf = std::min(hold, slip) / whole_ + config_.prune;
     if (depth == config_.max_depth || mass.hold == 0.0 || mass.slip == 0.0) return as_leaf;
-    const Split split = best_split(begin, end, mass);
+    const Cut split = best_split(begin, end, mass);
     if (split.gain <= kNothing * whole_) return as_leaf;
 
     Mass true_mass;
@@ -113,11 +113,11 @@ class Grower {
     return cost;
   }
 
-  [[nodiscard]] Split best_split(int begin, int end, const Mass& mass) const {
+  [[nodiscard]] Cut best_split(int begin, int end, const Mass& mass) const {
     const double before = impurity(mass);
     const int first = begin + std::max(config_.min_leaf, 1) - 1;  // last row of the smallest true side
     const int last = end - 1 - std::max(config_.min_leaf, 1);     // likewise of the largest
-    Split best;
+    Cut best;
     for (int column = 0; column < width_; ++column) {
       const std::vector<int>& order = order_[idx(column)];
       const std::vector<std::int32_t>& x = x_[idx(column)];
@@ -144,7 +144,7 @@ class Grower {
   }
 
   // Parts every order at the split and keeps it sorted. Returns where the false side begins.
-  int part(int begin, int end, const Split& split, Mass& true_mass) {
+  int part(int begin, int end, const Cut& split, Mass& true_mass) {
     const std::vector<std::int32_t>& x = x_[idx(split.column)];
     for (int i = begin; i < end; ++i) {
       const int row = order_[0][idx(i)];

@@ -19,7 +19,7 @@
 namespace holdfast::learn {
 namespace {
 
-enum Column : std::size_t {
+enum SampleColumn : std::size_t {
   kSource,
   kObject,
   kPrimitive,
@@ -120,13 +120,13 @@ class Reader {
                  "write it again with this version's `holdfast dataset`");
   }
 
-  [[nodiscard]] Error bad_cell(Column column, std::string_view cell, const std::string& due) const {
+  [[nodiscard]] Error bad_cell(SampleColumn column, std::string_view cell, const std::string& due) const {
     return error(fmt::format("{} {} is not {}", column_name(column), in_quotes(cell), due),
                  "the file is damaged, or was changed by hand", "write it again with `holdfast dataset`");
   }
 
   template <typename Number>
-  Error number(const Cells& cells, Column column, Number least, Number most, Number& value) const {
+  Error number(const Cells& cells, SampleColumn column, Number least, Number most, Number& value) const {
     if (to_number(cells[column], value) && value >= least && value <= most) return std::nullopt;
     return bad_cell(column, cells[column], fmt::format("a number from {} to {}", least, most));
   }
@@ -203,7 +203,7 @@ class Reader {
     if (Error bad = number(cells, kTrial, 0, INT32_MAX, number_here)) return bad;
     const bool same = !samples_.trials.empty() && number_here == trial_number_;
     if (same) {
-      for (const Column column : {kSource, kObject, kPrimitive, kKind, kSeed}) {
+      for (const SampleColumn column : {kSource, kObject, kPrimitive, kKind, kSeed}) {
         if (cells[column] == first_[column]) continue;
         return error(fmt::format("{} is {} and was {} in the same trial {}", column_name(column),
                                  in_quotes(cells[column]), in_quotes(first_[column]), number_here),
@@ -223,7 +223,7 @@ class Reader {
       return bad_cell(kSource, cells[kSource], "simulated or recorded");
     }
     if (Error bad = number(cells, kSeed, std::uint64_t{0}, UINT64_MAX, trial.seed)) return bad;
-    for (const Column column : {kObject, kKind}) {
+    for (const SampleColumn column : {kObject, kKind}) {
       if (cells[column].empty()) return bad_cell(column, cells[column], "a name");
     }
     trial.object = cells[kObject];

@@ -9,18 +9,18 @@
 namespace holdfast::log {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
+using Buffer = std::vector<std::uint8_t>;
 
 // The C++ library's default. A picture of 8 megapixels fills it, and what is read for one message stays small.
 constexpr std::size_t kChunkBytes = 768 * 1024;
 
-void add_number(Bytes& to, std::unsigned_integral auto value) {
+void add_number(Buffer& to, std::unsigned_integral auto value) {
   for (std::size_t i = 0; i < sizeof value; ++i) {
     to.push_back(static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i)));
   }
 }
 
-void add_bytes(Bytes& to, std::span<const std::uint8_t> bytes) {
+void add_bytes(Buffer& to, std::span<const std::uint8_t> bytes) {
   to.insert(to.end(), bytes.begin(), bytes.end());
 }
 
@@ -28,14 +28,14 @@ std::uint32_t sum(std::uint32_t before, std::span<const std::uint8_t> bytes) {
   return static_cast<std::uint32_t>(::crc32_z(before, bytes.data(), bytes.size()));
 }
 
-void add_text(Bytes& to, std::string_view text) {
+void add_text(Buffer& to, std::string_view text) {
   add_number(to, static_cast<std::uint32_t>(text.size()));
   to.insert(to.end(), text.begin(), text.end());
 }
 
 // A map or an array of pairs of numbers, behind its length in bytes.
-void add_pairs(Bytes& to, const auto& pairs) {
-  Bytes content;
+void add_pairs(Buffer& to, const auto& pairs) {
+  Buffer content;
   for (const auto& [first, second] : pairs) {
     add_number(content, first);
     add_number(content, second);
@@ -44,8 +44,8 @@ void add_pairs(Bytes& to, const auto& pairs) {
   add_bytes(to, content);
 }
 
-Bytes record(Op op, const Bytes& content) {
-  Bytes out{static_cast<std::uint8_t>(op)};
+Buffer record(Op op, const Buffer& content) {
+  Buffer out{static_cast<std::uint8_t>(op)};
   add_number(out, std::uint64_t{content.size()});
   add_bytes(out, content);
   return out;
@@ -60,7 +60,7 @@ void McapWriter::TimeSpan::add(std::uint64_t time_ns, bool is_first) {
 
 McapWriter::McapWriter(std::ostream& out) : out_(out) {
   put(kMcapMagic);
-  Bytes header;
+  Buffer header;
   add_text(header, "ros2");
   add_text(header, "holdfast");
   put(record(Op::kHeader, header));
@@ -70,7 +70,7 @@ std::uint16_t McapWriter::add_channel(std::string_view topic, std::string_view s
   const auto [known, is_new] = ids_.try_emplace(std::string(schema), static_cast<std::uint16_t>(ids_.size() + 1));
   const std::uint16_t schema_id = known->second;
   if (is_new) {
-    Bytes content;
+    Buffer content;
     add_number(content, schema_id);
     add_text(content, schema);
     add_text(content, "ros2msg");
@@ -79,7 +79,7 @@ std::uint16_t McapWriter::add_channel(std::string_view topic, std::string_view s
     add_bytes(chunk_, schemas_.back());
   }
   const auto id = static_cast<std::uint16_t>(channels_.size());
-  Bytes content;
+  Buffer content;
   add_number(content, id);
   add_number(content, schema_id);
   add_text(content, topic);
@@ -110,7 +110,7 @@ void McapWriter::write(std::uint16_t channel, std::uint32_t sequence, std::uint6
 
 void McapWriter::flush_chunk() {
   if (chunk_.empty()) return;
-  Bytes head;
+  Buffer head;
   add_number(head, chunk_span_.first);
   add_number(head, chunk_span_.last);
   add_number(head, std::uint64_t{chunk_.size()});
@@ -119,7 +119,7 @@ void McapWriter::flush_chunk() {
   add_number(head, std::uint64_t{chunk_.size()});
 
   const std::uint64_t start = position_;
-  Bytes before{static_cast<std::uint8_t>(Op::kChunk)};
+  Buffer before{static_cast<std::uint8_t>(Op::kChunk)};
   add_number(before, std::uint64_t{head.size() + chunk_.size()});
   put(before);
   put(head);
@@ -129,13 +129,13 @@ void McapWriter::flush_chunk() {
   std::map<std::uint16_t, std::uint64_t> index_offsets;
   for (const auto& [channel, entries] : index_) {
     index_offsets[channel] = position_;
-    Bytes content;
+    Buffer content;
     add_number(content, channel);
     add_pairs(content, entries);
     put(record(Op::kMessageIndex, content));
   }
 
-  Bytes index;
+  Buffer index;
   add_number(index, chunk_span_.first);
   add_number(index, chunk_span_.last);
   add_number(index, start);
@@ -154,18 +154,18 @@ void McapWriter::flush_chunk() {
 
 void McapWriter::add_metadata(std::string_view name, const std::map<std::string, std::string>& entries) {
   flush_chunk();
-  Bytes pairs;
+  Buffer pairs;
   for (const auto& [key, value] : entries) {
     add_text(pairs, key);
     add_text(pairs, value);
   }
-  Bytes content;
+  Buffer content;
   add_text(content, name);
   add_number(content, static_cast<std::uint32_t>(pairs.size()));
   add_bytes(content, pairs);
   const std::uint64_t start = position_;
   put(record(Op::kMetadata, content));
-  Bytes index;
+  Buffer index;
   add_number(index, start);
   add_number(index, position_ - start);
   add_text(index, name);
@@ -174,13 +174,13 @@ void McapWriter::add_metadata(std::string_view name, const std::map<std::string,
 
 void McapWriter::finish() {
   flush_chunk();
-  Bytes data_end;
+  Buffer data_end;
   add_number(data_end, crc_);
   put(record(Op::kDataEnd, data_end));
 
   const std::uint64_t summary_start = position_;
   crc_ = 0;
-  Bytes statistics;
+  Buffer statistics;
   add_number(statistics, messages_);
   add_number(statistics, static_cast<std::uint16_t>(schemas_.size()));
   add_number(statistics, static_cast<std::uint32_t>(channels_.size()));
@@ -191,19 +191,19 @@ void McapWriter::finish() {
   add_number(statistics, span_.last);
   add_pairs(statistics, counts_);
 
-  Bytes offsets;
-  const auto put_group = [&](Op op, std::span<const Bytes> records) {
+  Buffer offsets;
+  const auto put_group = [&](Op op, std::span<const Buffer> records) {
     if (records.empty()) return;
     const std::uint64_t start = position_;
-    for (const Bytes& one : records) put(one);
-    Bytes content{static_cast<std::uint8_t>(op)};
+    for (const Buffer& one : records) put(one);
+    Buffer content{static_cast<std::uint8_t>(op)};
     add_number(content, start);
     add_number(content, position_ - start);
     add_bytes(offsets, record(Op::kSummaryOffset, content));
   };
   put_group(Op::kSchema, schemas_);
   put_group(Op::kChannel, channels_);
-  const Bytes counted = record(Op::kStatistics, statistics);
+  const Buffer counted = record(Op::kStatistics, statistics);
   put_group(Op::kStatistics, {&counted, 1});
   put_group(Op::kChunkIndex, chunk_indexes_);
   put_group(Op::kMetadataIndex, metadata_indexes_);
@@ -211,12 +211,12 @@ void McapWriter::finish() {
   put(offsets);
 
   // The sum ends with the two numbers of the footer that stand before it.
-  Bytes footer{static_cast<std::uint8_t>(Op::kFooter)};
+  Buffer footer{static_cast<std::uint8_t>(Op::kFooter)};
   add_number(footer, std::uint64_t{8 + 8 + 4});
   add_number(footer, summary_start);
   add_number(footer, offsets_start);
   put(footer);
-  Bytes end;
+  Buffer end;
   add_number(end, crc_);
   put(end);
   put(kMcapMagic);

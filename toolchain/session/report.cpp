@@ -550,7 +550,7 @@ std::string delay_text(const Delay& delay, const std::string& mark) {
   return fmt::format("Slip raised {} ({:.0f} ms) after {}", plural(delay.frames, "frame"), delay.ms, mark);
 }
 
-struct Summary {
+struct Totals {
   long accepted = 0, with_features = 0, grip_ok = 0;
   double mean_markers = 0;
   std::uint32_t worst_markers = 0;
@@ -558,8 +558,8 @@ struct Summary {
   std::map<Reason, long> reasons;
 };
 
-Summary summarise(const std::vector<FrameRecord>& frames) {
-  Summary s;
+Totals summarise(const std::vector<FrameRecord>& frames) {
+  Totals s;
   s.worst_markers = std::numeric_limits<std::uint32_t>::max();
   for (const FrameRecord& f : frames) {
     s.accepted += f.accepted ? 1 : 0;
@@ -617,7 +617,7 @@ std::string row(const std::string& name, const std::string& value) {
   return value.empty() ? "" : fmt::format("<tr><th>{}</th><td>{}</td></tr>\n", escape(name), escape(value));
 }
 
-std::string summary_table(const std::vector<FrameRecord>& frames, const ReportInfo& info, const Summary& s,
+std::string summary_table(const std::vector<FrameRecord>& frames, const ReportInfo& info, const Totals& s,
                           const std::vector<std::size_t>& starts) {
   std::string out = "<table>";
   out += row("Input", info.input) + row("Grid", info.grid) + row("Mode", info.mode) + row("Model", info.model) +
@@ -646,7 +646,7 @@ std::string summary_table(const std::vector<FrameRecord>& frames, const ReportIn
   return out + "</table>";
 }
 
-std::string reason_table(const Summary& s) {
+std::string reason_table(const Totals& s) {
   if (s.reasons.empty()) return "";
   std::string out = "<h2>Reasons given</h2>\n<table class=\"wide\">";
   out +=
@@ -728,7 +728,7 @@ std::string Report::html(const ReportInfo& info) const {
   if (frames_.empty()) return out + "<p>The recording gave no frames.</p>\n" + page::end("null");
 
   const std::vector<std::size_t> starts = slip_starts(frames_);
-  const Summary s = summarise(frames_);
+  const Totals s = summarise(frames_);
   out += "<div class=\"recorded\">" + verdict(frames_, info, starts) + "</div>\n";
   out += "<div class=\"watch\">\n" + page::explorer();
 
