@@ -24,6 +24,7 @@ declare -A what=(
   [system]="the cards; holdfastd with a stock kernel on an emulated machine: start, slip, replug, a kill, an update"
   [deb]="the host tool as a Debian package: lintian, and a fresh root that installs it and plays a scene"
   [deb13]="the same built in a root of Debian 13, without the device libraries"
+  [deb_arm64]="the same cross-built for arm64, run under qemu-user with what it depends on"
   [long]="the runs that take long: faults in pairs, soak, kills, book pulls, trials, all histograms"
   [fuzz]="fuzz the parsers with libFuzzer for a minute (tests/fuzz/run.sh for longer)"
 )
@@ -37,7 +38,7 @@ parts packages, format and sim without its longest tests, twelve minutes of two 
   --only PART  just this part in full; may be given again. The parts, in order:
 USAGE
   local part
-  for part in "${parts[@]}" deb deb13; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
+  for part in "${parts[@]}" deb deb13 deb_arm64; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
   --long       --all, or the parts named by --only, and the runs that take long, an hour or more: all pairs of faults, a
                soak of a day of frames, a million frames of the firmware without a heap call, 200 kills and stops, 200
@@ -59,7 +60,7 @@ while (($# > 0)); do
   case $1 in
     --only)
       if [[ -z ${2:-} || -z ${what[$2]:-} ]]; then
-        complain "--only '${2:-}' is no part" "a typing error" "give one of: ${parts[*]} deb deb13"
+        complain "--only '${2:-}' is no part" "a typing error" "give one of: ${parts[*]} deb deb13 deb_arm64"
         exit 2
       fi
       chosen+=("$2")
@@ -91,6 +92,7 @@ add() { [[ " ${chosen[*]} " == *" $1 "* ]] || chosen+=("$1"); }
 if ((long)); then
   add deb
   add deb13
+  add deb_arm64
   add long
 fi
 
@@ -296,6 +298,7 @@ package() {
   count_one "$name (toolchain/install/deb.sh $*)" "$status"
 }
 part_deb() { build sim && package deb --check; }
+part_deb_arm64() { ensure_packages cross && build sim && package deb_arm64 --arch arm64 --check; }
 part_deb13() { package deb13 --release trixie --check; }
 part_long() {
   build sim || return 1
@@ -418,7 +421,7 @@ closing() {
     say "left out under the sanitizers: the host tool, programs, physics, ${not_sanitized//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
     say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
   }
-  ((long == 1)) || say "left out (--long): the Debian package in a fresh root of Debian 12 and of 13 (--only deb, deb13), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
+  ((long == 1)) || say "left out (--long): the Debian package in a fresh root of Debian 12 and of 13, and for arm64 (--only deb, deb13, deb_arm64), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
   ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an emulated Pi 3"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"

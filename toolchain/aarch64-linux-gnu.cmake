@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 # Cross build for a 64-bit Raspberry Pi 4 with Debian's g++-aarch64-linux-gnu and that package's own C and C++
-# libraries. Everything else comes from build/sysroot-aarch64 (toolchain/sysroot.sh). ctest runs the tests under
-# qemu-user by itself. Units and ranges: none. Errors: a missing sysroot, compiler or emulator stops the configuration.
+# libraries. Everything else comes from build/sysroot-aarch64 (toolchain/sysroot.sh), or from another HOLDFAST_SYSROOT, for
+# another HOLDFAST_CPU (toolchain/install/deb.sh --arch). ctest runs the tests under qemu-user by itself. Units and ranges: none. Errors: a missing sysroot, compiler or emulator stops the configuration.
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
 set(holdfast_triplet aarch64-linux-gnu)
-set(HOLDFAST_SYSROOT ${CMAKE_CURRENT_LIST_DIR}/../build/sysroot-aarch64)
+set(HOLDFAST_SYSROOT ${CMAKE_CURRENT_LIST_DIR}/../build/sysroot-aarch64 CACHE PATH "where the board's libraries are")
+set(HOLDFAST_CPU cortex-a72 CACHE STRING "compiled for this and later ones")
+list(APPEND CMAKE_TRY_COMPILE_PLATFORM_VARIABLES HOLDFAST_SYSROOT HOLDFAST_CPU)
 cmake_path(NORMAL_PATH HOLDFAST_SYSROOT)
 
 if(NOT EXISTS ${HOLDFAST_SYSROOT}/packages.txt)
@@ -18,8 +20,8 @@ set(CMAKE_CXX_COMPILER ${holdfast_triplet}-g++)
 # jumps' protection are hints that a Cortex-A72 takes for no-ops, and later cores obey.
 set(holdfast_hardening
   "-D_FORTIFY_SOURCE=2 -fstack-protector-strong -fstack-clash-protection -mbranch-protection=standard -fPIE")
-set(CMAKE_C_FLAGS_INIT "-mcpu=cortex-a72 ${holdfast_hardening}")
-set(CMAKE_CXX_FLAGS_INIT "-mcpu=cortex-a72 ${holdfast_hardening}")
+set(CMAKE_C_FLAGS_INIT "-mcpu=${HOLDFAST_CPU} ${holdfast_hardening}")
+set(CMAKE_CXX_FLAGS_INIT "-mcpu=${HOLDFAST_CPU} ${holdfast_hardening}")
 set(CMAKE_EXE_LINKER_FLAGS_INIT "-pie -Wl,-z,relro,-z,now,-z,noexecstack")
 set(CMAKE_LIBRARY_ARCHITECTURE ${holdfast_triplet})
 # Debian's headers of one architecture (libjpeg's configuration): only a compiler at home there looks for them itself.
