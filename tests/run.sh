@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs what is missing, builds, and runs the tests: without options those that prove the product in twelve minutes of
-# two cores, with --all every part, with --long the runs of hours, too. Works from a clean clone on Debian 12 with git and
+# Installs what is missing, builds, and runs the tests: without options those that prove the product in the shortest time,
+# with --all every part, with --long the runs of hours, too. Works from a clean clone on Debian 12 with git and
 # bash; the real recordings are used when they lie in ../shared/data/real beside the clone. See --help.
 # The last line is "N passed, N failed, N skipped", summed over the parts; exit status 0 only when nothing failed.
 set -uo pipefail
@@ -33,7 +33,7 @@ usage() {
   cat <<'USAGE'
 usage: tests/run.sh [--all] [--only PART]... [--long] [--system] [--tidy]
 Installs what is missing (apt-get, with sudo when not root), builds, and runs the tests part by part: without options the
-parts packages, format and sim without its longest tests, twelve minutes of two cores on a fresh clone.
+parts packages, format and sim without its longest tests, twenty minutes of two cores on a machine that has built nothing.
   --all        every part in full, what continuous integration runs: forty minutes
   --only PART  just this part in full; may be given again. The parts, in order:
 USAGE
