@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Cross build for a 64-bit Raspberry Pi 4 with Debian's g++-aarch64-linux-gnu and that package's own C and C++
 # libraries. Everything else comes from build/sysroot-aarch64 (toolchain/sysroot.sh), or from another HOLDFAST_SYSROOT, for
-# another HOLDFAST_CPU (toolchain/install/deb.sh --arch). ctest runs the tests under qemu-user by itself. Units and ranges: none. Errors: a missing sysroot, compiler or emulator stops the configuration.
+# another HOLDFAST_CPU (toolchain/install/deb.sh --arch). ctest runs the tests under qemu-user by itself. Units and ranges:
+# none. Errors: a missing sysroot, compiler or emulator stops the configuration.
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
 set(holdfast_triplet aarch64-linux-gnu)

@@ -37,9 +37,7 @@ set(CPACK_COMPONENTS_ALL pc)
 set(CPACK_DEBIAN_PC_PACKAGE_NAME holdfast)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
-if(CPACK_DEBIAN_PC_PACKAGE_DEPENDS)
-  set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS OFF)  # said by who cross compiles: dpkg-shlibdeps knows this machine's packages alone
-else()
+if(NOT CPACK_DEBIAN_PC_PACKAGE_DEPENDS)  # given by deb.sh --arch: dpkg-shlibdeps knows the packages of this machine alone
   set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 endif()
 set(CPACK_STRIP_FILES ON)
