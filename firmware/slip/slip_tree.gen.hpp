@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Generated from toolchain/model/slip_v4.tree; do not edit. holdfast compile writes it.
+// Generated from toolchain/model/slip_v5.tree; do not edit. holdfast compile writes it.
 #pragma once
 
 #include <array>
@@ -10,16 +10,16 @@
 
 namespace holdfast::slip_tree {
 
-inline constexpr std::string_view kName = "slip_v4";
+inline constexpr std::string_view kName = "slip_v5";
 inline constexpr std::string_view kFeatureSet = "touch";
 inline constexpr int kDepth = 20;
-inline constexpr int kNodes = 421;
-inline constexpr std::uint32_t kModelCrc32 = 0x8C403629;  // of the model's text
+inline constexpr int kNodes = 411;
+inline constexpr std::uint32_t kModelCrc32 = 0x2AE922A1;  // of the model's text
 
 // The first predicate on each feature.
 // clang-format off
 inline constexpr std::array<Predicate, 17> kFirst{{
-    {13, 1484},  // imprint_log2_um_q8
+    {13, 1480},  // imprint_log2_um_q8
     {15, 1512},  // imprint_coarse_log2_um_q8
     {16, 9},  // imprint_patches
     {7, 150},  // flow_residual_um_s
@@ -57,7 +57,7 @@ inline constexpr std::array<Predicate, 17> kFirst{{
   const std::int32_t& imprint_growth_log2_q8 = x[14];
   const std::int32_t& imprint_coarse_log2_um_q8 = x[15];
   const std::int32_t& imprint_patches = x[16];
-  if (imprint_log2_um_q8 <= 1484) {
+  if (imprint_log2_um_q8 <= 1480) {
     if (imprint_coarse_log2_um_q8 <= 1512) {
       if (imprint_patches <= 9) {
         if (flow_residual_um_s <= 150) return Verdict::kHold;
@@ -483,20 +483,11 @@ inline constexpr std::array<Predicate, 17> kFirst{{
     }
     if (imprint_growth_log2_q8 <= 64) {
       if (flow_residual_um_s <= 60) return Verdict::kHold;
-      if (flow_residual_um_s <= 1500) return Verdict::kSlipNow;
-      if (flow_residual_um_s <= 2500) {
-        if (imprint_coarse_log2_um_q8 <= 1896) return Verdict::kHold;
-        return Verdict::kSlipNow;
-      }
-      return Verdict::kHold;
+      return Verdict::kSlipNow;
     }
     return Verdict::kHold;
   }
-  if (imprint_growth_log2_q8 <= 31) {
-    if (flow_residual_um_s <= 1000) return Verdict::kSlipNow;
-    if (imprint_log2_um_q8 <= 1580) return Verdict::kHold;
-    return Verdict::kSlipNow;
-  }
+  if (imprint_growth_log2_q8 <= 31) return Verdict::kSlipNow;
   return Verdict::kHold;
 }
 

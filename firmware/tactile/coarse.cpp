@@ -72,7 +72,7 @@ void fill(std::span<const Patch> patches, std::array<Vector, kModes>& modes) {
 
 }  // namespace
 
-Log2Q8 motion(std::span<const Patch> patches, std::int32_t step_um_log2_q8, Saturations& saturations) {
+Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step_um_log2_q8, Saturations& saturations) {
   const std::size_t n = std::min<std::size_t>(patches.size(), kMostPatches);
   if (n < kLeastPatches) return {};
   // So little change is below 33 times the floor of the noise, whatever explains it.
@@ -107,9 +107,9 @@ Log2Q8 motion(std::span<const Patch> patches, std::int32_t step_um_log2_q8, Satu
   }
   const std::int64_t left = dot(change, change, n);
   const std::int64_t noise = left / (static_cast<std::int64_t>(n) - kModes) + kNoiseFloor;
-  const std::int64_t evidence = stuck - left - kTimesNoise * noise;
-  if (evidence <= 0) return {};
   const std::int64_t energy = slopes / 2 + static_cast<std::int64_t>(n) * kSlopeFloor;
+  const std::int64_t evidence = stuck - left - kTimesNoise * noise - explained(carried, energy, 4, 1);
+  if (evidence <= 0) return {};
   const auto log_of = [](std::int64_t value) { return log2_q8(static_cast<std::uint64_t>(value)); };
   const std::int32_t steps_q8 = (log_of(evidence) - log_of(energy)) / 2 - 256;
   return Log2Q8::saturate(std::max(step_um_log2_q8 + steps_q8, 0), saturations);

@@ -9,13 +9,16 @@
 //   explained what is left and lies along the slopes: a shift along x or y, a turn about the middle, least squares
 //   noise   = what nothing explains, by degree of freedom, and 0.02 levels^2
 //   motion  = step sqrt((explained - 33 noise) / (sum |slope|^2 / 2 + 0.01 N)): 33 = 3 motions of 11 times the noise
-// so that growth of a contact, which no rigid motion explains, is noise to it.
+// less what being carried explains (imprint.hpp), so that growth of a contact, which no rigid motion explains, is noise
+// to it.
 //
 // The factor 11 and the two floors were chosen on simulated slides, closings and bonded shaking of seed 7 and on the
 // silence of 200 recordings (2026-11-24): at 8 bonded objects alarm when they are shaken, at 20 a quarter of the
 // slides is missed. On recordings with relief it adds alarms to imprint.hpp and no onset, so it is for those without.
 #pragma once
 
+#include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <span>
 
@@ -36,8 +39,24 @@ inline constexpr int kMostPatches = 320;
 inline constexpr int kModes = 10;         // 7 that stick, 3 that slip
 inline constexpr int kLeastPatches = 20;  // with fewer there is no telling motion from noise
 
+// Half of the way that the gel went between two pictures, squared: what a motion loses of its square.
+struct Carried {
+  std::int64_t steps2_q10 = 0;
+};
+
+// The evidence that it explains, of a motion that is sqrt(evidence / energy * down / up) steps. Range: energy below
+// 2^62, carried below 2^22, up and down below 2^10, up at least down. Keeps 38 bits of the energy, so that products
+// stay below 2^60 before the shift back; capped at 2^62.
+[[nodiscard]] constexpr std::int64_t explained(Carried carried, std::int64_t energy, std::int64_t up,
+                                               std::int64_t down) {
+  const int shift = std::max(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(energy))) - 38, 0);
+  const std::int64_t part = ((energy >> shift) * carried.steps2_q10 >> 10) * up / down;
+  return part < (std::int64_t{1} << 62) >> shift ? part << shift : std::int64_t{1} << 62;
+}
+
 // log2 of um in Q8; 0: nothing that stands out. `step_um_log2_q8`: distance of two samples, likewise. Range: at most
 // kMostPatches; change and shading below 2^18, slopes below 2^19, places below 2^10. Below kLeastPatches: 0.
-[[nodiscard]] Log2Q8 motion(std::span<const Patch> patches, std::int32_t step_um_log2_q8, Saturations& saturations);
+[[nodiscard]] Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step_um_log2_q8,
+                            Saturations& saturations);
 
 }  // namespace holdfast::coarse

@@ -95,6 +95,7 @@ class ImprintReference {
     if (empty && patches > 0 && empty_frames_ > 8) {
       noise_relief_ += (reliefs / patches - noise_relief_) / (empty_frames_ - 8);
     }
+    carry(now, rest, config_.pitch_um / (pitch.raw() / 256.0), frame);
     compare(frame, rest.grid, out);
     if (kept_.empty() || t_s - kept_.front().t_s >= 0.035 - 1e-9) kept_.push_front(frame);
     if (kept_.size() > 7) kept_.pop_back();
@@ -123,6 +124,7 @@ class ImprintReference {
   };
   struct Frame {
     double t_s = 0.0;
+    double x_um = 0.0, y_um = 0.0;                              // mean displacement of the markers
     std::array<std::optional<Patch>, 4 * kMaxMarkers> patches;  // four to a dot
   };
 
@@ -288,6 +290,19 @@ class ImprintReference {
     return out;
   }
 
+  static void carry(const MarkerField& now, const MarkerField& rest, double um_per_px, Frame& frame) {
+    int n = 0;
+    for (int i = 0; i < rest.grid.count(); ++i) {
+      const Marker &to = now.markers[idx(i)], &from = rest.markers[idx(i)];
+      if (!to.valid || !from.valid) continue;
+      frame.x_um += (to.x.raw() - from.x.raw()) / 256.0 * um_per_px;
+      frame.y_um += (to.y.raw() - from.y.raw()) / 256.0 * um_per_px;
+      ++n;
+    }
+    frame.x_um /= std::max(n, 1);
+    frame.y_um /= std::max(n, 1);
+  }
+
   void compare(const Frame& now, GridSize grid, Seen& out) const {
     constexpr double kLag_s = 0.16, kLevels2 = 256.0;
     const Frame* then = nullptr;
@@ -341,21 +356,27 @@ class ImprintReference {
       shading_now += std::pow(one.shading_now - base_now, 2);
       shading_then += std::pow(one.shading_then - base_then, 2);
     }
+    const double carried_um = 0.5 * std::hypot(now.x_um - then->x_um, now.y_um - then->y_um);
+    const auto less_carried = [carried_um](double um) {
+      return std::sqrt(std::max(0.0, um * um - carried_um * carried_um));
+    };
     const auto motion_um = [&](std::ptrdiff_t ranks) {
       const auto rank = static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4) + ranks;
       const auto last = static_cast<std::ptrdiff_t>(least.size()) - 1;
       const double noise = least[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(rank, 0, last))].change;
       double evidence = 0;
       for (const Both& one : both) evidence += one.g * (one.change - noise);
-      return config_.pitch_um / 16.0 * std::sqrt(std::max(0.0, evidence) / energy);
+      return less_carried(config_.pitch_um / 16.0 * std::sqrt(std::max(0.0, evidence) / energy));
     };
     out.least_um = motion_um(kRanks);
     out.most_um = motion_um(-kRanks);
     out.growth = std::log2(shading_now / shading_then);
     if (out.relief <= kMostReliefForCoarse) {
       const CoarseSeen seen = coarse_reference(coarse);
-      out.coarse_um = config_.pitch_um / 16.0 * seen.motion_steps;
+      const double um = config_.pitch_um / 16.0 * seen.motion_steps;
+      out.coarse_um = less_carried(um);
       out.coarse_signal = seen.signal;
+      if (um > 0.0) out.coarse_signal = std::min(seen.signal, 1.0 - std::pow(carried_um / um, 2));
     }
     const double floor = n * (0.1 + std::pow(noise_relief_ / kPairs / kLevels2, 2));
     out.over_floor = std::min(energy_now, energy_then) / floor;

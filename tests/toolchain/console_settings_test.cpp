@@ -19,7 +19,7 @@ using console_tool::SettingsText;
 namespace {
 
 const std::vector<std::string> kDump{"set hold_ms 200", "set max_force 255", "set start_force 20"};
-const std::string kVersion = R"({"firmware":"holdfastd 0.1.0","board":"sim","link_version":1,"model":"slip_v4"})";
+const std::string kVersion = R"({"firmware":"holdfastd 0.1.0","board":"sim","link_version":1,"model":"slip_v5"})";
 
 Parameter parameter(const char* name, std::int64_t least, std::int64_t most) {
   Parameter out;
@@ -36,7 +36,7 @@ TEST_GROUP(ConsoleSettings){};
 
 TEST(ConsoleSettings, ABackupSaysWhatItIsOfAndIsReadBack) {
   const std::string text = console_tool::backup_text(kVersion, kDump);
-  STRCMP_CONTAINS("# holdfast backup\n# firmware holdfastd 0.1.0\n# board sim\n# link_version 1\n# model slip_v4\nset ",
+  STRCMP_CONTAINS("# holdfast backup\n# firmware holdfastd 0.1.0\n# board sim\n# link_version 1\n# model slip_v5\nset ",
                   text.c_str());
   const SettingsText read = parse_settings(text);
   STRCMP_EQUAL("", read.error.c_str());

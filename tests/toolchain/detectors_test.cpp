@@ -161,18 +161,12 @@ TEST(Fuse, ImprintDecidesWhereThereIsReliefAndMarkersWhereThereIsNone) {
   CHECK(says({0, 0, kMostPatches, flows, 501}) == Verdict::kSlip);
   CHECK(says({0, 0, kMostPatches, flows, 500}) == Verdict::kHold);
   CHECK(says({0, 0, kMostPatches, flows - 1, 501}) == Verdict::kHold);  // where nothing moves, nothing is raised
-  // Coarse motion of what the markers feel: not while the contact is made, and further where the gel bends fast.
-  constexpr int kDrags = kLeastCoarseFlow_um_s + 1, kBends = kMostCoarseFlow_um_s + 1;
-  constexpr int kFar = kCoarse + kBentCoarseMargin;
+  // Coarse motion of what the markers feel, but not while the contact is made.
+  constexpr int kDrags = kLeastCoarseFlow_um_s + 1;
   CHECK(says({0, kMostCoarseGrowth, 0, kDrags, 0, kCoarse + 1}) == Verdict::kSlipNow);
-  CHECK(says({0, kMostCoarseGrowth, 0, kBends - 1, 0, kCoarse + 1}) == Verdict::kSlipNow);
   CHECK(says({0, 0, 0, kDrags, 0, kCoarse}) == Verdict::kHold);
   CHECK(says({0, 0, 0, kDrags - 1, 0, kCoarse + 1}) == Verdict::kHold);
   CHECK(says({0, kMostCoarseGrowth + 1, 0, kDrags, 0, kCoarse + 1}) == Verdict::kHold);
-  CHECK(says({0, 0, 0, kBends, 0, kFar}) == Verdict::kHold);
-  CHECK(says({0, 0, 0, kBends, 0, kFar + 1}) == Verdict::kSlipNow);
-  CHECK(says({0, 0, 0, kNoCoarseFlow_um_s, 0, kFar + 1}) == Verdict::kSlipNow);
-  CHECK(says({0, 0, 0, kNoCoarseFlow_um_s + 1, 0, kFar + 1}) == Verdict::kHold);
 }
 
 TEST(Fuse, WhatCannotBePutTogetherIsRefusedInOneLine) {

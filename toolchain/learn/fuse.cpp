@@ -125,30 +125,15 @@ std::optional<std::string> fuse(const Samples& recordings, const treec::Model& m
   const int spreads = build.split("imprint_growth_log2_q8", kMostCoarseGrowth);
   const int drags = build.split(kFlow, kLeastCoarseFlow_um_s);
   const int pressed = build.leaf(Verdict::kHold);
-  const int carried = build.split(kFlow, kMostCoarseFlow_um_s);
   const int shifted = build.leaf(Verdict::kSlipNow);
-  const int swept = build.split(kFlow, kNoCoarseFlow_um_s);
-  const int far = build.split("imprint_coarse_log2_um_q8", kCoarse + kBentCoarseMargin);
-  const int not_far = build.leaf(Verdict::kHold);
-  const int shifted_far = build.leaf(Verdict::kSlipNow);
-  build.children(far, not_far, shifted_far);
-  const int too_fast = build.leaf(Verdict::kHold);
-  build.children(swept, far, too_fast);
-  build.children(carried, shifted, swept);
-  build.children(drags, pressed, carried);
+  build.children(drags, pressed, shifted);
   const int spread = build.leaf(Verdict::kHold);
   build.children(spreads, drags, spread);
   build.children(shifts, relief, spreads);
   const int grows = build.split("imprint_growth_log2_q8", kMostGrowth);
-  const int bends = build.split(kFlow, kMostFlow_um_s);
   const int slides = build.leaf(Verdict::kSlipNow);
-  const int much = build.split("imprint_log2_um_q8", out.threshold + kBentMargin);
-  const int too_little = build.leaf(Verdict::kHold);
-  const int slides_too = build.leaf(Verdict::kSlipNow);
-  build.children(much, too_little, slides_too);
-  build.children(bends, slides, much);
   const int touches = build.leaf(Verdict::kHold);
-  build.children(grows, bends, touches);
+  build.children(grows, slides, touches);
   build.children(moves, shifts, grows);
   if (const auto problem = treec::check(model)) {
     return fmt::format(

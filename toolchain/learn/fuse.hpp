@@ -29,18 +29,12 @@ namespace holdfast::learn {
 inline constexpr Budget kImprintBudget{1, 8.0};
 
 // Coarse motion, log2 of um in Q8, above which it is slip: 60 um; its growth at most a fifth in the lag (what grows is
-// noise to it already). Where the gel bends fast, 170 um, and faster still it is not heard: light that is fixed to the
-// camera runs across patches that the gel carries. Where the markers' flow is below 60 um/s nothing drags the gel, and
-// a ball that is pressed in beside the middle of the lattice only looks as if it came from a side. Chosen on simulated
-// slides, closings and bonded shaking of seed 7 (tactile/coarse.hpp); on the recordings it adds no alarm in silence.
-// 800 instead of 1500 um/s leaves one of four alarms of bonded objects that are shaken hard (imprint_grasps_test.cpp),
-// and detects a smooth sphere's slip 520 ms later (scene sphere_slip).
+// noise to it already). Where the markers' flow is below 60 um/s nothing drags the gel, and a ball that is pressed in
+// beside the middle of the lattice only looks as if it came from a side. Chosen on simulated slides, closings and
+// bonded shaking of seed 7 (tactile/coarse.hpp); on the recordings it adds no alarm in silence.
 inline constexpr int kCoarse = 1512;
 inline constexpr int kMostCoarseGrowth = 64;
 inline constexpr int kLeastCoarseFlow_um_s = 60;
-inline constexpr int kMostCoarseFlow_um_s = 1500;
-inline constexpr int kBentCoarseMargin = 384;
-inline constexpr int kNoCoarseFlow_um_s = 2500;
 
 // More patches in contact than this, and the markers are not heard. With 3 a smooth object slides unseen for a second
 // under a dozen specks of dirt.
@@ -50,12 +44,6 @@ inline constexpr int kMostPatches = 9;
 // 2 um show 15 to 30 over the 0.1 s of the flow. On the 200 recordings the tree slip_v2 with up to 9 patches raised 41
 // false alarms in 18.5 minutes above 20, 5 above 100 and one above 150 (2026-11-24).
 inline constexpr int kLeastFlow_um_s = 150;
-
-// Where the markers' flow departs from a rigid motion by more than this, um/s, what lies between them is not known as
-// well: the imprint must move by 1.3 times as much. It delays two or three recorded onsets by some frames and loses
-// none. Without it two of eight simulated grasps that stick fast alarm when they are shaken by 0.8 mm at 6 Hz.
-inline constexpr int kMostFlow_um_s = 1000;
-inline constexpr int kBentMargin = 96;  // log2 in Q8
 
 struct Fused {
   treec::Model model;

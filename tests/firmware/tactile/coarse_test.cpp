@@ -30,9 +30,9 @@ std::int32_t rounded(double value) {
   return static_cast<std::int32_t>(std::lround(value));
 }
 
-std::int32_t moved(const Patches& patches) {
+std::int32_t moved(const Patches& patches, coarse::Carried carried = {}) {
   Saturations saturations;
-  const Log2Q8 motion = coarse::motion(patches, kStep_q8, saturations);
+  const Log2Q8 motion = coarse::motion(patches, carried, kStep_q8, saturations);
   LONGS_EQUAL(0, saturations.count);
   return motion.raw();
 }
@@ -253,6 +253,33 @@ TEST(Coarse, WhatAStuckContactExplainsIsNoMotion) {
 }
 
 // On top of a motion each nuisance takes from it no more than it shares with it, and adds nothing to the noise.
+// sqrt(motion^2 - carried^2); 2/256: of two logarithms, rounded.
+TEST(Coarse, LosesWhatBeingCarriedExplains) {
+  const Patches patches = seen(Dome{}, Dome{2.0, 1.0});
+  const double alone = steps(moved(patches));
+  CHECK(alone > 0.7);
+  for (const double carried : {0.1, 0.3, 0.9}) {
+    const auto steps2_q10 = static_cast<std::int64_t>(std::lround(1024.0 * carried * carried * alone * alone));
+    const double exact = alone * std::sqrt(1.0 - carried * carried);
+    DOUBLES_EQUAL(std::log2(exact), std::log2(steps(moved(patches, {steps2_q10}))), 3.0 / 256);
+  }
+  LONGS_EQUAL(0, moved(patches, {static_cast<std::int64_t>(1024.0 * 1.1 * alone * alone)}));
+  LONGS_EQUAL(0, moved(patches, {1 << 21}));
+}
+
+// Against double, over all sizes of energy; 2^-20: of the 38 bits that are kept.
+TEST(Coarse, ExplainedEvidenceIsTheEnergysShare) {
+  for (int bits = 10; bits < 62; ++bits) {
+    for (const std::int64_t carried : {0, 1, 700, 1 << 21}) {
+      const std::int64_t energy = (std::int64_t{1} << bits) + 12345;
+      const double exact = static_cast<double>(energy) * static_cast<double>(carried) / 1024.0 * 625.0 / 68.0;
+      const double expected = std::min(exact, std::ldexp(1.0, 62));
+      DOUBLES_EQUAL(expected, static_cast<double>(coarse::explained({carried}, energy, 625, 68)),
+                    std::ldexp(expected, -20) + 10.0);
+    }
+  }
+}
+
 TEST(Coarse, NoNuisanceHidesAShift) {
   for (const Nuisance& nuisance : kNuisances) {
     std::mt19937 random(12);

@@ -435,13 +435,36 @@ TEST(Imprint, WhatMovesWithTheGelDoesNotMove) {
     CHECK(seen.patches.raw() > 60);
     CHECK(um(seen.motion) < 15.0);  // interpolation between pixels of 0.127 mm
   }
-  // The same relief left behind: as far as the gel goes.
+  // The same relief left behind: as far as the gel goes, less what is put down to its being carried, half of the way.
   Bench slips(gel);
   slips.gel.relief = held;
   (void)slips.wait(20);
   slips.gel.dots = {0.1, 0.0};
-  const double expected = motion_of(gel, held, carried({0.1, 0.0}));
+  const double moved = motion_of(gel, held, carried({0.1, 0.0}));
+  const double expected = std::sqrt(moved * moved - 50.0 * 50.0);
   DOUBLES_EQUAL(expected, um(slips.step().motion), 0.1 * expected);
+}
+
+// A relief that goes its own way while the gel goes another: the motion loses the square of half of the gel's way,
+// whatever their directions, and there is none when it was shorter.
+TEST(Imprint, WhatBeingCarriedExplainsIsNoMotion) {
+  const auto held = within(kContact_mm, grain(10.0));
+  const auto seen = [&](Mm gel_way, Mm own_way) {
+    Bench bench(Gel{});
+    bench.gel.relief = held;
+    (void)bench.wait(20);
+    bench.gel.dots = gel_way;
+    const Mm to{gel_way.x + own_way.x, gel_way.y + own_way.y};
+    bench.gel.relief = [=](Mm at) { return held({at.x - to.x, at.y - to.y}); };
+    return um(bench.step().motion);
+  };
+  const double alone = seen({}, {0.1, 0.0});
+  CHECK(alone > 50.0);
+  for (const Mm way : {Mm{0.06, 0.0}, Mm{-0.06, 0.0}, Mm{0.0, 0.06}}) {
+    const double expected = std::sqrt(alone * alone - 30.0 * 30.0);
+    DOUBLES_EQUAL(expected, seen(way, {0.1, 0.0}), 0.06 * expected);  // interpolation between pixels of 0.127 mm
+  }
+  CHECK(seen({0.3, 0.0}, {0.1, 0.0}) < 2.0);
 }
 
 // Beside a contact the gel bends within a pitch. Patches follow the slope between their dots, so that is no slip; a
