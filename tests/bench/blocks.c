@@ -100,7 +100,8 @@ static void on_translation(qemu_plugin_id_t id, struct qemu_plugin_tb* tb) {
     const struct qemu_plugin_insn* insn = qemu_plugin_tb_get_insn(tb, i);
     const uint8_t* bytes = qemu_plugin_insn_data(insn);
     hex[at++] = ' ';
-    for (size_t k = 0; k < qemu_plugin_insn_size(insn) && k < 15; ++k) at += (size_t)sprintf(hex + at, "%02x", bytes[k]);
+    for (size_t k = 0; k < qemu_plugin_insn_size(insn) && k < 15; ++k)
+      at += (size_t)sprintf(hex + at, "%02x", bytes[k]);
   }
   struct Block* block = blocks;
   while (block != NULL && (block->address != address || strcmp(block->hex, hex) != 0)) block = block->next;

@@ -3,9 +3,9 @@
 # What holdfastd takes of a machine: memory that is resident, how much of its fixed memory it ever touches, its size as a
 # file, and what passes from start to the first decision.
 #   tests/bench/footprint.sh [FRAMES]     default 50, of 3280x2464 JPEG: 20 s
-# Memory is of the host's build with the simulated camera, in virtual time: the heap is the simulator's, fixed memory, code
-# and stack are the firmware's as on a board. The first decision comes when the empty gel is known: virtual time of a simulated one,
-# which does not depend on the machine. Needs the preset sim, and rpi4 for the size.
+# Memory is of the host's build with the simulated camera, in virtual time: its heap is the simulator's and not stated; fixed
+# memory and code are the firmware's as on a board. The first decision comes when the empty gel is known: virtual time of a
+# simulated one, which does not depend on the machine. Needs the preset sim, and rpi4 for the size.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
@@ -33,18 +33,16 @@ grep -q '^\* OK' "$work/out" || { complain "holdfastd was never OK" "a bug" "run
 awk '
   # A map begins; what has no name behind the program'"'"'s writable map is its zeroed memory.
   /^[0-9a-f]+-[0-9a-f]+ / {
-    kind = $6 ~ /holdfastd$/ ? ($2 ~ /w/ ? "fixed" : "code") : $6 == "[heap]" ? "heap" : $6 ~ /^\// ? "libraries" : \
-      $6 ~ /^\[stack/ ? "stack" : $6 == "" && kind == "fixed" ? "fixed" : "heap"
+    kind = $6 ~ /holdfastd$/ ? ($2 ~ /w/ ? "fixed" : "code") : $6 == "" && kind == "fixed" ? "fixed" : "other"
   }
   $1 == "Rss:" { rss[kind] += $2 }
   $1 == "Size:" { size[kind] += $2 }
   END {
-    printf "resident: fixed memory %.1f of %.1f MB; code %.1f of %.1f; stack %.2f; simulator and libraries %.0f\n",
-      rss["fixed"] / 1024, size["fixed"] / 1024, rss["code"] / 1024, size["code"] / 1024, rss["stack"] / 1024,
-      (rss["heap"] + rss["libraries"]) / 1024
+    printf "resident: fixed memory %.1f of %.1f MB; code %.1f of %.1f\n", rss["fixed"] / 1024, size["fixed"] / 1024,
+      rss["code"] / 1024, size["code"] / 1024
   }' "$work/smaps"
 
-build/sim/bin/holdfast sim tests/scenes/empty_gel.json --log "$work/log.csv" >/dev/null 2>&1 || true
+build/sim/bin/holdfast sim tests/scenes/empty_gel.json --inject jpeg --log "$work/log.csv" >"$work/sim" || { cat "$work/sim" >&2 && exit 1; }
 awk -F, '
   NR == 1 { for (i = 1; i <= NF; ++i) column[$i] = i; next }
   $column["state"] == 2 { printf "first decision: frame %d; %.0f ms after the first\n", NR - 1, $column["t_s"] * 1000; exit }' "$work/log.csv"

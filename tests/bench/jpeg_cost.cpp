@@ -2,8 +2,8 @@
 // jpeg_cost PICTURE WALK N: decodes one picture to luma at 1/8 N times; for the instruction counter, which takes the
 // difference of two runs. PICTURE is a file (jpeg_bench --write makes some), or "scene": what the simulated sensor
 // sees, 3280x2464, 4:2:2, quality 85, noise 3. WALK is plain, the lanes of the fast walk on one thread (1, 2, 3), or
-// library (libjpeg-turbo). Prints a checksum of the luma, which is the same for all walks and on all processors, and the
-// mean CPU time.
+// library (libjpeg-turbo). Prints a checksum of the luma, which is the same for all walks and on all processors, and
+// the mean CPU time.
 //
 // Exit status: 0 all decoded, 1 not, 2 wrong arguments.
 #include <algorithm>

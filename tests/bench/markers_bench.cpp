@@ -224,7 +224,7 @@ int main(int argc, char** argv) {
     }
     claims.one.print();
     claims.two.print();
-    fmt::print("decision_error: {:.2f}\n", claims.error);
+    fmt::print("decision_error: {:.3f}\n", claims.error);
   }
   if (part != "decision") {
     compare_centres(320, 2.5, true);

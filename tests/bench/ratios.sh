@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # How many times as fast as others: every ratio that tests/EVIDENCE.md promises, with its 95 % interval.
-#   tests/bench/ratios.sh             by paired blocks (paired.hpp says how), a line "CLAIM: ..." for each; two minutes
+#   tests/bench/ratios.sh             by paired blocks (paired.hpp says how), a line "CLAIM: ..." for each; three minutes
 #   tests/bench/ratios.sh --counts    beside it what does not depend on any machine's clock: instructions, branches and
 #                                     mispredicted branches (callgrind's model) for each byte of the JPEG, libjpeg-turbo's and
-#                                     ours with three lanes; eight minutes
+#                                     ours with three lanes; three minutes
 # Needs the preset bench: cmake --preset bench && cmake --build --preset bench --target jpeg_bench markers_bench jpeg_cost
 # As root it takes a real-time priority, without which a busy machine leaves few blocks whole.
 set -euo pipefail
@@ -31,13 +31,17 @@ events() {
   valgrind --tool=callgrind --branch-sim=yes --callgrind-out-file=/dev/null "$bin/jpeg_cost" "$@" 2>&1 |
     awk '/Collected :/ { print $4, $5 + $7, $6 + $8 }'
 }
-# A dense picture at which the ratio is worst, the default's like, and the two kinds that no camera makes.
+# A dense picture at which the ratio is worst, one like the default's, and the two kinds that no camera makes.
 for name in 3280_s5_q92_420 3280_s3_q85_422 3280_flat_grey_422 1640_white_noise_422; do
   picture=$work/$name.jpg
-  for walk in library 3; do
-    paste -d ' ' <(events "$picture" "$walk" 1) <(events "$picture" "$walk" 3) |
-      awk -v bytes="$(stat -c %s "$picture")" -v name="$name" -v walk="$walk" \
-        '{ printf "%s, %s: %.1f instructions, %.2f branches, %.3f mispredicted a byte\n", name,
-             walk == "library" ? "libjpeg-turbo" : "ours", ($4 - $1) / 2 / bytes, ($5 - $2) / 2 / bytes, ($6 - $3) / 2 / bytes }'
+  counts=()
+  for arguments in "library 1" "library 3" "3 1" "3 3"; do
+    read -ra words <<<"$arguments"
+    counts+=("$(events "$picture" "${words[@]}")")
   done
+  awk -v bytes="$(stat -c %s "$picture")" -v name="$name" '{
+    for (i = 1; i <= 3; ++i) { theirs[i] = ($(3 + i) - $i) / 2 / bytes; ours[i] = ($(9 + i) - $(6 + i)) / 2 / bytes }
+    printf "%s: %.1f and %.1f instructions; %.2f and %.2f branches; %.3f and %.3f mispredicted\n", name, theirs[1], ours[1],
+      theirs[2], ours[2], theirs[3], ours[3]
+  }' <<<"${counts[*]}"
 done

@@ -4,8 +4,9 @@
 // prints them: parameters as name=value, passes=, window_pct=, decoder=library, features=paper.
 // setting_cost FILM: writes the film (film_file.hpp). setting_cost --data FOLDER: writes the small ones of tests/data.
 //
-// Prints the mean CPU time of the second half of the frames. One thread, whatever jpeg_threads says: what the work of all threads comes to. features=paper computes the paper's
-// four and still walks the compiled tree, some 50 instructions that no count here can see.
+// Prints the mean CPU time of the second half of the frames. One thread, whatever jpeg_threads says: what the work of
+// all threads comes to. features=paper computes the paper's four and still walks the compiled tree, some 50
+// instructions that no count here can see.
 //
 // Exit status: 0 done, 1 a file failed, 2 wrong arguments, 3 the setting refused a frame: there is nothing to count.
 #include <cstdio>
