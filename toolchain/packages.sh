@@ -8,7 +8,7 @@
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
 # GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; system:
-# the cards, and the emulated machine that starts from one; fuzz: libFuzzer; deb: the tool as a Debian package, tried in a fresh root; web: the browser that the page of a session is shown in.
+# the cards, and the emulated machine that starts from one; bench: models of processors (tests/bench/board_time.sh); fuzz: libFuzzer; deb: the tool as a Debian package, tried in a fresh root; web: the browser that the page of a session is shown in.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -48,6 +48,7 @@ test picocom 3.1-4
 test fdisk 2.38.1-5+deb12u3
 test xz-utils 5.4.1-1
 test zstd 1.5.4+dfsg2-5
+bench llvm-19 1:19.1.7-3~deb12u1
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3

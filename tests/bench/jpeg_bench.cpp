@@ -1,40 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// jpeg_bench: JPEG bytes to luma, and JPEG bytes to decision; ours against libjpeg-turbo and OpenCV in one run.
+// jpeg_bench: JPEG bytes to luma at 1/8, each form of our decoder against libjpeg-turbo, by pairs of blocks
+// (paired.hpp).
 //
-// Two tables, then the goals, each `ok` or `short` with its worst figure. Figures are thread CPU time, methods by
-// turns, medians over the rounds; ratios are what may be compared between machines. A virtual core that shares a real
-// one with another machine, or with our own second thread, makes everything dense slower (seen: two threads spend up
-// to 1.7 times the CPU time of one): the goals are therefore also given for each method's fastest round, and the load
-// is printed.
+// A table of medians with their 95 % intervals, then a line for each claim of tests/checks/claims.txt, with its worst
+// picture. Two threads count along the critical path: the caller's CPU time outside of the parallel part, plus the
+// longer of the two workers' inside.
 //
-// Two threads. Wall time says more of who else is on the machine than of the decoder, so what counts is the critical
-// path: the caller's CPU time outside of the parallel part, plus the longer of the two workers' inside. Runs in which
-// the helper came too late to work are left out of it and counted (`alone`); wall time is printed beside it. What two
-// cores that share nothing would make of it is computed (`cores`): one thread's time, times the critical path's share
-// of the CPU time of both, which a slow neighbour changes little.
-//
-// Four parts. What cutting the work for four workers costs in all: each takes its quarter of the slices, one after the
-// other on one thread, against one worker that takes them all.
-//
-// Every picture that we decode, in every round, is compared with libjpeg-turbo's; one that differs ends the run with
-// status 1. A goal that is not met does not: a benchmark is no test.
+// Every picture that we decode is compared with libjpeg-turbo's; one that differs ends the run with status 1. A goal
+// that is not met does not: a benchmark is no test.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <exception>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <memory>
-#include <numeric>
-#include <opencv2/features2d.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -47,78 +33,18 @@
 
 #include <jpeglib.h>
 
-#include "app/app.hpp"
-#include "base/math.hpp"
 #include "drivers/common/crew.hpp"
-#include "drivers/common/jpeg_turbo.hpp"
-#include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/scene/scenes.hpp"
+#include "tests/bench/paired.hpp"
 #include "tests/support/host_clips.hpp"
-#include "tests/support/reference.hpp"
 #include "tests/support/scene_pictures.hpp"
-#include "toolchain/play/thread_time.hpp"
 #include "toolchain/play/timed_crew.hpp"
 #include "vision/jpeg_decoder.hpp"
 
 namespace {
 
 using namespace holdfast;
-using reference_model::Point;
 using Bytes = std::vector<std::uint8_t>;
-
-// ---- Time ----
-
-double clock_us(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
-}
-
-double median(std::vector<double> values) {
-  if (values.empty()) return std::nan("");
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-std::string load() {
-  std::array<double, 3> average{};
-  if (getloadavg(average.data(), 3) != 3) return "load unknown";
-  return fmt::format("load {:.1f} {:.1f} {:.1f}", average[0], average[1], average[2]);
-}
-
-// ---- Crews that measure ----
-
-// Four workers on the caller's thread, one after the other, a quarter of the slices for each. The first would take them
-// all, so it is shown no more than its own. That leaves the last slice of a quarter without the bytes of the next one,
-// which its seam needs: afterwards the task is done once more in one piece, and that is not counted.
-class FourInTurn final : public hal::Crew {
- public:
-  explicit FourInTurn(jpeg_fast::State& state) : state_(state) {}
-
-  // CPU time of what is not to be counted, since the last call.
-  [[nodiscard]] double take_uncounted_us() { return std::exchange(uncounted_us_, 0.0); }
-
- private:
-  [[nodiscard]] std::size_t do_size() const override { return hal::kMaxWorkers; }
-  void do_run(hal::Job& task) override {
-    const std::size_t slices = state_.slices;
-    for (std::size_t i = 0; i < hal::kMaxWorkers; ++i) {
-      state_.claimed = static_cast<std::uint32_t>(slices * i / hal::kMaxWorkers);
-      state_.slices = slices * (i + 1) / hal::kMaxWorkers;
-      task.work(i);
-    }
-    const double start = tool::thread_us();
-    state_.slices = slices;
-    state_.claimed = 0;
-    state_.valued = 0;
-    task.work(0);
-    uncounted_us_ += tool::thread_us() - start;
-  }
-
-  jpeg_fast::State& state_;
-  double uncounted_us_ = 0;
-};
 
 // ---- Pictures ----
 
@@ -139,7 +65,6 @@ struct Picture {
   std::string name;
   int width = 0;
   int height = 0;
-  int down = 1;
   Bytes bytes;
 };
 
@@ -174,7 +99,7 @@ Picture encoded(std::string name, const Rgb& rgb, const Coding& coding) {
     jpeg_write_scanlines(&info, &row, 1);
   }
   jpeg_finish_compress(&info);
-  Picture picture{std::move(name), rgb.width, rgb.height, coding.down, Bytes(bytes, bytes + size)};
+  Picture picture{std::move(name), rgb.width, rgb.height, Bytes(bytes, bytes + size)};
   jpeg_destroy_compress(&info);
   std::free(bytes);
   return picture;
@@ -313,187 +238,50 @@ struct Fast {
   std::unique_ptr<jpeg_fast::State> state = std::make_unique<jpeg_fast::State>();
 };
 
-struct Spent {
-  double us = 0;      // CPU time of one thread, or of the critical path of several
-  double all_us = 0;  // CPU time of all threads
-  double wall_us = 0;
-  bool alone = false;  // several threads were asked for, and one did it all
-};
-
-enum class Take : std::uint8_t { kMedian, kFastest };
-
-struct Method {
-  std::string_view name;
-  std::function<Spent(const Picture&)> decode = {};
-  std::vector<Spent> spent = {};
-
-  // Of the rounds in which all threads worked; not a number when there was none.
-  [[nodiscard]] double us(Take take) const {
-    std::vector<double> values;
-    for (const Spent& s : spent) {
-      if (!s.alone) values.push_back(s.us);
-    }
-    if (values.empty() || take == Take::kMedian) return median(std::move(values));
-    return *std::min_element(values.begin(), values.end());
-  }
-  [[nodiscard]] double median_of(double Spent::*part) const {
-    std::vector<double> values;
-    for (const Spent& s : spent) values.push_back(s.*part);
-    return median(std::move(values));
-  }
-  // Of the critical path in the CPU time of all threads: usual, or in the round in which they shared best.
-  [[nodiscard]] double path_share(Take take) const {
-    std::vector<double> values;
-    for (const Spent& s : spent) values.push_back(s.us / s.all_us);
-    return take == Take::kMedian ? median(std::move(values)) : *std::min_element(values.begin(), values.end());
-  }
-  [[nodiscard]] long alone() const {
-    return std::count_if(spent.begin(), spent.end(), [](const Spent& s) { return s.alone; });
-  }
-};
-
-template <typename Work>
-Spent timed(Work&& work) {
-  const double wall = clock_us(CLOCK_MONOTONIC);
-  const double start = tool::thread_us();
-  work();
-  const double us = tool::thread_us() - start;
-  return {us, us, clock_us(CLOCK_MONOTONIC) - wall, false};
-}
-
-// The same with helpers, who are to be found in `crew`.
-template <typename Work>
-Spent timed(tool::TimedCrew& crew, Work&& work) {
-  crew.reset();
-  Spent spent = timed(work);
-  const double caller_us = spent.us;
-  spent.us = crew.path_us(caller_us);
-  spent.all_us = crew.all_us(caller_us);
-  spent.alone = crew.alone();
-  return spent;
-}
-
+// The forms of our decoder, each with memory of its own: none must find it warm from another one's work.
 class Decoders {
  public:
-  enum : std::size_t {
-    kTurbo8,
-    kTurbo4,
-    kTurbo2,
-    kTurbo1,
-    kOpenCv8,
-    kOpenCv4,
-    kOpenCv2,
-    kPlain,
-    kOneLane,
-    kTwoLanes,
-    kThreeLanes,
-    kTwoThreads,
-    kFourOfTwo,
-    kFourOfThree,
-    kMethods
-  };
-
-  Decoders() {
-    const auto turbo = [this](unsigned denominator) {
-      return [this, denominator](const Picture& p) {
-        return timed([&] { library_.decode(p.bytes, denominator, pixels_); });
-      };
-    };
-    const auto opencv = [](int mode) {
-      return [mode](const Picture& p) { return timed([&] { const cv::Mat luma = cv::imdecode(p.bytes, mode); }); };
-    };
-    const auto lanes = [this](Fast& fast) {
-      return [this, &fast](const Picture& p) { return timed([&] { status_ = fast.decode(alone_, p.bytes, *out_); }); };
-    };
-    const auto four = [this](Fast& fast) {
-      return [this, &fast](const Picture& p) {
-        FourInTurn crew(*fast.state);
-        Spent spent = timed([&] { status_ = fast.decode(crew, p.bytes, *out_); });
-        spent.us -= crew.take_uncounted_us();
-        return spent;
-      };
-    };
-    methods_ = {{
-        {"turbo 1/8", turbo(8)},
-        {"turbo 1/4", turbo(4)},
-        {"turbo 1/2", turbo(2)},
-        {"turbo 1/1", turbo(1)},
-        {"opencv 1/8", opencv(cv::IMREAD_REDUCED_GRAYSCALE_8)},
-        {"opencv 1/4", opencv(cv::IMREAD_REDUCED_GRAYSCALE_4)},
-        {"opencv 1/2", opencv(cv::IMREAD_REDUCED_GRAYSCALE_2)},
-        {"plain",
-         [this](const Picture& p) { return timed([&] { status_ = jpeg_dc::decode(*plain_, p.bytes, *out_); }); }},
-        {"1 lane", lanes(one_lane_)},
-        {"2 lanes", lanes(two_lanes_)},
-        {"3 lanes", lanes(three_lanes_)},
-        {"2 threads",
-         [this](const Picture& p) {
-           return timed(crew_, [&] { status_ = two_threads_.decode(crew_, p.bytes, *out_); });
-         }},
-        {"4 parts of 2 lanes", four(four_of_two_)},
-        {"4 parts of 3 lanes", four(four_of_three_)},
-    }};
-  }
+  enum : std::size_t { kPlain, kOneLane, kTwoLanes, kThreeLanes, kTwoThreads, kMethods };
+  static constexpr std::array<std::string_view, kMethods> kNames{"plain walk", "1 lane", "2 lanes", "3 lanes",
+                                                                 "2 threads"};
 
   // Empty: done. Otherwise what went wrong, one line.
-  std::string run(const Picture& picture, int rounds) {
+  std::string run(const Picture& picture, bool all) {
     const std::size_t pixels = library_.decode(picture.bytes, 8, pixels_);
-    const Bytes expected(pixels_.begin(), pixels_.begin() + static_cast<std::ptrdiff_t>(pixels));
-    for (Method& method : methods_) method.spent.clear();
-    fallbacks_ = 0;
-    for (int round = -1; round < rounds; ++round) {  // the first one warms up
-      // By other steps in each round, so that none always comes after the same one. They have no divisor with the
-      // number of methods, so each comes once.
-      constexpr std::array<std::size_t, 6> kSteps{1, 3, 5, 9, 11, 13};
-      static_assert(kMethods == 14);
-      const std::size_t step = kSteps[static_cast<std::size_t>(round + 1) % kSteps.size()];
-      for (std::size_t i = 0; i < kMethods; ++i) {
-        const std::size_t turn = i * step % kMethods;
-        Method& method = methods_[turn];
-        std::fill_n(out_->pixels.begin(), pixels, std::uint8_t{0xA5});
-        const std::uint32_t before = fallbacks_now();
-        const Spent spent = method.decode(picture);
-        if (round >= 0) method.spent.push_back(spent);
-        if (turn < kPlain) continue;  // not ours
-        fallbacks_ += fallbacks_now() - before;
-        if (!status_.ok() || !std::equal(expected.begin(), expected.end(), out_->pixels.begin())) {
-          return fmt::format("error: {}: {} differs from libjpeg-turbo (our decoder is wrong). Next: run the tests",
-                             picture.name, method.name);
-        }
+    const bench::Side rival{[&] { library_.decode(picture.bytes, 8, pixels_); }};
+    const Bytes& bytes = picture.bytes;
+    const std::array<bench::Side, kMethods> sides{
+        {{[&] { status_ = jpeg_dc::decode(*plain_, bytes, *out_); }},
+         {[&] { status_ = one_lane_.decode(alone_, bytes, *out_); }},
+         {[&] { status_ = two_lanes_.decode(alone_, bytes, *out_); }},
+         {[&] { status_ = three_lanes_.decode(alone_, bytes, *out_); }},
+         {[&] { status_ = two_threads_.decode(crew_, bytes, *out_); }, &crew_}}};
+    for (std::size_t m = 0; m < kMethods; ++m) {
+      figures_[m] = {};
+      if (!all && m < kThreeLanes) continue;
+      std::fill_n(out_->pixels.begin(), pixels, std::uint8_t{0xA5});
+      // A frame of several threads is a run of its own: one late helper among many would spoil the block.
+      bench::Pairs pairs(m == kTwoThreads ? bench::Pairs::Runs::kOne : bench::Pairs::Runs::kBlocks);
+      pairs.run(rival, sides[m]);
+      figures_[m] = pairs.ratio();
+      if (m == kThreeLanes) {
+        rival_us_ = pairs.rival_us().median;
+        our_us_ = pairs.our_us().median;
+      }
+      if (!status_.ok() || !std::equal(out_->pixels.begin(), out_->pixels.begin() + static_cast<std::ptrdiff_t>(pixels),
+                                       pixels_.begin())) {
+        return fmt::format("error: {}: {} differs from libjpeg-turbo (our decoder is wrong). Next: run the tests",
+                           picture.name, kNames[m]);
       }
     }
     return {};
   }
-
-  [[nodiscard]] std::span<const Method> methods() const { return methods_; }
-  [[nodiscard]] double us(std::size_t method, Take take = Take::kMedian) const { return methods_[method].us(take); }
-  // Times libjpeg-turbo 1/8.
-  [[nodiscard]] double ratio(std::size_t method, Take take = Take::kMedian) const {
-    return us(kTurbo8, take) / us(method, take);
-  }
-  // The same for two threads on cores that share nothing: computed.
-  [[nodiscard]] double ratio_on_cores(Take take = Take::kMedian) const {
-    return ratio(kThreeLanes, take) / methods_[kTwoThreads].path_share(take);
-  }
-  // What four parts cost more than one, percent.
-  [[nodiscard]] double extra_of_two(Take take = Take::kMedian) const {
-    return 100 * (us(kFourOfTwo, take) / us(kTwoLanes, take) - 1);
-  }
-  [[nodiscard]] double extra_of_three(Take take = Take::kMedian) const {
-    return 100 * (us(kFourOfThree, take) / us(kThreeLanes, take) - 1);
-  }
-  // Decodings of the last picture that were left to the plain walk.
-  [[nodiscard]] std::uint32_t fallbacks() const { return fallbacks_; }
+  // Times libjpeg-turbo.
+  [[nodiscard]] const bench::Figure& figure(std::size_t method) const { return figures_[method]; }
+  [[nodiscard]] double rival_us() const { return rival_us_; }
+  [[nodiscard]] double our_us() const { return our_us_; }
 
  private:
-  [[nodiscard]] std::uint32_t fallbacks_now() const {
-    std::uint32_t sum = 0;
-    for (const Fast* fast : {&one_lane_, &two_lanes_, &three_lanes_, &two_threads_, &four_of_two_, &four_of_three_}) {
-      sum += fast->state->counts.by_plain_walk;
-    }
-    return sum;
-  }
-
   Library library_;
   Bytes pixels_ = Bytes(std::size_t{kSensorWidth} * kSensorHeight);
   std::unique_ptr<LumaBuffer> out_ = std::make_unique<LumaBuffer>();
@@ -502,333 +290,27 @@ class Decoders {
   hal::Alone alone_;
   drivers::Threads threads_{{.workers = 2}};
   tool::TimedCrew crew_{threads_};
-  // Each its own memory, as none must find it warm from another one's work.
   Fast one_lane_{1, 1};
   Fast two_lanes_{2, 1};
   Fast three_lanes_{3, 1};
   Fast two_threads_{3, 2};
-  Fast four_of_two_{2, hal::kMaxWorkers};
-  Fast four_of_three_{3, hal::kMaxWorkers};
-  std::array<Method, kMethods> methods_;
-  std::uint32_t fallbacks_ = 0;
+  std::array<bench::Figure, kMethods> figures_{};
+  double rival_us_ = 0;
+  double our_us_ = 0;
 };
 
-// ---- Goals ----
-
-class Goal {
- public:
-  enum class Is : std::uint8_t { kAtLeast, kAtMost };
-  Goal(std::string what, Is is, double limit) : what_(std::move(what)), is_(is), limit_(limit) {}
-
-  // Figures of one picture by medians and by fastest rounds; those that are not numbers are not seen.
-  void see(double by_median, double by_fastest, const std::string& where) {
-    if (std::isnan(by_median)) return;
-    by_median_.see(is_, by_median, where);
-    by_fastest_.see(is_, by_fastest, where);
+void print_row(const Picture& picture, const Decoders& decoders) {
+  fmt::print("{:30} {:5} {:7.3f} {:7.3f}", picture.name, (picture.bytes.size() + 500) / 1000,
+             decoders.rival_us() / 1000, decoders.our_us() / 1000);
+  for (std::size_t m = 0; m < Decoders::kMethods; ++m) {
+    const bench::Figure& figure = decoders.figure(m);
+    if (figure.tried > 0) fmt::print(" | {} {:>7}", figure.text(), fmt::format("{}/{}", figure.kept, figure.tried));
   }
-  void print() const {
-    const bool met = is_ == Is::kAtLeast ? by_median_.figure >= limit_ : by_median_.figure <= limit_;
-    fmt::print("  {:5} {}, {} {:g}",
-               by_median_.where.empty() ? "-"
-               : met                    ? "ok"
-                                        : "short",
-               what_, is_ == Is::kAtLeast ? "at least" : "at most", limit_);
-    if (by_median_.where.empty()) {
-      fmt::print(": not measured\n");
-      return;
-    }
-    fmt::print(": {:.2f} ({}); fastest {:.2f} ({})\n", by_median_.figure, by_median_.where, by_fastest_.figure,
-               by_fastest_.where);
-  }
-
- private:
-  struct Worst {
-    double figure = 0;
-    std::string where;  // empty: none
-
-    void see(Is is, double seen, const std::string& at) {
-      if (!where.empty() && (is == Is::kAtLeast ? seen >= figure : seen <= figure)) return;
-      figure = seen;
-      where = at;
-    }
-  };
-  std::string what_;
-  Is is_;
-  double limit_;
-  Worst by_median_;
-  Worst by_fastest_;
-};
-
-struct Goals {
-  using Is = Goal::Is;
-  Goal large_422{"one thread, 3280x2464 4:2:2 from 500 kB, times libjpeg-turbo 1/8", Is::kAtLeast, 5.0};
-  Goal large_420{"one thread, 3280x2464 4:2:0 from 500 kB", Is::kAtLeast, 4.7};
-  Goal any{"one thread, any picture", Is::kAtLeast, 2.5};
-  Goal two_threads{"two threads, critical path, 3280x2464 from 500 kB", Is::kAtLeast, 9.0};
-  Goal two_cores{"two threads, computed for cores that share nothing", Is::kAtLeast, 9.0};
-  Goal four_of_two{"extra work of four parts, 2 lanes, 3280x2464 from 500 kB, percent", Is::kAtMost, 3.0};
-  Goal four_of_three{"extra work of four parts, 3 lanes", Is::kAtMost, 3.0};
-  Goal decision{"JPEG to decision, one thread, times OpenCV", Is::kAtLeast, 6.0};
-  Goal decision_two{"JPEG to decision, two threads, critical path", Is::kAtLeast, 10.0};
-  Goal decision_cores{"JPEG to decision, two threads, computed for cores that share nothing", Is::kAtLeast, 10.0};
-  Goal error{"error of the markers, times OpenCV's", Is::kAtMost, 0.6};
-
-  void print() const {
-    fmt::print("goals, by medians; worst figure of each\n");
-    for (const Goal* goal : {&large_422, &large_420, &any, &two_threads, &two_cores, &four_of_two, &four_of_three,
-                             &decision, &decision_two, &decision_cores, &error}) {
-      goal->print();
-    }
-  }
-};
-
-// ---- Table A: decoders ----
-
-class Csv {
- public:
-  explicit Csv(const std::string& path) : wanted_(!path.empty()) {
-    if (!wanted_) return;
-    out_.open(path);
-    out_ << "picture,bytes,method,cpu_us,fastest_cpu_us,all_cpu_us,wall_us,alone\n";
-  }
-  void add(const std::string& picture, std::size_t bytes, const Method& method) {
-    if (!wanted_) return;
-    out_ << fmt::format("{},{},{},{:.2f},{:.2f},{:.2f},{:.2f},{}\n", picture, bytes, method.name,
-                        method.us(Take::kMedian), method.us(Take::kFastest), method.median_of(&Spent::all_us),
-                        method.median_of(&Spent::wall_us), method.alone());
-  }
-  [[nodiscard]] bool ok() { return !wanted_ || out_.flush().good(); }
-
- private:
-  bool wanted_;
-  std::ofstream out_;
-};
-
-void print_heading() {
-  fmt::print(
-      "JPEG to luma: times libjpeg-turbo 1/8, by thread CPU time\n"
-      "{:30} {:>5} {:>7} | {:^17} | {:^17} | {:^23} | {:^36} | {:^11} | plain\n"
-      "{:30} {:>5} {:>7} | {:>5} {:>5} {:>5} | {:>5} {:>5} {:>5} | {:>5} {:>5} {:>5} {:>5} | {:>6} {:>6} {:>6} {:>6} "
-      "{:>8} | "
-      "{:>5} {:>5} | walks\n",
-      "", "", "turbo", "turbo", "OpenCV", "ours, lanes:", "ours, two threads:", "4 parts, %", "picture", "kB", "1/8 ms",
-      "1/4", "1/2", "1/1", "1/8", "1/4", "1/2", "plain", "1", "2", "3", "path", "cores", "wall", "work %", "alone", "2",
-      "3");
-}
-
-void print_row(const Picture& picture, const Decoders& d) {
-  using D = Decoders;
-  const Method& two = d.methods()[D::kTwoThreads];
-  fmt::print(
-      "{:30} {:5} {:7.3f} | {:5.2f} {:5.2f} {:5.2f} | {:5.2f} {:5.2f} {:5.2f} | {:5.2f} {:5.2f} {:5.2f} {:5.2f} | ",
-      picture.name, (picture.bytes.size() + 500) / 1000, d.us(D::kTurbo8) / 1000, d.ratio(D::kTurbo4),
-      d.ratio(D::kTurbo2), d.ratio(D::kTurbo1), d.ratio(D::kOpenCv8), d.ratio(D::kOpenCv4), d.ratio(D::kOpenCv2),
-      d.ratio(D::kPlain), d.ratio(D::kOneLane), d.ratio(D::kTwoLanes), d.ratio(D::kThreeLanes));
-  fmt::print("{:6.2f} {:6.2f} {:6.2f} {:+6.1f} {:>8} | {:+5.1f} {:+5.1f} | {:5}\n", d.ratio(D::kTwoThreads),
-             d.ratio_on_cores(), d.us(D::kTurbo8) / two.median_of(&Spent::wall_us),
-             100 * (two.median_of(&Spent::all_us) / d.us(D::kThreeLanes) - 1),
-             fmt::format("{}/{}", two.alone(), two.spent.size()), d.extra_of_two(), d.extra_of_three(), d.fallbacks());
+  fmt::print("\n");
   std::fflush(stdout);
-}
-
-void judge(const Picture& picture, const Decoders& d, Goals& goals) {
-  const auto see = [&](Goal& goal, std::size_t method) {
-    goal.see(d.ratio(method), d.ratio(method, Take::kFastest), picture.name);
-  };
-  see(goals.any, Decoders::kThreeLanes);
-  if (picture.width != kSensorWidth || picture.bytes.size() < kLarge) return;
-  see(picture.down == 1 ? goals.large_422 : goals.large_420, Decoders::kThreeLanes);
-  see(goals.two_threads, Decoders::kTwoThreads);
-  goals.two_cores.see(d.ratio_on_cores(), d.ratio_on_cores(Take::kFastest), picture.name);
-  goals.four_of_two.see(d.extra_of_two(), d.extra_of_two(Take::kFastest), picture.name);
-  goals.four_of_three.see(d.extra_of_three(), d.extra_of_three(Take::kFastest), picture.name);
-}
-
-// ---- Table B: from JPEG to decision ----
-
-struct Error {
-  double square_sum = 0;
-  long found = 0;
-  long missed = 0;
-
-  // Range: px of the working image; a marker further off than `reach_px` is missed.
-  void judge(const std::vector<Point>& truth, const std::vector<Point>& seen, double reach_px) {
-    for (const Point& dot : truth) {
-      double nearest = reach_px;
-      for (const Point& p : seen) nearest = std::min(nearest, reference_model::distance(dot, p));
-      if (nearest >= reach_px) {
-        ++missed;
-        continue;
-      }
-      square_sum += nearest * nearest;
-      ++found;
-    }
-  }
-  [[nodiscard]] double rms() const { return std::sqrt(square_sum / static_cast<double>(found)); }
-};
-
-// The strongest rival that takes the paper's method: OpenCV's own decoding at 1/8, then Canny and SimpleBlobDetector,
-// tuned to the size of the dots, then the features in floating point. Told where the markers lie at first.
-class Rival {
- public:
-  Rival(const scene::PictureConfig& working, const std::vector<Point>& first)
-      : pitch_px_(reference_model::Grid{}.pitch_mm * working.px_per_mm) {
-    const double radius_px = working.dot_diameter_mm * working.px_per_mm / 2;
-    const double area = M_PI * radius_px * radius_px;
-    cv::SimpleBlobDetector::Params params;
-    params.minArea = static_cast<float>(0.3 * area);
-    params.maxArea = static_cast<float>(3.0 * area);
-    params.minDistBetweenBlobs = static_cast<float>(0.4 * pitch_px_);
-    detector_ = cv::SimpleBlobDetector::create(params);
-    for (const Point& p : first) last_.emplace_back(p);
-  }
-
-  void update(std::span<const std::uint8_t> bytes, std::int64_t timestamp_us) {
-    const cv::Mat whole(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<std::uint8_t*>(bytes.data()));
-    const cv::Mat luma = cv::imdecode(whole, cv::IMREAD_REDUCED_GRAYSCALE_8);
-    cv::Mat edges;
-    cv::Canny(luma, edges, 50, 150);
-    blobs_.clear();
-    detector_->detect(luma, blobs_);
-    reference_model::Positions now(last_.size());
-    for (std::size_t i = 0; i < last_.size(); ++i) {
-      double nearest = pitch_px_ / 2;
-      for (const cv::KeyPoint& blob : blobs_) {
-        const Point p{blob.pt.x, blob.pt.y};
-        const double away = reference_model::distance(*last_[i], p);
-        if (away >= nearest) continue;
-        nearest = away;
-        now[i] = p;
-      }
-    }
-    if (rest_.empty()) rest_ = now;
-    features_ = model_.update(now, rest_, pitch_px_, timestamp_us);
-    for (std::size_t i = 0; i < last_.size(); ++i) {
-      if (now[i]) last_[i] = now[i];
-    }
-  }
-  [[nodiscard]] std::vector<Point> seen() const {
-    std::vector<Point> out;
-    for (const cv::KeyPoint& blob : blobs_) out.push_back({blob.pt.x, blob.pt.y});
-    return out;
-  }
-
- private:
-  double pitch_px_;
-  cv::Ptr<cv::SimpleBlobDetector> detector_;
-  std::vector<cv::KeyPoint> blobs_;
-  reference_model::Positions last_;  // all known
-  reference_model::Positions rest_;
-  reference_model::Model model_;
-  reference_model::Features features_;
-};
-
-std::vector<Point> seen(const MarkerField& field) {
-  std::vector<Point> out;
-  for (int i = 0; i < field.grid.count(); ++i) {
-    const Marker& marker = field.markers[idx(i)];
-    if (marker.valid) out.push_back({marker.x.raw() / 256.0, marker.y.raw() / 256.0});
-  }
-  return out;
-}
-
-// One scene, each frame by all methods. Empty: done. Otherwise what went wrong, one line.
-std::string run_to_decision(double sigma, Csv& csv, Goals& goals) {
-  sim::Clock clock;
-  scene::Scene scene = scene::sphere_slip();
-  scene.effects.pixel_noise = sigma;
-  sim::SceneCamera camera(scene, clock);
-  const scene::PictureConfig working = scene::scaled(camera.picture(), kSensorWidth / 8);
-  const auto truth = [&camera] {
-    std::vector<Point> out;
-    for (const Point& p : camera.marker_centers()) out.push_back({(p.x + 0.5) / 8 - 0.5, (p.y + 0.5) / 8 - 0.5});
-    return out;
-  };
-
-  enum : std::size_t { kRival, kByLibrary, kOneThread, kTwoThreads, kMethods };
-  std::vector<Method> methods(kMethods);
-  methods[kRival].name = "OpenCV 1/8, Canny, SimpleBlobDetector";
-  methods[kByLibrary].name = "ours, decoded by libjpeg-turbo";
-  methods[kOneThread].name = "ours, one thread";
-  methods[kTwoThreads].name = "ours, two threads";
-  std::array<Error, kMethods> errors;
-
-  drivers::TurboJpegDecoder library;
-  hal::Alone alone;
-  drivers::Threads threads({.workers = 2});
-  tool::TimedCrew two(threads);
-  std::vector<jpeg_fast::Worker> workers(3);
-  const auto one_thread =
-      std::make_unique<EighthDecoder>(EighthDecoder::Config{}, library, std::span(workers).first(1), alone);
-  const auto two_threads =
-      std::make_unique<EighthDecoder>(EighthDecoder::Config{}, library, std::span(workers).last(2), two);
-  const std::array<JpegDecoder*, kMethods> decoders{nullptr, &library, one_thread.get(), two_threads.get()};
-  std::array<std::unique_ptr<pipeline::State>, kMethods> states;
-  for (auto& state : states) state = std::make_unique<pipeline::State>();
-  const pipeline::Config pipeline_of_app = pipeline_config(Params{});
-  std::unique_ptr<Rival> rival;
-
-  if (!camera.start()) return "error: the simulated camera does not start (a bug). Next: run the tests";
-  hal::Frame frame;
-  int frames = 0;
-  double bytes = 0;
-  for (; camera.next(frame, std::chrono::seconds(1)) == hal::Capture::kFrame; ++frames) {
-    const std::vector<Point> dots = truth();
-    if (!rival) rival = std::make_unique<Rival>(working, dots);
-    bytes += static_cast<double>(frame.bytes.size());
-    for (std::size_t turn = 0; turn < kMethods; ++turn) {
-      const std::size_t m = (turn + static_cast<std::size_t>(frames)) % kMethods;
-      if (m == kRival) {
-        methods[m].spent.push_back(timed([&] { rival->update(frame.bytes, frame.timestamp.count()); }));
-        errors[m].judge(dots, rival->seen(), 0.3 * working.px_per_mm * scene.markers.pitch_mm);
-        continue;
-      }
-      pipeline::Result result;
-      const auto work = [&] { result = pipeline::update(*states[m], pipeline_of_app, *decoders[m], frame); };
-      methods[m].spent.push_back(m == kTwoThreads ? timed(two, work) : timed(work));
-      if (!result.quality.ok()) {
-        return fmt::format("error: {}: frame {} is refused: {} (a bug). Next: run the tests", methods[m].name, frames,
-                           info(result.quality.reason).what);
-      }
-      errors[m].judge(dots, seen(states[m]->tracker.field), 0.3 * working.px_per_mm * scene.markers.pitch_mm);
-    }
-    camera.release(frame);
-  }
-  if (frames == 0) return "error: the simulated camera gives no frame (no memory?). Next: run the tests";
-
-  const auto mean_bytes = static_cast<std::size_t>(bytes / frames);
-  const std::string name =
-      fmt::format("{}x{} s{} q{}", camera.picture().width, camera.picture().height, sigma, scene.picture.jpeg_quality);
-  fmt::print("{}, {} kB, {} frames of a scene\n", name, (mean_bytes + 500) / 1000, frames);
-  const double scale = 320.0 / working.width;
-  const auto ratio = [&](std::size_t m, Take take) { return methods[kRival].us(take) / methods[m].us(take); };
-  for (std::size_t m = 0; m < kMethods; ++m) {
-    fmt::print("  {:38} {:8.3f} ms {:6.2f}x   wall {:8.3f} ms   rms {:.4f} px of 320 ({:.2f}x)   missed {}",
-               methods[m].name, methods[m].us(Take::kMedian) / 1000, ratio(m, Take::kMedian),
-               methods[m].median_of(&Spent::wall_us) / 1000, errors[m].rms() * scale,
-               errors[m].rms() / errors[kRival].rms(), errors[m].missed);
-    if (m == kTwoThreads) fmt::print("   alone {}/{}", methods[m].alone(), methods[m].spent.size());
-    fmt::print("\n");
-    csv.add("decision " + name, mean_bytes, methods[m]);
-  }
-  std::fflush(stdout);
-  goals.decision.see(ratio(kOneThread, Take::kMedian), ratio(kOneThread, Take::kFastest), name);
-  goals.decision_two.see(ratio(kTwoThreads, Take::kMedian), ratio(kTwoThreads, Take::kFastest), name);
-  const auto on_cores = [&](Take take) { return ratio(kOneThread, take) / methods[kTwoThreads].path_share(take); };
-  goals.decision_cores.see(on_cores(Take::kMedian), on_cores(Take::kFastest), name);
-  const double error = errors[kOneThread].rms() / errors[kRival].rms();
-  goals.error.see(error, error, name);
-  return {};
 }
 
 // ---- Program ----
-
-struct Options {
-  int rounds = 31;
-  std::string only;
-  std::string csv;
-  std::string write;
-};
 
 int write_all(const std::vector<Picture>& all, const std::filesystem::path& folder) {
   for (const Picture& picture : all) {
@@ -847,62 +329,42 @@ int write_all(const std::vector<Picture>& all, const std::filesystem::path& fold
 }
 
 int run(int argc, char** argv) {
-  Options options;
-  CLI::App app{"JPEG to luma and to decision: ours against libjpeg-turbo and OpenCV", "jpeg_bench"};
-  app.add_option("--rounds", options.rounds, "times that each picture is decoded by each method")
-      ->check(CLI::Range(3, 10'000))
-      ->capture_default_str();
-  app.add_option("--only", options.only, "pictures with this in their name, or 'decision' for the second table");
-  app.add_option("--csv", options.csv, "file for all figures, a line for each picture and method");
-  app.add_option("--write", options.write, "folder for the pictures as files; nothing is measured")
+  bool all_forms = false;
+  std::string only, write;
+  CLI::App app{"JPEG to luma at 1/8: ours against libjpeg-turbo", "jpeg_bench"};
+  app.add_flag("--all", all_forms, "all forms of our decoder, not only the default and two threads");
+  app.add_option("--only", only, "pictures with this in their name");
+  app.add_option("--write", write, "folder for the pictures as files; nothing is measured")
       ->check(CLI::ExistingDirectory);
   CLI11_PARSE(app, argc, argv);
-  cv::setNumThreads(1);
 
-  const auto chosen = [&](std::string_view name) { return name.find(options.only) != std::string_view::npos; };
-  std::vector<Picture> all;
-  if (options.only != "decision") all = pictures();
-  all.erase(std::remove_if(all.begin(), all.end(), [&](const Picture& p) { return !chosen(p.name); }), all.end());
-  if (!options.write.empty()) return write_all(all, options.write);
-
-  if (all.empty() && !chosen("decision")) {
-    fmt::print(stderr, "error: no picture has '{}' in its name. Next: run without --only to see the names\n",
-               options.only);
+  std::vector<Picture> all = pictures();
+  std::erase_if(all, [&](const Picture& p) { return p.name.find(only) == std::string::npos; });
+  if (!write.empty()) return write_all(all, write);
+  if (all.empty()) {
+    fmt::print(stderr, "error: no picture has '{}' in its name. Next: run without --only to see the names\n", only);
     return 1;
   }
-  Csv csv(options.csv);
-  const auto complain_of_csv = [&] {
-    fmt::print(stderr, "error: cannot write {} (no space, or no permission). Next: give another file\n", options.csv);
-    return 1;
-  };
-  if (!csv.ok()) return complain_of_csv();
-  Goals goals;
-  fmt::print("{} rounds, {}\n", options.rounds, load());
-  if (!all.empty()) {
-    print_heading();
-    const auto decoders = std::make_unique<Decoders>();
-    for (const Picture& picture : all) {
-      if (const std::string error = decoders->run(picture, options.rounds); !error.empty()) {
-        fmt::print(stderr, "{}\n", error);
-        return 1;
-      }
-      print_row(picture, *decoders);
-      judge(picture, *decoders, goals);
-      for (const Method& method : decoders->methods()) csv.add(picture.name, picture.bytes.size(), method);
-    }
+  fmt::print("times as fast as libjpeg-turbo 1/8: median (95 % interval) pairs kept/tried; {}\n{:30} {:>5} {:>7} {:>7}",
+             bench::prepare(), "picture", "kB", "turbo", "ours ms");
+  for (std::size_t m = all_forms ? Decoders::kPlain : Decoders::kThreeLanes; m < Decoders::kMethods; ++m) {
+    fmt::print(" | {:27}", Decoders::kNames[m]);
   }
-  if (chosen("decision")) {
-    fmt::print("JPEG to decision, by thread CPU time\n");
-    for (const double sigma : {3.0, 8.0}) {
-      if (const std::string error = run_to_decision(sigma, csv, goals); !error.empty()) {
-        fmt::print(stderr, "{}\n", error);
-        return 1;
-      }
+  fmt::print("\n");
+  bench::Worst large("jpeg_one_thread"), any("jpeg_any"), two("jpeg_two_threads");
+  const auto decoders = std::make_unique<Decoders>();
+  for (const Picture& picture : all) {
+    if (const std::string error = decoders->run(picture, all_forms); !error.empty()) {
+      fmt::print(stderr, "{}\n", error);
+      return 1;
     }
+    print_row(picture, *decoders);
+    any.see(decoders->figure(Decoders::kThreeLanes), picture.name);
+    if (picture.width != kSensorWidth || picture.bytes.size() < kLarge) continue;
+    large.see(decoders->figure(Decoders::kThreeLanes), picture.name);
+    two.see(decoders->figure(Decoders::kTwoThreads), picture.name);
   }
-  goals.print();
-  fmt::print("{} at the end\n", load());
-  if (!csv.ok()) return complain_of_csv();
+  for (const bench::Worst* worst : {&large, &any, &two}) worst->print();
   return 0;
 }
 

@@ -1,21 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
-// markers_bench [FRAMES]: luma to marker centres, ours against the paper's Canny + SimpleBlobDetector and against
-// pyramidal Lucas-Kanade (the vendor's method), interleaved in one run. Prints the median thread CPU time and the error
-// against the renderer's truth; ratios are what may be compared between machines.
+// markers_bench [centres|decision]: from a JPEG to the decision, and from luma to the marker centres, ours against the
+// paper's Canny + SimpleBlobDetector, by pairs of blocks (paired.hpp); and how far off both are from the renderer's
+// truth.
+//
+// The rival of the decision is OpenCV's own decoding at 1/8, then Canny and SimpleBlobDetector, tuned to the size of
+// the dots (toolchain/trade/rival.hpp): it ends at the blobs, ours at the decision. Two threads count along the
+// critical path. Ends with a line for each claim of tests/checks/claims.txt.
 #include <fmt/format.h>
-#include <time.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <cstdlib>
+#include <cstdio>
 #include <memory>
+#include <opencv2/core.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
+#include <string>
+#include <string_view>
 #include <vector>
 
+#include "app/app.hpp"
 #include "base/math.hpp"
+#include "drivers/common/crew.hpp"
+#include "drivers/common/jpeg_turbo.hpp"
+#include "drivers/sim/camera_scene.hpp"
+#include "drivers/sim/scene/scenes.hpp"
+#include "tests/bench/paired.hpp"
 #include "tests/support/reference.hpp"
+#include "toolchain/trade/rival.hpp"
 #include "vision/tracker.hpp"
 
 namespace {
@@ -23,15 +36,9 @@ namespace {
 using namespace holdfast;
 using reference_model::Point;
 
-double cpu_us() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
-}
+// ---- Luma to marker centres ----
 
-struct Method {
-  std::string name;
-  std::vector<double> us;
+struct Error {
   double square_sum = 0;
   long found = 0;
   long missed = 0;
@@ -48,102 +55,181 @@ struct Method {
       ++found;
     }
   }
-  [[nodiscard]] double median_us() {
-    std::nth_element(us.begin(), us.begin() + static_cast<std::ptrdiff_t>(us.size() / 2), us.end());
-    return us[us.size() / 2];
-  }
+  [[nodiscard]] double rms() const { return std::sqrt(square_sum / static_cast<double>(found)); }
 };
 
-template <typename Work>
-void timed(Method& method, Work&& work) {
-  const double start = cpu_us();
-  work();
-  method.us.push_back(cpu_us() - start);
-}
-
-cv::Ptr<cv::SimpleBlobDetector> tuned_detector(double dot_area_px, double pitch_px) {
-  cv::SimpleBlobDetector::Params params;
-  params.minArea = static_cast<float>(0.3 * dot_area_px);
-  params.maxArea = static_cast<float>(3.0 * dot_area_px);
-  params.minDistBetweenBlobs = static_cast<float>(0.4 * pitch_px);
-  return cv::SimpleBlobDetector::create(params);
-}
-
-void compare(int width, double sigma, int frames) {
+void compare_centres(int width, double sigma, bool claimed) {
+  constexpr int kFrames = 96;
   scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), width);
   config.noise_sigma = sigma;
   const double scale = width / 320.0;
   const double radius_px = config.dot_diameter_mm * config.px_per_mm / 2;
-  const auto detector = tuned_detector(M_PI * radius_px * radius_px, 2.02 * config.px_per_mm);
+  cv::SimpleBlobDetector::Params params;
+  params.minArea = static_cast<float>(0.3 * M_PI * radius_px * radius_px);
+  params.maxArea = static_cast<float>(3.0 * M_PI * radius_px * radius_px);
+  params.minDistBetweenBlobs = static_cast<float>(0.4 * 2.02 * config.px_per_mm);
+  const auto detector = cv::SimpleBlobDetector::create(params);
 
-  Method ours{"ours: windows", {}, 0, 0, 0};
-  Method blob{"Canny + SimpleBlobDetector", {}, 0, 0, 0};
-  Method flow{"pyramidal Lucas-Kanade", {}, 0, 0, 0};
-  const auto state = std::make_unique<tracker::State>();
-  const tracker::Config tracker_config{};
-  cv::Mat before;
-  std::vector<cv::Point2f> followed;
-  for (int t = 0; t < frames; ++t) {
+  std::vector<std::vector<Point>> truths;
+  std::vector<reference_model::Picture> pictures;
+  for (int t = 0; t < kFrames; ++t) {
     const auto warp = reference_model::chained(
         reference_model::gaussian({0, 0}, 4.4, 0.32 * std::sin(t * 0.18), 0.25 * std::sin(t * 0.13)),
         reference_model::rotated(1.5 * std::sin(t * 0.11)));
-    const std::vector<Point> truth = reference_model::lattice_px({}, config, warp);
-    reference_model::Picture picture = reference_model::picture_of(config, truth, static_cast<std::uint64_t>(t) + 1);
-    const cv::Mat luma(picture.height, picture.width, CV_8UC1, picture.pixels.data());
+    truths.push_back(reference_model::lattice_px({}, config, warp));
+    pictures.push_back(reference_model::picture_of(config, truths.back(), static_cast<std::uint64_t>(t) + 1));
+  }
+  const auto state = std::make_unique<tracker::State>();
+  const tracker::Config tracker_config{};
+  reference_model::Picture shown;
+  const auto track = [&] { (void)tracker::update(*state, tracker_config, shown.view()); };
+  std::vector<cv::KeyPoint> blobs;
+  const auto detect = [&] {
+    const cv::Mat luma(shown.height, shown.width, CV_8UC1, shown.pixels.data());
+    cv::Mat edges;
+    cv::Canny(luma, edges, 50, 150);
+    blobs.clear();
+    detector->detect(luma, blobs);
+  };
 
-    bool known = state->acquired;
-    std::vector<Point> seen;
-    timed(ours, [&] { known = tracker::update(*state, tracker_config, picture.view()).ok() && known; });
+  Error our_error, rivals_error;
+  std::vector<Point> seen;
+  for (int t = 0; t < kFrames; ++t) {
+    shown = pictures[idx(t)];
+    track();
+    seen.clear();
     for (int i = 0; i < state->field.grid.count(); ++i) {
       const Marker& marker = state->field.markers[idx(i)];
       if (marker.valid) seen.push_back({marker.x.raw() / 256.0, marker.y.raw() / 256.0});
     }
-    if (!known) ours.us.pop_back();  // the first frame registers the lattice
-    ours.judge(truth, seen, 10 * scale);
-
+    our_error.judge(truths[idx(t)], seen, 10 * scale);
+    detect();
     seen.clear();
-    std::vector<cv::KeyPoint> blobs;
-    timed(blob, [&] {
-      cv::Mat edges;
-      cv::Canny(luma, edges, 50, 150);
-      detector->detect(luma, blobs);
-    });
     for (const cv::KeyPoint& b : blobs) seen.push_back({b.pt.x, b.pt.y});
-    blob.judge(truth, seen, 10 * scale);
+    rivals_error.judge(truths[idx(t)], seen, 10 * scale);
+  }
 
-    if (before.empty()) {
-      for (const Point& p : truth) followed.emplace_back(static_cast<float>(p.x), static_cast<float>(p.y));
-    } else {
-      std::vector<cv::Point2f> next;
-      std::vector<unsigned char> status;
-      std::vector<float> error;
-      timed(flow, [&] {
-        cv::calcOpticalFlowPyrLK(before, luma, followed, next, status, error, {15, 15}, 2,
-                                 {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 10, 0.03});
-      });
-      followed = next;
-      seen.clear();
-      for (const cv::Point2f& p : followed) seen.push_back({p.x, p.y});
-      flow.judge(truth, seen, 10 * scale);
+  // Each pair shows both the next frame, forwards and backwards through the film, as a gel moves. A decoder has just
+  // written the picture, so it is in the cache.
+  int at = kFrames;
+  const auto show = [&] {
+    const int n = at % (2 * kFrames);
+    shown.pixels = pictures[idx(n < kFrames ? n : 2 * kFrames - 1 - n)].pixels;
+  };
+  bench::Pairs pairs(bench::Pairs::Runs::kOne);
+  for (; !pairs.enough(); ++at) pairs.add({detect, nullptr, show}, {track, nullptr, show});
+  const bench::Figure ratio = pairs.ratio();
+  fmt::print(
+      "{}x{}, sigma {}: {} times as fast, {}/{} pairs; {:.1f} and {:.1f} us; rms {:.4f} and {:.4f} px of 320; missed "
+      "{} and {}\n",
+      config.width, config.height, sigma, ratio.text(), ratio.kept, ratio.tried, pairs.rival_us().median,
+      pairs.our_us().median, rivals_error.rms() / scale, our_error.rms() / scale, rivals_error.missed,
+      our_error.missed);
+  if (!claimed) return;
+  fmt::print("markers_speed: {}\nmarkers_error: {:.4f}\nmarkers_rival: {:.2f}\n", ratio.text(), our_error.rms() / scale,
+             our_error.rms() / rivals_error.rms());
+}
+
+// ---- From JPEG to decision ----
+
+struct Claims {
+  bench::Worst one{"decision"}, two{"decision_two_threads"};
+  double error = 0;  // the largest
+};
+
+// One scene, each frame by all. Empty: done. Otherwise what went wrong, one line.
+std::string compare_decisions(double sigma, Claims& claims) {
+  sim::Clock clock;
+  scene::Scene scene = scene::sphere_slip();
+  scene.effects.pixel_noise = sigma;
+  sim::SceneCamera camera(scene, clock);
+  const int width = camera.picture().width;
+  drivers::TurboJpegDecoder library;
+  hal::Alone alone;
+  drivers::Threads threads({.workers = 2});
+  tool::TimedCrew two(threads);
+  std::vector<jpeg_fast::Worker> workers(3);
+  const auto one_thread =
+      std::make_unique<EighthDecoder>(EighthDecoder::Config{}, library, std::span(workers).first(1), alone);
+  const auto two_threads =
+      std::make_unique<EighthDecoder>(EighthDecoder::Config{}, library, std::span(workers).last(2), two);
+  struct Ours {
+    std::string_view name;
+    JpegDecoder& decoder;
+    tool::TimedCrew* crew;
+    bench::Worst& worst;
+    std::unique_ptr<pipeline::State> state = std::make_unique<pipeline::State>();
+    bench::Pairs pairs{bench::Pairs::Runs::kOne};
+  };
+  std::array<Ours, 2> all{
+      {{"one thread", *one_thread, nullptr, claims.one}, {"two threads", *two_threads, &two, claims.two}}};
+  const pipeline::Config config = pipeline_config(Params{});
+  trade::RivalTracker rival(trade::Rival::kBlobs);
+  trade::MarkerError rivals_error, our_error;
+
+  if (!camera.start()) return "error: the simulated camera does not start (a bug). Next: run the tests";
+  hal::Frame frame;
+  std::size_t frames = 0, bytes = 0;
+  for (; camera.next(frame, std::chrono::seconds(1)) == hal::Capture::kFrame; ++frames) {
+    std::vector<scene::PointPx> truth;
+    for (const Point& p : camera.marker_centers()) truth.push_back({p.x, p.y});
+    if (frames == 0) {
+      trade::Film film;
+      film.shots.emplace_back().markers = truth;
+      rival.begin(film);
     }
-    before = luma.clone();
+    bytes += frame.bytes.size();
+    for (Ours& ours : all) {
+      pipeline::Result result;
+      ours.pairs.add({[&] { rival.update(frame.bytes); }},
+                     {[&] { result = pipeline::update(*ours.state, config, ours.decoder, frame); }, ours.crew});
+      if (!result.quality.ok()) {
+        return fmt::format("error: {}: frame {} is refused: {} (a bug). Next: run the tests", ours.name, frames,
+                           info(result.quality.reason).what);
+      }
+    }
+    rival.judge(truth, width, rivals_error);
+    our_error.add(all[0].state->tracker.field, truth, 8.0, width);
+    camera.release(frame);
   }
-  fmt::print("{}x{}, sigma {}, {} frames of a moving gel\n", config.width, config.height, sigma, frames);
-  const double base = ours.median_us();
-  const double base_rms = std::sqrt(ours.square_sum / static_cast<double>(ours.found));
-  for (Method* m : {&ours, &blob, &flow}) {
-    const double rms = std::sqrt(m->square_sum / static_cast<double>(m->found));
-    fmt::print("  {:28} {:9.1f} us {:7.1f}x   rms {:.4f} px of 320 ({:.2f}x)   missed {}\n", m->name, m->median_us(),
-               m->median_us() / base, rms / scale, rms / base_rms, m->missed);
+  if (frames == 0) return "error: the simulated camera gives no frame (no memory?). Next: run the tests";
+
+  const std::string name = fmt::format("s{} q{}", sigma, scene.picture.jpeg_quality);
+  fmt::print("JPEG to decision, {}x{} {}, {} kB, {} frames; rms {:.4f} and {:.4f} px of 320; missed {} and {}\n", width,
+             camera.picture().height, name, bytes / frames / 1000, frames, rivals_error.rms(), our_error.rms(),
+             rivals_error.missed, our_error.missed);
+  for (Ours& ours : all) {
+    const bench::Figure ratio = ours.pairs.ratio();
+    fmt::print("  {:11}: {} times as fast, {}/{} pairs; {:.3f} and {:.3f} ms\n", ours.name, ratio.text(), ratio.kept,
+               ratio.tried, ours.pairs.rival_us().median / 1000, ours.pairs.our_us().median / 1000);
+    ours.worst.see(ratio, name);
   }
+  claims.error = std::max(claims.error, our_error.rms() / rivals_error.rms());
+  return {};
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  const int frames = argc > 1 ? std::max(3, std::atoi(argv[1])) : 100;
+  const std::string_view part = argc > 1 ? argv[1] : "";
   cv::setNumThreads(1);
-  for (const int width : {320, 410, 640}) compare(width, 2.5, frames);
-  compare(320, 6.0, frames);
+  fmt::print("theirs and ours; {}\n", bench::prepare());
+  if (part != "centres") {
+    Claims claims;
+    for (const double sigma : {3.0, 8.0}) {
+      if (const std::string error = compare_decisions(sigma, claims); !error.empty()) {
+        fmt::print(stderr, "{}\n", error);
+        return 1;
+      }
+    }
+    claims.one.print();
+    claims.two.print();
+    fmt::print("decision_error: {:.3f}\n", claims.error);
+  }
+  if (part != "decision") {
+    compare_centres(320, 2.5, true);
+    compare_centres(640, 2.5, false);
+    compare_centres(320, 6.0, false);
+  }
   return 0;
 }

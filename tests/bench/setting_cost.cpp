@@ -4,8 +4,9 @@
 // prints them: parameters as name=value, passes=, window_pct=, decoder=library, features=paper.
 // setting_cost FILM: writes the film (film_file.hpp). setting_cost --data FOLDER: writes the small ones of tests/data.
 //
-// One thread, whatever jpeg_threads says: what the work of all threads comes to. features=paper computes the paper's
-// four and still walks the compiled tree, some 50 instructions that no count here can see.
+// Prints the mean CPU time of the second half of the frames. One thread, whatever jpeg_threads says: what the work of
+// all threads comes to. features=paper computes the paper's four and still walks the compiled tree, some 50
+// instructions that no count here can see.
 //
 // Exit status: 0 done, 1 a file failed, 2 wrong arguments, 3 the setting refused a frame: there is nothing to count.
 #include <cstdio>
@@ -20,6 +21,7 @@
 #include "drivers/common/jpeg_turbo.hpp"
 #include "hal/crew.hpp"
 #include "tests/support/film_file.hpp"
+#include "toolchain/play/thread_time.hpp"
 
 namespace {
 
@@ -101,7 +103,9 @@ int main(int argc, char** argv) {
       std::make_unique<EighthDecoder>(jpeg_config(setting.params), library, std::span(worker.get(), 1), crew);
   JpegDecoder& decoder = setting.library ? static_cast<JpegDecoder&>(library) : *ours;
   const auto state = std::make_unique<pipeline::State>();
+  double start = 0;
   for (std::size_t i = 0; i < frames; ++i) {
+    if (i == frames / 2) start = tool::thread_us();
     hal::Frame frame{};
     frame.bytes = film[i];
     frame.format = hal::PixelFormat::kMjpeg;
@@ -114,5 +118,6 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "'%s': frame %zu refused (%s)\n", argv[2], i, std::string(info(quality.reason).what).c_str());
     return 3;
   }
+  std::printf("%.1f us each\n", (tool::thread_us() - start) / static_cast<double>(frames - frames / 2));
   return 0;
 }

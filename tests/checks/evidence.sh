@@ -62,7 +62,7 @@ table() {
 # commit_of RUN: what a figure of this command is measured on.
 commit_of() {
   local file
-  file=$(grep -oE '[a-z/]+\.csv' <<<"$1" || true)
+  file=$(grep -oE '[a-z_/]+\.csv' <<<"$1" || true)
   if [[ -n $file ]]; then
     printf '%s of %s' "$(git log -1 --format=%h -- "$file")" "${file##*/}"
   else
