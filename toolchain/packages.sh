@@ -48,6 +48,9 @@ test picocom 3.1-4
 test fdisk 2.38.1-5+deb12u3
 test xz-utils 5.4.1-1
 test zstd 1.5.4+dfsg2-5
+test python3 3.11.2-1+b1
+test python3-numpy 1:1.24.2-1+deb12u1
+test python3-pip 23.0.1+dfsg-1
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3
