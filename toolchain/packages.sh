@@ -51,6 +51,11 @@ test zstd 1.5.4+dfsg2-5
 test python3 3.11.2-1+b1
 test python3-numpy 1:1.24.2-1+deb12u1
 test python3-pip 23.0.1+dfsg-1
+test libmosquitto-dev 2.0.11-1.2+deb12u2
+test mosquitto 2.0.11-1.2+deb12u2
+test mosquitto-clients 2.0.11-1.2+deb12u2
+test prometheus-mqtt-exporter 0.1.7-1+b4
+test openssl 3.0.19-1~deb12u2
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3

@@ -25,7 +25,7 @@ TEST_GROUP(RobotFranka) {
   sf::StatusFrame frame{.state = DeviceState::kOk, .grip_ok = true};
   std::uint64_t silent_from_ms = UINT64_MAX, slips_from_ms = UINT64_MAX;
 
-  void setup() {
+  void setup() override {
     CHECK_EQUAL(0, ::pipe2(ends.data(), O_NONBLOCK));
     robot.before = [this](std::uint64_t now_ms) {
       if (now_ms % kFrameMs != 0 || now_ms >= silent_from_ms) return;
@@ -40,7 +40,7 @@ TEST_GROUP(RobotFranka) {
     send();
     CHECK_TRUE(holdfast_poll(ends[0], receiver, grip, 0xFFFFFFFF));
   }
-  void teardown() {
+  void teardown() override {
     for (const int end : ends) ::close(end);
   }
   void send() {
