@@ -55,6 +55,14 @@ test libmosquitto-dev 2.0.11-1.2+deb12u2
 test mosquitto 2.0.11-1.2+deb12u2
 test mosquitto-clients 2.0.11-1.2+deb12u2
 test prometheus-mqtt-exporter 0.1.7-1+b4
+test cyclonedds-dev 0.10.2-2
+test cyclonedds-tools 0.10.2-2
+test libfastrtps-dev 2.9.1+ds-1+deb12u2
+test libfastcdr-dev 1.0.26-1
+test ament-cmake 1.5.2-2
+test rosidl-cmake 3.3.1-1
+test rosidl-generator-c-cpp 3.3.1-1
+test rosidl-tools 3.3.1-1
 test openssl 3.0.19-1~deb12u2
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12

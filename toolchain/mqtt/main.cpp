@@ -165,11 +165,7 @@ int run(const Options& options) {
   return 0;
 }
 
-}  // namespace
-}  // namespace holdfast
-
-int main(int argc, char** argv) {
-  using namespace holdfast;
+int start(int argc, char** argv) {
   try {
     Options options;
     CLI::App app{"Tells an MQTT broker what boards say on their serial links: state, reason, counters, versions",
@@ -213,4 +209,11 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "holdfast-mqtt: %s\n", error.what());
     return 1;
   }
+}
+
+}  // namespace
+}  // namespace holdfast
+
+int main(int argc, char** argv) {
+  return holdfast::start(argc, argv);
 }
