@@ -41,7 +41,7 @@ USAGE
   for part in "${parts[@]}" deb deb13 deb_arm64; do printf '                 %-9s %s\n' "$part" "${what[$part]}"; done
   cat <<'USAGE'
   --long       --all, or the parts named by --only, and the runs that take long, an hour or more: all pairs of faults, a
-               soak of a day of frames, a million frames of the firmware without a heap call, 200 kills and stops, 200
+               soak of a day of frames, a million frames of the firmware without a heap call, 500 boards at an MQTT broker, 200 kills and stops, 200
                book pulls, 500 trials of each kind, the entropy of every histogram, what the sanitizers and the emulated
                processor are spared; on the emulated machine 100 replugs, 100 kills, 50 power cuts of an update and the heap calls of 10 000
                frames
@@ -306,6 +306,8 @@ part_long() {
   count_one "holdfast faults --pairs" $?
   step "long soak" env HOLDFAST_SOAK_FRAMES=2160000 build/sim/bin/host_tests -v -sg FaultsSoak
   count_one "HOLDFAST_SOAK_FRAMES=2160000 host_tests -sg FaultsSoak" $?
+  step "long fleet" env HOLDFAST_FLEET=500 ctest --test-dir build/sim -R '^python.mqtt$' --output-on-failure --no-tests=error
+  count_one "HOLDFAST_FLEET=500 ctest --test-dir build/sim -R '^python.mqtt$'" $?
   step "long heap" ctest --test-dir build/sim -R '^checks.heap_free_luma_million$' --output-on-failure --no-tests=error
   count_one "ctest --test-dir build/sim -R '^checks.heap_free_luma_million$'" $?
   step "long kills" env HOLDFAST_KILLS=200 build/sim/bin/host_tests -v -sg Process
@@ -421,7 +423,7 @@ closing() {
     say "left out under the sanitizers: the host tool, programs, physics, ${not_sanitized//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
     say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
   }
-  ((long == 1)) || say "left out (--long): the Debian package in a fresh root of Debian 12 and of 13, and for arm64 (--only deb, deb13, deb_arm64), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
+  ((long == 1)) || say "left out (--long): the Debian package in a fresh root of Debian 12 and of 13, and for arm64 (--only deb, deb13, deb_arm64), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 500 boards at an MQTT broker (5 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
   ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an emulated Pi 3"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"

@@ -17,6 +17,7 @@ left_out=$(
   cat <<'LIST'
 .*(tests/run\.sh|tests/checks/|toolchain/demo\.sh).*	a part of the tests, or what calls them
 .*(sysroot\.sh|cmake|board/|flash\.sh).*	the cross build and the card: parts rpi4 and system
+.*(/holdfast\.link|holdfast-ros2).*	tests/python/test_robot.py, test_mqtt.py, test_ros2.py
 holdfast doctor	on a board; tests/toolchain/inventory_test.cpp
 .*holdfast live	wants the sensor; with --play it runs
 .*holdfast record grasp\.mcap --seconds 20	wants the sensor; tests/e2e/own_data.sh records scenes

@@ -32,4 +32,5 @@ TEST(WireDoc, CommittedFilesAreWhatTheTablesSay) {
   const std::string measured{std::istreambuf_iterator<char>(table), std::istreambuf_iterator<char>()};
   check_committed("firmware/params/mode_prices.gen.hpp", holdfast::wire_doc::mode_prices(measured));
   check_committed("toolchain/page/tables.js", holdfast::wire_doc::page_tables());
+  check_committed("toolchain/python/holdfast/tables.py", holdfast::wire_doc::python_tables());
 }

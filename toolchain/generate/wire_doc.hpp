@@ -32,4 +32,7 @@ namespace holdfast::wire_doc {
 // The whole of toolchain/page/tables.js: the constants of the page's decoder, and the words for its numbers.
 [[nodiscard]] std::string page_tables();
 
+// The whole of toolchain/python/holdfast/tables.py: likewise, for programs in Python.
+[[nodiscard]] std::string python_tables();
+
 }  // namespace holdfast::wire_doc

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // wire_doc: prints firmware/link/LINK.md (`doc`), firmware/app/STATES.md (`states`), firmware/ERRORS.md (`errors`),
-// firmware/params/PARAMETERS.md (`params`), toolchain/page/tables.js (`page`) or, from the table named behind it,
-// firmware/params/mode_prices.gen.hpp (`modes`) to stdout. The build target `wire_docs` writes all of them.
+// firmware/params/PARAMETERS.md (`params`), toolchain/page/tables.js (`page`), toolchain/python/holdfast/tables.py
+// (`python`) or, from the table named behind it, firmware/params/mode_prices.gen.hpp (`modes`) to stdout. The build
+// target `wire_docs` writes all of them.
 #include <cstdio>
 #include <fstream>
 #include <sstream>
@@ -23,10 +24,11 @@ int main(int argc, char** argv) {
            : what == "errors" ? holdfast::wire_doc::errors_markdown()
            : what == "params" ? holdfast::wire_doc::parameters_markdown()
            : what == "page"   ? holdfast::wire_doc::page_tables()
+           : what == "python" ? holdfast::wire_doc::python_tables()
                               : "";
   }
   if (text.empty()) {
-    std::fprintf(stderr, "usage: wire_doc doc|states|errors|params|page, or wire_doc modes TRADE.csv\n");
+    std::fprintf(stderr, "usage: wire_doc doc|states|errors|params|page|python, or wire_doc modes TRADE.csv\n");
     return 2;
   }
   return std::fwrite(text.data(), 1, text.size(), stdout) == text.size() && std::fflush(stdout) == 0 ? 0 : 1;

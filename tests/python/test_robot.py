@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The examples of toolchain/robot, and the package as pip installs it. The examples of C and C++:
+tests/toolchain/robot_{link,franka}_test.cpp."""
+
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+SOURCE = Path(__file__).resolve().parents[2]
+BIN = Path(os.environ["HOLDFAST_BIN"])
+DEADLINE_S = 60
+
+
+class Hold(unittest.TestCase):
+    """toolchain/robot/hold.py at the firmware's own port."""
+
+    def setUp(self):
+        self.work = tempfile.TemporaryDirectory()
+        self.addCleanup(self.work.cleanup)
+        port = Path(self.work.name, "link")
+        self.daemon = self.start([BIN / "holdfastd", "--real-time", "--empty", "--link", port], subprocess.DEVNULL)
+        end = time.monotonic() + DEADLINE_S
+        while not port.exists():
+            self.assertLess(time.monotonic(), end, "holdfastd made no port")
+            time.sleep(0.01)
+        self.hold = self.start([sys.executable, SOURCE / "toolchain/robot/hold.py", port, "--tare"], subprocess.PIPE)
+        os.set_blocking(self.hold.stdout.fileno(), False)
+        self.said = ""
+
+    def start(self, command, output):
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.DEVNULL)
+        self.addCleanup(process.wait)
+        self.addCleanup(process.kill)
+        return process
+
+    def wait_for(self, pattern):
+        end = time.monotonic() + DEADLINE_S
+        while not re.search(pattern, self.said, re.M):
+            self.assertLess(time.monotonic(), end, f"not said: {pattern}; said:\n{self.said}")
+            self.said += (self.hold.stdout.read() or b"").decode()
+            time.sleep(0.01)
+        self.said = self.said[re.search(pattern, self.said, re.M).end() :]
+
+    def test_believes_nothing_of_a_process_that_stands_still(self):
+        self.wait_for(r"^TARE: done$")
+        self.wait_for(r"^grip ok OK$")
+        self.daemon.send_signal(signal.SIGSTOP)  # its last frame said "fine"
+        self.wait_for(r"^not confirmed OK$")
+        self.daemon.send_signal(signal.SIGCONT)
+        self.wait_for(r"^grip ok OK$")
+        self.daemon.kill()
+        self.hold.wait(DEADLINE_S)  # the port has gone
+        self.assertEqual(self.hold.returncode, 1)
+
+
+class UrScript(unittest.TestCase):
+    """toolchain/robot/holdfast.script, turned into Python line by line. What a UR controller itself makes of it is not
+    tried here."""
+
+    STEP_S = 0.002
+
+    def setUp(self):
+        lines = []
+        for line in (SOURCE / "toolchain/robot/holdfast.script").read_text().splitlines():
+            line = re.sub(r"^(\s*)local ", r"\1", line.split("#")[0].rstrip())
+            line = re.sub(r"^thread (\w+\(\)):", r"def \1:\n  global holdfast_ok", line)
+            line = re.sub(r"\b(sync\(\))", r"yield", line)
+            line = re.sub(r"^(\s*)(speedl\(.*\))", r"\1\2\n\1yield", line)
+            line = re.sub(r"^global ", "", line)
+            if line.strip() != "end":
+                lines.append(line)
+        self.inputs, self.moves = [False, False], []
+        self.program = {
+            "get_tool_digital_in": lambda number: self.inputs[number],
+            "get_steptime": lambda: self.STEP_S,
+            "speedl": lambda speed, acceleration, seconds: self.moves.append(speed[2]),
+            "stopl": lambda acceleration: self.moves.append(0.0),
+        }
+        exec("\n".join(lines), self.program)
+        self.thread = self.program["holdfast_watch"]()
+        next(self.thread)
+
+    def step(self, alive, grip_ok):
+        self.inputs[:] = alive, grip_ok
+        next(self.thread)
+        return self.program["holdfast_ok"]
+
+    def test_the_rule_as_it_is_written(self):
+        """Drawn levels at every step of 2 ms; the age of an edge, in whole steps, from all levels so far."""
+        draw = random.Random(3)
+        levels = [False]
+        for _ in range(60):
+            level, grip_ok = draw.random() < 0.5, draw.random() < 0.8
+            for _ in range(draw.choice((1, 20, 60, 74, 75, 76, 200))):
+                levels.append(level)
+                edges = [k for k in range(1, len(levels)) if levels[k] != levels[k - 1]]
+                fresh = bool(edges) and 2 * (len(levels) - 1 - edges[-1]) < 150
+                self.assertEqual(self.step(level, grip_ok), fresh and grip_ok)
+
+    def test_the_lift_ends_when_the_grip_is_not_confirmed(self):
+        self.step(True, True)
+        lift = self.program["holdfast_lift"](2.0)
+        for k in range(200):
+            next(lift)
+            self.step(k % 40 < 20, True)
+        self.assertEqual(set(self.moves), {0.02})
+        self.step(True, False)
+        with self.assertRaises(StopIteration) as end:
+            next(lift)
+        self.assertIs(end.exception.value, False)
+        self.assertEqual(self.moves[-1], 0.0)
+
+    def test_the_lift_goes_all_the_way(self):
+        self.step(True, True)
+        lift = self.program["holdfast_lift"](0.5)
+        steps = 0
+        with self.assertRaises(StopIteration) as end:
+            while True:
+                next(lift)
+                steps += 1
+                self.step(steps % 40 < 20, True)
+        self.assertIs(end.exception.value, True)
+        self.assertAlmostEqual(steps * self.STEP_S, 0.5, delta=self.STEP_S)  # the last step may be one too many
+
+
+class Package(unittest.TestCase):
+    def test_pip_installs_it(self):
+        tried = subprocess.run([sys.executable, "-c", "import setuptools, wheel, pip"], capture_output=True)
+        if tried.returncode:
+            self.skipTest("no pip, setuptools and wheel")
+        with tempfile.TemporaryDirectory() as work:
+            folder = shutil.copytree(SOURCE / "toolchain/python", Path(work, "source"))
+            here = f"{work}/here"
+            alone = ["--no-index", "--no-deps", "--no-build-isolation"]
+            pip = [sys.executable, "-m", "pip", "install", *alone, "--target", here, folder]
+            subprocess.run(pip, check=True, timeout=300, capture_output=True)
+            asked = [sys.executable, "-c", "import holdfast.link, holdfast.logs; print(holdfast.__file__)"]
+            environment = {"PATH": os.environ["PATH"], "PYTHONPATH": here}
+            where = subprocess.run(asked, check=True, timeout=60, capture_output=True, text=True, env=environment)
+            self.assertTrue(where.stdout.startswith(here))
+
+
+if __name__ == "__main__":
+    unittest.main()

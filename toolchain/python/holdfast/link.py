@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The robot's end of a serial line to holdfastd: firmware/link/LINK.md in Python.
+
+Not a certified safety function.
+"""
+
+import struct
+from types import SimpleNamespace
+
+from .tables import (
+    COMMANDS,
+    FLAGS,
+    FRAMES,
+    FRESH_MS,
+    LAST_VERSION,
+    MAX_WIRE_BYTES,
+    REASONS,
+    RESULTS,
+    STATES,
+    VERSION,
+)
+
+_FORMATS = {"u8": "B", "u16": "H", "u32": "I", "i16": "h", "i32": "i"}
+_MIN_PAYLOAD_BYTES = 4  # version, kind, CRC
+
+
+def crc16(data):
+    """CRC-16/CCITT-FALSE."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ (0x11021 if crc & 0x8000 else 0)
+    return crc
+
+
+def cobs_encode(payload):
+    """Without the delimiter. Range: runs of fewer than 254 bytes other than zero, which a payload of 32 has."""
+    return b"".join(bytes([len(run) + 1]) + run for run in bytes(payload).split(b"\0"))
+
+
+def cobs_decode(wire):
+    """The bytes between two delimiters, decoded; None: they are no COBS."""
+    if not wire or 0 in wire:
+        return None
+    out = bytearray()
+    at = 0
+    while at < len(wire):
+        end = at + wire[at]
+        if end > len(wire):
+            return None
+        out += wire[at + 1 : end]
+        if end < len(wire):
+            out.append(0)
+        at = end
+    return bytes(out)
+
+
+def _sound(payload):
+    return (
+        payload is not None
+        and len(payload) >= _MIN_PAYLOAD_BYTES
+        and crc16(payload[:-2]) == int.from_bytes(payload[-2:], "little")
+    )
+
+
+def decode(payload):
+    """The frame of a payload, CRC included: fields by their names in LINK.md, `frame` and the words for its numbers.
+
+    None: damaged, or of a version, kind, length or state that is not in the tables.
+    """
+    if not _sound(payload):
+        return None
+    name, size, fields = FRAMES.get((payload[0], payload[1]), (None, 0, ()))
+    if len(payload) != size:
+        return None
+    out = SimpleNamespace(frame=name)
+    for field, offset, kind in fields[:-1]:
+        setattr(out, field, struct.unpack_from("<" + _FORMATS[kind], payload, offset)[0])
+    if name == "status":
+        if out.state not in STATES:
+            return None
+        out.state_name = STATES[out.state]
+        out.reason_name = REASONS[out.reason][0] if out.reason in REASONS else "?"
+        for flag, bit in FLAGS.items():
+            setattr(out, flag, bool(out.flags >> bit & 1))
+    elif name == "answer":
+        out.result_name = RESULTS[out.result][0] if out.result in RESULTS else "?"
+    return out
+
+
+def command(sequence, name, argument=0):
+    """The bytes of a command. Another command takes another sequence; the same bytes again ask for the answer again."""
+    payload = struct.pack("<BBHBB", VERSION, 2, sequence & 0xFFFF, COMMANDS[name], argument)
+    payload += crc16(payload).to_bytes(2, "little")
+    return b"\0" + cobs_encode(payload) + b"\0"
+
+
+def answers(answer, sequence, name):
+    """Whether this answer is the command's."""
+    return answer.sequence == sequence & 0xFFFF and answer.command == COMMANDS[name]
+
+
+class Receiver:
+    """Finds frames in what a port gives, in pieces of any size. Text between frames is passed over."""
+
+    def __init__(self):
+        self.damaged = 0  # what began as a frame and is none
+        self.unknown = 0  # sound, but of a version, kind, length or state that is not in the tables
+        self._piece = bytearray()
+        self._text = False  # up to the next delimiter
+        self._lost = False  # too long for a frame: up to the end of a line or the next delimiter
+
+    def feed(self, data):
+        """The frames that these bytes complete, in order."""
+        frames = []
+        for byte in data:
+            if byte == 0:
+                self._end(frames)
+            elif self._lost:
+                if byte in b"\r\n":
+                    self._lost, self._text = False, True
+            elif not self._text:
+                self._piece.append(byte)
+                if len(self._piece) == 2 and byte > LAST_VERSION:
+                    self._text = True
+                elif len(self._piece) == MAX_WIRE_BYTES:
+                    self._lost = True
+                    self.damaged += 1
+        return frames
+
+    def _end(self, frames):
+        piece = b"" if self._text or self._lost else bytes(self._piece)
+        self._piece.clear()
+        self._text = self._lost = False
+        if len(piece) < 2:
+            return
+        payload = cobs_decode(piece)
+        if not _sound(payload):
+            self.damaged += 1
+            return
+        frame = decode(payload)
+        if frame is None:
+            self.unknown += 1
+        else:
+            frames.append(frame)
+
+
+class Grip:
+    """The receiver's rule: grip_ok counts only while the last change of `alive` is younger than 150 ms.
+
+    Times are time.monotonic_ns() of the caller: when the frame arrived, and now. What waited in a buffer while the
+    program was stopped describes the past: discard it.
+    """
+
+    def __init__(self):
+        self._alive = None
+        self._changed_ns = None  # None: `alive` has not changed yet
+        self._ok = False
+
+    def update(self, status, now_ns):
+        """With every status frame."""
+        if self._alive is not None and self._alive != status.alive:
+            self._changed_ns = now_ns
+        self._alive, self._ok = status.alive, status.grip_ok
+
+    def ok(self, now_ns):
+        """Whether the grip may be taken for good now."""
+        return self._ok and self._changed_ns is not None and 0 <= now_ns - self._changed_ns < FRESH_MS * 1_000_000
