@@ -3,10 +3,18 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 
+#include "app/app.hpp"
 #include "base/math.hpp"
+#include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::fingers {
+
+// Beside a device of one finger a hand has another pipeline and its own few bytes; the decoder is shared.
+constexpr std::size_t kOneFinger = sizeof(App) + sizeof(EighthDecoder) + sizeof(jpeg_fast::Worker);
+static_assert((kOneFinger + sizeof(State) - sizeof(pipeline::State)) * 10 <= kOneFinger * 19, "1.9 of one finger");
+
 namespace {
 
 // The hand's state is the last of these that a finger has: what a robot has to act on comes late.

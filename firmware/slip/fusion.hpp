@@ -36,8 +36,8 @@ struct Config {
   int fingers = 1;
   // Octaves of motion in Q8 by which a strong finger is above the model's threshold, and by which a weak one is below
   // it. Chosen by `holdfast evaluate --recorded ... --pairs`.
-  std::int32_t alone_q8 = 192;
-  std::int32_t together_q8 = 0;
+  std::int32_t alone_q8 = 160;
+  std::int32_t together_q8 = 96;
   std::int32_t sight_patches = 5;  // from here on a picture shows a relief: contact::Config::begin_patches
   // Older evidence is not heard. A period at 15 frames a second and a fifth.
   Micros oldest{80'000};
@@ -70,18 +70,21 @@ struct State {
   return features;
 }
 
-// Range: any features. The model is asked at most three times.
+// Not inlined: the compiled tree is there once.
+[[nodiscard, gnu::noinline]] constexpr Verdict ask(const Config& config, const Features& features, std::int32_t by_q8) {
+  return classifier::classify(config.classifier, scaled(features, by_q8));
+}
+
+// Range: any features. The model is asked twice at most.
 [[nodiscard]] constexpr Seen look(const Config& config, const Features& features, Micros timestamp) {
   Seen seen{.known = true, .timestamp = timestamp, .touching = features.contact.raw() != 0};
   seen.sees = features.imprint.patches.raw() >= config.sight_patches;
   if (!seen.touching) return seen;
-  const auto slips_now = [&](std::int32_t by_q8) {
-    return classifier::classify(config.classifier, scaled(features, by_q8)) == Verdict::kSlipNow;
-  };
-  const Verdict plain = classifier::classify(config.classifier, features);
+  const Verdict plain = ask(config, features, 0);
   if (plain == Verdict::kSlipNow) {
-    seen.strength = slips_now(-config.alone_q8) ? Strength::kStrong : Strength::kSlip;
-  } else if (config.together_q8 > 0 && slips_now(config.together_q8)) {
+    const bool strong = ask(config, features, -config.alone_q8) == Verdict::kSlipNow;
+    seen.strength = strong ? Strength::kStrong : Strength::kSlip;
+  } else if (config.together_q8 > 0 && ask(config, features, config.together_q8) == Verdict::kSlipNow) {
     seen.strength = Strength::kWeak;
   }
   seen.waits = plain == Verdict::kSlip;

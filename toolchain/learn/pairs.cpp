@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <string_view>
-#include <tuple>
 #include <utility>
 
 #include "base/math.hpp"
@@ -151,13 +151,22 @@ FusionScore& FusionScore::operator+=(const FusionScore& other) {
 std::size_t choose(std::span<const FusionScore> settings, const FusionScore& left, const FusionScore& right) {
   const int least_5 = std::max(left.within_5, right.within_5);
   const int least_10 = std::max(left.within_10, right.within_10);
-  // Smaller is better.
-  const auto price = [&](const FusionScore& s) {
-    const int missed = std::max(0, least_5 - s.within_5) + std::max(0, least_10 - s.within_10);
-    return std::tuple(missed, s.quiet, s.whole, -s.within_10, -s.within_5);
+  const auto missed = [&](const FusionScore& s) {
+    return std::max(0, least_5 - s.within_5) + std::max(0, least_10 - s.within_10);
   };
-  const auto best = std::ranges::min_element(settings, {}, price);
-  return static_cast<std::size_t>(best - settings.begin());
+  const auto first = [&](const FusionScore& s) { return std::pair(missed(s), s.quiet); };
+  const auto all_first = first(*std::ranges::min_element(settings, {}, first));
+  int fewest = std::numeric_limits<int>::max();
+  for (const FusionScore& s : settings) {
+    if (first(s) == all_first) fewest = std::min(fewest, s.whole);
+  }
+  const double limit = fewest + std::sqrt(static_cast<double>(fewest));
+  std::size_t best = settings.size();
+  for (std::size_t i = 0; i < settings.size(); ++i) {
+    if (first(settings[i]) != all_first || settings[i].whole > limit) continue;
+    if (best == settings.size() || settings[i].within_5 > settings[best].within_5) best = i;
+  }
+  return best;
 }
 
 }  // namespace holdfast::learn

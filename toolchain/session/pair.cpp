@@ -3,8 +3,9 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
+#include <optional>
+#include <string_view>
 
 #include "base/math.hpp"
 #include "slip/evidence.hpp"
@@ -25,27 +26,6 @@ std::vector<double> speeds_of(std::span<const pipeline::Result> frames) {
     speeds.push_back(known ? std::hypot(frame.features.vx.raw(), frame.features.vy.raw()) : 0.0);
   }
   return speeds;
-}
-
-void HandPlayer::give(int finger, pipeline::Result seen, bool opening) {
-  out_.now = std::max(out_.now, seen.timestamp);
-  out_.result = fingers::decide(hand_, config_, finger, seen, out_.now, {.reasons = {}, .opening = opening});
-  out_.seen = hand_.fusion.seen;
-  if (seen.quality.ok()) out_.last[idx(finger)] = seen;
-}
-
-const HandFrame& HandPlayer::step(const pipeline::Result& left, bool opening) {
-  // The first left frame that the right recording has a partner of sets its clock.
-  if (const int partner = left_frames_++ + offset_; !later_ && partner >= 0 && idx(partner) < right_.size()) {
-    later_ = left.timestamp - right_[idx(partner)].timestamp;
-  }
-  for (; later_ && next_ < right_.size() && right_[next_].timestamp + *later_ <= left.timestamp; ++next_) {
-    pipeline::Result seen = right_[next_];
-    seen.timestamp += *later_;
-    give(1, seen, opening);
-  }
-  give(0, left, opening);
-  return out_;
 }
 
 std::vector<std::uint8_t> fused_slip(const fingers::Config& config, const FingerTrack& left, const FingerTrack& right,
@@ -78,9 +58,11 @@ std::string hand_cells(const HandFrame& frame, const classifier::Config& model) 
       out += ",,,,,";
       continue;
     }
+    const fusion::Seen& seen = frame.seen[i];
+    const std::string_view strength =
+        seen.waits ? "waiting" : fusion::kStrengthNames[idx(static_cast<int>(seen.strength))];
     const evidence::Shown shown = evidence::show(model, last->features, last->evidence, false);
-    out += fmt::format(",{},{},{:.1f},{:.1f},{}", fusion::kStrengthNames[idx(static_cast<int>(frame.seen[i].strength))],
-                       kEvidenceNames[idx(static_cast<int>(shown.evidence))],
+    out += fmt::format(",{},{},{:.1f},{:.1f},{}", strength, kEvidenceNames[idx(static_cast<int>(shown.evidence))],
                        static_cast<double>(shown.value_milli) / 1000, static_cast<double>(shown.threshold_milli) / 1000,
                        shown.unit);
   }
