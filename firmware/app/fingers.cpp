@@ -67,7 +67,7 @@ Result decide(Hand& hand, const Config& config, int finger, pipeline::Result see
   out.finger = supervisor::update(hand.supervisors[idx(finger)], config.supervisor, seen, now, inputs);
   out.hand = worst_of(hand, config, now);
   out.hand.slip = hand.request == GripRequest::kTighten;
-  out.hand.grip_ok = out.hand.state == DeviceState::kOk && !out.hand.slip;
+  out.hand.grip_ok = out.hand.state == DeviceState::kOk;  // who raised slip is in SLIP
   if (out.finger.accepted) hand.accepted |= 1U << finger;
   const std::uint32_t all = (1U << config.fusion.fingers) - 1;
   out.hand.accepted = hand.accepted == all;
