@@ -103,7 +103,7 @@ int run(int argc, char** argv) {
       ->check(CLI::Range(-100'000, 100'000));
   add_common_options(*replay_command, replay_options.common);
   replay_command->footer(
-      "Examples:\n"
+      "Example:\n"
       "  holdfast replay grasp.avi --report grasp.html --features grasp.csv\n"
       "  holdfast replay grasp__camera_0.avi --right grasp__camera_2.avi --grid auto --features hand.csv");
 
