@@ -175,13 +175,6 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
   return classify(state, config, out);
 }
 
-// A contact that grows is one that is being made, until slip is raised: then the gripper presses harder. Range: a
-// third.
-Features while_raised(Features features) {
-  features.imprint.growth = Log2Q8::from_raw(features.imprint.growth.raw() / 3);
-  return features;
-}
-
 // Pressing harder moves the relief by itself, and the lag still shows a slip that has ended: the grip takes another
 // step only for twice the motion. Of 24 simulated pulls of a book 22 end with at most 1.3 times the least force that
 // holds, and one is lost; without it 18 do, and none is (seeds 1 to 24, 2026-11-24).
@@ -197,7 +190,7 @@ Result classify(State& state, const Config& config, Result out) {
   const bool held = !state.opening && (!out.contact.judged || out.contact.touching);
   out.features.contact = Count::from_raw(held ? 1 : 0);
   const bool raised = state.decision.raised;
-  const Features classified = raised ? while_raised(out.features) : out.features;
+  const Features classified = raised ? classifier::while_raised(out.features) : out.features;
   const auto verdict_of = [&](const Features& features) {
     return held ? classifier::classify(config.classifier, features) : Verdict::kHold;
   };

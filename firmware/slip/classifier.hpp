@@ -62,4 +62,11 @@ struct Config {
   return config.loaded != nullptr ? classify_loaded(*config.loaded, features) : slip_tree::evaluate(inputs(features));
 }
 
+// A contact that grows is one that is being made, until slip is raised: then the gripper presses harder. Range: a
+// third.
+[[nodiscard]] constexpr Features while_raised(Features features) {
+  features.imprint.growth = Log2Q8::from_raw(features.imprint.growth.raw() / 3);
+  return features;
+}
+
 }  // namespace holdfast::classifier

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # `holdfast evaluate --recorded` of the label files in HOLDFAST_LABELS, in lines that the evidence reads: detection
 # rate with its 95 % CI, latency in frames, false alarms an hour, alarms of whole trials, for each detector.
+#   recorded.sh --pairs   the same of clips that are two fingers of a hand
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
@@ -12,7 +13,9 @@ holdfast=${HOLDFAST:-build/sim/bin/holdfast}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 # shellcheck disable=SC2086  # several files
-"$holdfast" evaluate --recorded $HOLDFAST_LABELS --out "$work" >/dev/null
+"$holdfast" evaluate --recorded $HOLDFAST_LABELS "$@" --out "$work" >/dev/null
+prefix=""
+[[ ${1:-} != --pairs ]] || prefix=pairs_
 
 for table in silence trials; do
   awk -F, -v table="$table" '
@@ -35,5 +38,5 @@ for table in silence trials; do
       printf "trials %s: %d; %d; %d; %d; %.2f; %d of %d; %s; %.0f an hour; of %d\n", $1, $at["empty_alarms"], $at["touch_alarms"],
         $at["hold_alarms"], $at["shake_alarms"], $at["per_trial"], $at["touches_alarmed"], $at["touches"],
         share("touches_alarmed_low", "touches_alarmed_high"), 60 * $at["whole_per_min"], $at["trials"]
-    }' "$work/$table.csv"
+    }' "$work/$prefix$table.csv"
 done

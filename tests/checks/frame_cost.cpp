@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// frame_cost paper|field|imprint N: with the paper's features, with those of the field as well, or with those and the
-// imprint. N frames of a moving gel through the pipeline, from luma to decision; for the instruction counter. The
-// pictures are rendered before the first frame and shown in turn, so N changes nothing but the number of frames.
+// frame_cost paper|field|imprint|hand N: with the paper's features, with those of the field as well, or with those and
+// the imprint; hand: the last of two fingers, from luma to the hand's lines, N frames of each. N frames of a moving gel
+// through the pipeline, from luma to decision; for the instruction counter. The pictures are rendered before the first
+// frame and shown in turn, so N changes nothing but the number of frames.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -11,6 +12,7 @@
 #include <string_view>
 
 #include "app/app.hpp"
+#include "app/fingers.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/scene_pictures.hpp"
@@ -47,12 +49,13 @@ int main(int argc, char** argv) {
   // The working image of the camera in mode fast: 410 pixels wide.
   const test::ScenePictures film = test::film(shaken(), scene::scaled(scene::camera_3280x2464(), 410));
   test::NoJpeg jpeg;
-  const auto state = std::make_unique<pipeline::State>();
+  const auto state = std::make_unique<fingers::State>();
   pipeline::Config config = pipeline_config(Params{});
   config.with_field = with != "paper";
-  config.with_imprint = with == "imprint";
+  config.with_imprint = with == "imprint" || with == "hand";
+  const fingers::Config hand = fingers::config_of(2, config, supervisor_config(Params{}));
   long accepted = 0;
-  for (long i = 0; i < frames; ++i) {
+  const auto frame_of = [&](long i, Micros later) {
     const LumaView& view = film.views[static_cast<std::size_t>(i) % film.views.size()];
     hal::Frame frame{};
     frame.bytes = {view.data, static_cast<std::size_t>(view.width) * static_cast<std::size_t>(view.height)};
@@ -60,9 +63,20 @@ int main(int argc, char** argv) {
     frame.width = view.width;
     frame.height = view.height;
     frame.stride = view.stride;
-    frame.timestamp = Micros{(i + 1) * 40'000};
-    accepted += pipeline::update(*state, config, jpeg, frame).quality.ok() ? 1 : 0;
+    frame.timestamp = Micros{(i + 1) * 40'000} + later;
+    return frame;
+  };
+  for (long i = 0; i < frames; ++i) {
+    const hal::Frame left = frame_of(i, Micros{0});
+    if (with != "hand") {
+      accepted += pipeline::update(state->fingers[0], config, jpeg, left).quality.ok() ? 1 : 0;
+      continue;
+    }
+    pipeline::Result seen;
+    (void)fingers::update(*state, hand, 0, jpeg, left, left.timestamp, seen);
+    const hal::Frame right = frame_of(i, Micros{17'000});
+    accepted += fingers::update(*state, hand, 1, jpeg, right, right.timestamp, seen).hand.accepted ? 1 : 0;
   }
-  std::printf("%ld of %ld accepted, %u searches\n", accepted, frames, state->tracker.searches);
+  std::printf("%ld of %ld accepted, %u searches\n", accepted, frames, state->fingers[0].tracker.searches);
   return accepted == frames ? 0 : 1;
 }

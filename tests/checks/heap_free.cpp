@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the whole firmware between the two marks of the preloaded heap counter (heap_marks.hpp):
-//   heap_free luma FRAMES      luma pictures of a sphere that presses, slips, releases and now and then jumps: must be
-//   0 heap_free jpeg FRAMES      8-megapixel JPEG in mode fast, by the firmware's own decoder: must be 0 heap_free
-//   library FRAMES   the same in mode balanced, which libjpeg-turbo decodes in memory of ours: must be 0 heap_free crew
-//   RUNS        tasks of four workers, and now and then a pause in which the helpers sleep: must be 0
+//   heap_free luma FRAMES     luma pictures of a sphere that presses, slips, releases and now and then jumps: must be 0
+//   heap_free hand PAIRS      the same, shown to both fingers of a hand: must be 0
+//   heap_free jpeg FRAMES     8-megapixel JPEG in mode fast, by the firmware's own decoder: must be 0
+//   heap_free library FRAMES  the same in mode balanced, which libjpeg-turbo decodes in memory of ours: must be 0
+//   heap_free crew RUNS       tasks of four workers, and now and then a pause in which the helpers sleep: must be 0
 // Exit status 77: started without the counter.
 #include <sched.h>
 
@@ -14,6 +15,7 @@
 #include <memory>
 
 #include "app/app.hpp"
+#include "app/fingers.hpp"
 #include "drivers/common/crew.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/sim/camera_memory.hpp"
@@ -23,6 +25,7 @@
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
 #include "tests/checks/heap_marks.hpp"
+#include "tests/support/frames.hpp"
 #include "tests/support/scene_pictures.hpp"
 #include "vision/jpeg_decoder.hpp"
 
@@ -113,6 +116,40 @@ int run_crew(const test::HeapMarks& marks, long runs) {
   return judge(counts);
 }
 
+int run_hand(const test::HeapMarks& marks, const test::ScenePictures& film, long pairs) {
+  const auto state = std::make_unique<fingers::State>();
+  const fingers::Config config = fingers::config_of(2, pipeline_config(Params{}), supervisor_config(Params{}));
+  test::NoJpeg jpeg;
+  pipeline::Result seen;
+  long accepted = 0;
+  long slips = 0;
+  marks.begin();
+  for (long pair = 0; pair < pairs; ++pair) {
+    const LumaView& view = film.views[static_cast<std::size_t>(pair) % film.views.size()];
+    hal::Frame frame{};
+    frame.bytes = {view.data, static_cast<std::size_t>(view.stride) * static_cast<std::size_t>(view.height)};
+    frame.format = hal::PixelFormat::kLuma8;
+    frame.width = view.width;
+    frame.height = view.height;
+    frame.stride = view.stride;
+    for (int finger = 0; finger < fingers::kMaxFingers; ++finger) {
+      frame.timestamp = Micros{(pair + 1) * 40'000 + finger * 17'000};
+      const fingers::Result result = fingers::update(*state, config, finger, jpeg, frame, frame.timestamp, seen);
+      accepted += result.hand.accepted ? 1 : 0;
+      slips += result.hand.slip ? 1 : 0;
+    }
+  }
+  const HeapCounts counts = marks.end();
+  std::printf(
+      "hand: %ld pairs of frames, ALIVE toggled %ld times, %ld frames with slip: %lu allocations, %lu releases\n",
+      pairs, accepted, slips, counts.allocations, counts.releases);
+  if (accepted < pairs / 2 || slips == 0) {
+    std::puts("error: the run did not exercise what it claims to");
+    return 1;
+  }
+  return judge(counts);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -124,8 +161,9 @@ int main(int argc, char** argv) {
   const bool library = argc == 3 && std::strcmp(argv[1], "library") == 0;
   const bool jpeg_level = library || (argc == 3 && std::strcmp(argv[1], "jpeg") == 0);
   const bool crew = argc == 3 && std::strcmp(argv[1], "crew") == 0;
-  if (argc != 3 || (!jpeg_level && !crew && std::strcmp(argv[1], "luma") != 0)) {
-    std::fputs("usage: heap_free luma|jpeg|library|crew FRAMES\n", stderr);
+  const bool hand = argc == 3 && std::strcmp(argv[1], "hand") == 0;
+  if (argc != 3 || (!jpeg_level && !crew && !hand && std::strcmp(argv[1], "luma") != 0)) {
+    std::fputs("usage: heap_free luma|hand|jpeg|library|crew FRAMES\n", stderr);
     return 2;
   }
   const long frames = std::atol(argv[2]);
@@ -143,6 +181,8 @@ int main(int argc, char** argv) {
   for (std::size_t i = film.views.size(); i < film.pixels.size(); ++i) {
     film.views.push_back({film.pixels[i].data(), picture.width, picture.height, picture.width});
   }
+
+  if (hand) return run_hand(*marks, film, frames);
 
   sim::Clock clock;
   sim::Gpio gpio(clock);

@@ -7,6 +7,7 @@
 
 #include "app/app.hpp"
 #include "app/daemon.hpp"
+#include "app/fingers.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 
 int main(int argc, char** argv) {
@@ -19,6 +20,7 @@ int main(int argc, char** argv) {
   std::ofstream file(path);
   file << "memory.app_bytes " << sizeof(App) << '\n'
        << "memory.daemon_with_app_bytes " << sizeof(Daemon) << '\n'
+       << "memory.hand_bytes " << sizeof(fingers::State) << '\n'
        << "memory.jpeg_decoder_bytes " << sizeof(EighthDecoder) << '\n'
        << "memory.jpeg_worker_bytes " << sizeof(jpeg_fast::Worker) << '\n'
        << "memory.jpeg_library_bytes " << Turbo::kMemory.tables + Turbo::kMemory.picture << '\n'

@@ -35,6 +35,7 @@ constexpr std::array<std::string_view, 4> kParts{"unseen", "events", "curve", "t
 struct EvaluateOptions {
   std::vector<std::string> data;
   RecordedOptions recorded;
+  bool pairs = false;
   std::vector<std::string> models;
   bool held_out = false;
   std::string out;
@@ -304,8 +305,9 @@ int evaluate_clips(const EvaluateOptions& asked) {
   std::vector<learn::Table> tables;
   {
     Progress progress("evaluate", 1000);
-    const std::string error = evaluate_recorded(
-        options, facts, tables, [&](long done, long all) { progress.update(1000 * done / std::max(all, 1L)); });
+    const auto judge = asked.pairs ? evaluate_pairs : evaluate_recorded;
+    const std::string error =
+        judge(options, facts, tables, [&](long done, long all) { progress.update(1000 * done / std::max(all, 1L)); });
     if (!error.empty()) return fail(error);
   }
   return put_out(asked, facts, tables, {});
@@ -371,6 +373,11 @@ int evaluate(const EvaluateOptions& asked) {
         "give either samples or --recorded with label files. Likely cause: neither or both are given. Next: holdfast "
         "evaluate --help shows how");
   }
+  if (asked.pairs && asked.recorded.labels.empty()) {
+    return fail(
+        "--pairs: samples have no fingers. Likely cause: --recorded forgotten. Next: give --recorded with label "
+        "files");
+  }
   if (const std::string error = refused(asked); !error.empty()) return fail(error);
   return asked.data.empty() ? evaluate_clips(asked) : evaluate_samples(asked);
 }
@@ -402,6 +409,10 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
                    "with --recorded: picture of the empty gel for clips that never show it; else empty_CAMERA.png "
                    "beside the labels, CAMERA being what follows the last __ of the clip's name")
       ->check(not_empty);
+  command->add_flag(
+      "--pairs", options->pairs,
+      "with --recorded: clips whose names differ after the last __ alone are the left and the right finger "
+      "of a hand; each alone, both fused, and the thresholds of the fused decision");
   command->add_option("--grid", recorded.grid, "with --recorded: as of replay")->capture_default_str();
   recorded.jobs = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   command->add_option("--jobs", recorded.jobs, "with --recorded: clips replayed at the same time")
@@ -459,6 +470,7 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
                   label_columns() +
                   "Examples:\n"
                   "  holdfast evaluate --recorded clips/labels.csv --out evaluation\n"
+                  "  holdfast evaluate --recorded clips/labels.csv --pairs\n"
                   "  holdfast evaluate train.csv unseen.csv --out evaluation\n"
                   "A look in a minute:\n"
                   "  holdfast evaluate train.csv unseen.csv --seeds 1 --quick --report look.html\n"

@@ -80,26 +80,6 @@ void play(const RecordedOptions& options, Clip& clip) {
   run(clip.paper);
 }
 
-// All clips, `jobs` at a time.
-void play_all(const RecordedOptions& options, std::vector<Clip>& clips,
-              const std::function<void(long, long)>& progress) {
-  std::mutex mutex;
-  std::size_t next = 0;
-  long done = 0;
-  const auto work = [&] {
-    for (std::unique_lock lock(mutex); next < clips.size() && !interrupted();) {
-      Clip& clip = clips[next++];
-      lock.unlock();
-      play(options, clip);
-      lock.lock();
-      progress(++done, static_cast<long>(clips.size()));
-    }
-  };
-  std::vector<std::jthread> workers;
-  for (int job = 1; job < options.jobs; ++job) workers.emplace_back(work);
-  work();
-}
-
 struct Detector {
   std::string name;
   std::vector<std::vector<std::uint8_t>> slip;  // of each clip
@@ -180,13 +160,9 @@ std::optional<double> median(std::vector<int> values) {
   return *middle;
 }
 
-struct Row {
-  std::string detector;
-  std::string of;
-  ClipScore score;
-};
+}  // namespace
 
-learn::Table silence_table(const std::string& id, const std::string& title, const std::vector<Row>& rows) {
+learn::Table silence_table(const std::string& id, const std::string& title, const std::vector<ScoreRow>& rows) {
   learn::Table table{
       .id = id,
       .title = title,
@@ -222,7 +198,7 @@ learn::Table silence_table(const std::string& id, const std::string& title, cons
   return table;
 }
 
-learn::Table trial_table(const std::string& id, const std::string& title, const std::vector<Row>& rows) {
+learn::Table trial_table(const std::string& id, const std::string& title, const std::vector<ScoreRow>& rows) {
   learn::Table table{
       .id = id,
       .title = title,
@@ -256,6 +232,8 @@ learn::Table trial_table(const std::string& id, const std::string& title, const 
   }
   return table;
 }
+
+namespace {
 
 // Every missed onset and every alarm of one detector.
 void add_findings(learn::Table& table, const std::vector<Clip>& clips, const Detector& detector, bool full) {
@@ -343,6 +321,25 @@ void warn(const std::vector<Clip>& clips, learn::ReportFacts& facts) {
 
 }  // namespace
 
+void each_of(std::size_t count, int jobs, const std::function<void(long, long)>& progress,
+             const std::function<void(std::size_t)>& work) {
+  std::mutex mutex;
+  std::size_t next = 0;
+  long done = 0;
+  const auto take = [&] {
+    for (std::unique_lock lock(mutex); next < count && !interrupted();) {
+      const std::size_t one = next++;
+      lock.unlock();
+      work(one);
+      lock.lock();
+      progress(++done, static_cast<long>(count));
+    }
+  };
+  std::vector<std::jthread> workers;
+  for (int job = 1; job < jobs; ++job) workers.emplace_back(take);
+  take();
+}
+
 std::string evaluate_recorded(const RecordedOptions& options, learn::ReportFacts& facts,
                               std::vector<learn::Table>& tables, const std::function<void(long, long)>& progress) {
   std::vector<Clip> clips;
@@ -366,7 +363,7 @@ std::string evaluate_recorded(const RecordedOptions& options, learn::ReportFacts
   std::string model_text;
   if (std::string error = settle(common, params, auto_grid, tree, model_text); !error.empty()) return error;
 
-  play_all(options, clips, progress);
+  each_of(clips.size(), options.jobs, progress, [&](std::size_t c) { play(options, clips[c]); });
   if (interrupted()) return interrupted_line();
   for (const Clip& clip : clips) {
     const auto frames = static_cast<long>(clip.ours.slip.size());
@@ -379,13 +376,13 @@ std::string evaluate_recorded(const RecordedOptions& options, learn::ReportFacts
   for (std::size_t c = 0; c < clips.size(); ++c) all.clips.push_back(c);
   const std::vector<Group> folders = groups_by(clips, [](const Clip& clip) { return clip.folder; });
   const std::vector<Group> objects = groups_by(clips, [](const Clip& clip) { return clip.labels.object; });
-  std::vector<Row> by_folder;
+  std::vector<ScoreRow> by_folder;
   for (const Detector& detector : detectors) {
     if (folders.size() > 1) by_folder.push_back({detector.name, all.name, score_of(clips, all, detector)});
     for (const Group& group : folders)
       by_folder.push_back({detector.name, group.name, score_of(clips, group, detector)});
   }
-  std::vector<Row> by_object;
+  std::vector<ScoreRow> by_object;
   by_object.reserve(objects.size());
   for (const Group& group : objects) {
     by_object.push_back({detectors.front().name, group.name, score_of(clips, group, detectors.front())});

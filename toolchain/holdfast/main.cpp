@@ -82,8 +82,30 @@ int run(int argc, char** argv) {
       ->add_option("--fps", replay_options.fps,
                    "frames per second, 0.1 to 1000, of inputs that carry no time (else 25), or instead of a wrong one")
       ->check(frame_rate);
+  CLI::Option* const right =
+      replay_command
+          ->add_option(
+              "--right", replay_options.right,
+              "recording of the right finger of the same grasp; INPUT is the left's. Slip, state and lines are "
+              "the hand's, all else the left's; the table of features ends with the evidence of both")
+          ->check(not_empty);
+  replay_command
+      ->add_option("--right-reference", replay_options.right_reference, "as --reference, for the right recording")
+      ->needs(right)
+      ->check(not_empty)
+      ->capture_default_str();
+  replay_command
+      ->add_option(
+          "--offset", replay_options.offset,
+          "the right recording's frame at the left's frame 0, below 0 where it begins later; else found by how "
+          "the markers move")
+      ->needs(right)
+      ->check(CLI::Range(-100'000, 100'000));
   add_common_options(*replay_command, replay_options.common);
-  replay_command->footer("Example:\n  holdfast replay grasp.avi --report grasp.html --features grasp.csv");
+  replay_command->footer(
+      "Example:\n"
+      "  holdfast replay grasp.avi --report grasp.html --features grasp.csv\n"
+      "  holdfast replay grasp__camera_0.avi --right grasp__camera_2.avi --grid auto --features hand.csv");
 
   SimOptions sim_options;
   sim_options.common.grid.clear();  // the scene says

@@ -68,11 +68,22 @@ int trials(const TrialsOptions& options) {
   std::string lines =
       "trial,scene,group,onset_s,delay_frames,closed_s,alarms_closing,alarms_held,alarms_moved,contact_s\n";
   TrialTable table;
+  TrialTable alone;  // of hands: the left finger
   {
     Progress progress("trials", options.count);
     for (int k = 0; k < options.count; ++k) {
       const Trial trial = make_trial(kind, options.seed, options.first + k);
-      const TrialResult result = run_trial(trial, params, tree.get());
+      TrialResult result;
+      if (trial.right) {
+        const HandResult both = run_hand(trial, params, tree.get());
+        alone.add(trial, both.left);
+        Trial left = trial;
+        left.group += ", left alone";
+        lines += csv_line(options.first + k, left, both.left);
+        result = both.hand;
+      } else {
+        result = run_trial(trial, params, tree.get());
+      }
       table.add(trial, result);
       lines += csv_line(options.first + k, trial, result);
       progress.update(k + 1);
@@ -92,10 +103,12 @@ int trials(const TrialsOptions& options) {
     out["model"] = model_text;
     for (const TrialTally& tally : table.groups()) out["groups"].push_back(to_json(tally));
     out["all"] = to_json(table.all());
+    for (const TrialTally& tally : alone.groups()) out["left_alone"].push_back(to_json(tally));
     fmt::print("{}\n", out.dump());
     return 0;
   }
   fmt::print("{} {} of seed {}, {}\n{}", options.count, options.kind, options.seed, model_text, table_text(table));
+  if (!alone.groups().empty()) fmt::print("\nThe left finger alone, of the same frames\n{}", table_text(alone));
   return 0;
 }
 
@@ -125,6 +138,7 @@ void add_trials(CLI::App& app, std::vector<Command>& commands) {
       "slide          a sphere slides at 2 to 100 mm/s under five reliefs\n"
       "shaken         a bonded sphere with relief is shaken, 15 s each\n"
       "smooth, grasp  the paper's objects without and with their relief, all motions and outcomes in each 600\n"
+      "hand           slides and closings between two fingers, the right one's contact smooth in half of them\n"
       "Example:\n"
       "  holdfast trials closing --count 500\n"
       "  holdfast trials turn --count 180 --model mine.tree --csv turn.csv\n"

@@ -5,11 +5,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numbers>
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/math/portable.hpp"
 #include "drivers/sim/scene/math/random.hpp"
+#include "toolchain/play/hand.hpp"
 #include "toolchain/play/paper.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/rig.hpp"
@@ -367,6 +369,37 @@ Trial paper_trial(std::uint64_t seed, int number, bool smooth) {
   return trial;
 }
 
+// What the opposite finger feels of the same object: left and right are exchanged, and its turns run the other way.
+Scene mirrored(Scene scene) {
+  for (scene::Waypoint& at : scene.trajectory) {
+    for (std::optional<double>* const value : {&at.x_mm, &at.twist_deg, &at.pull_x_n}) {
+      if (*value) *value = -**value;
+    }
+  }
+  scene.object.touch_mm.x = -scene.object.touch_mm.x;
+  scene.object.shape.yaw_rad = pi - scene.object.shape.yaw_rad;
+  return scene;
+}
+
+Trial hand(std::uint64_t seed, int number) {
+  const bool slips = number % 2 == 0;
+  const bool both = number / 2 % 2 == 1;
+  Trial trial = slips ? slide(seed, number / 2) : closing(seed, number / 2, false);
+  Dice dice(TrialKind::kHand, seed, number);
+  trial.group = fmt::format("{}, {}", slips ? "slide" : "closing", both ? "both rough" : "left rough");
+  trial.scene.name = fmt::format("{}_{}", kTrialNames[static_cast<std::size_t>(TrialKind::kHand)], number);
+  if (!slips && trial.scene.object.relief.kind == ReliefKind::kNone) trial.scene.object.relief = drawn_relief(dice);
+  Scene& right = trial.right.emplace(mirrored(trial.scene));
+  if (!both) right.object.relief = {};
+  right.seed = dice.seed();
+  trial.right_later = Micros(static_cast<std::int64_t>(dice.in({0.0, 1.0}) * 1e6 / trial.scene.fps));
+  for (Scene* const scene : {&trial.scene, &right}) {
+    scene->needs.clear();
+    for (const std::string_view name : scene::used_capabilities(*scene)) scene->needs.emplace_back(name);
+  }
+  return trial;
+}
+
 }  // namespace
 
 Trial make_trial(TrialKind kind, std::uint64_t seed, int number) {
@@ -383,59 +416,115 @@ Trial make_trial(TrialKind kind, std::uint64_t seed, int number) {
       return shaken(seed, number);
     case TrialKind::kSmooth:
       return paper_trial(seed, number, true);
+    case TrialKind::kHand:
+      return hand(seed, number);
     case TrialKind::kGrasp:
       break;
   }
   return paper_trial(seed, number, false);
 }
 
-TrialResult run_trial(const Trial& trial, const Params& params, const model::Tree* tree) {
-  constexpr double kLag_s = 0.12;
-  // Half of the contact is a threshold like any other: a rise so shortly before it is early, not false.
-  constexpr int kEarlyFrames = 2;
-  TrialResult result;
-  Rig rig(params);
-  Player player(trial.scene, rig.clock());
-  App& app = rig.connect(player.camera(), tree);
-  if (!app.start(params).ok()) return result;
+namespace {
+
+// Counts what was raised in a trial, frame by frame.
+class Judge {
+ public:
+  explicit Judge(const Trial& trial) : trial_(trial) {}
+
+  // false: the rest of the trial is not judged.
+  [[nodiscard]] bool add(const PlayedFrame& now, bool touching) {
+    result_.referenced = result_.referenced || now.referenced;
+    if (!onset_ && now.level >= scene::SlipLevel::kHalf) {
+      onset_ = now.frame;
+      result_.onset_s = now.t_s;
+      up_at_onset_ = now.slip;
+    }
+    if (onset_ && !trial_.slips) return false;
+    if (!onset_ && touching) ++in_contact_;
+    if (now.slip && !up_) rises_.push_back({now.frame, now.t_s});
+    up_ = now.slip;
+    return true;
+  }
+
+  [[nodiscard]] TrialResult result() const {
+    constexpr double kLag_s = 0.12;
+    // Half of the contact is a threshold like any other: a rise so shortly before it is early, not false.
+    constexpr int kEarlyFrames = 2;
+    TrialResult result = result_;
+    result.contact_s = in_contact_ / trial_.scene.fps;
+    if (trial_.slips && up_at_onset_) {
+      for (const Rise& rise : rises_) {
+        if (rise.frame <= *onset_) result.delay_frames = rise.frame - *onset_;
+      }
+    }
+    for (const Rise& rise : rises_) {
+      if (trial_.slips && onset_ && rise.frame >= *onset_ - kEarlyFrames) {
+        if (!result.delay_frames) result.delay_frames = rise.frame - *onset_;
+        break;
+      }
+      const bool moved = trial_.moved_s > 0.0 && rise.t_s >= trial_.moved_s;
+      ++result.alarms[rise.t_s < trial_.closed_s + kLag_s ? 0U : moved ? 2U : 1U];
+    }
+    return result;
+  }
+
+ private:
   struct Rise {
     int frame;
     double t_s;
   };
-  std::vector<Rise> rises;
-  std::optional<int> onset;
-  bool up = false;
-  bool up_at_onset = false;
-  int in_contact = 0;
+  const Trial& trial_;
+  TrialResult result_;
+  std::vector<Rise> rises_;
+  std::optional<int> onset_;
+  bool up_ = false;
+  bool up_at_onset_ = false;
+  int in_contact_ = 0;
+};
+
+// Every frame of a scene through the firmware, until `see` has seen enough.
+void show(const Scene& scene, const Trial& trial, const Params& params, const model::Tree* tree,
+          const std::function<bool(const Player&, const App&)>& see) {
+  Rig rig(params);
+  Player player(scene, rig.clock());
+  App& app = rig.connect(player.camera(), tree);
+  if (!app.start(params).ok()) return;
   while (player.step(app, params, false)) {
-    const PlayedFrame now = played(player, app);
-    if (trial.opens_s > 0.0 && now.t_s + 1.0 / trial.scene.fps > trial.opens_s) app.opening(true);
-    result.referenced = result.referenced || now.referenced;
-    if (!onset && now.level >= scene::SlipLevel::kHalf) {
-      onset = now.frame;
-      result.onset_s = now.t_s;
-      up_at_onset = now.slip;
-    }
-    if (onset && !trial.slips) break;
-    if (!onset && player.snapshot().contact.contact_radius_mm > 0.0) ++in_contact;
-    if (now.slip && !up) rises.push_back({now.frame, now.t_s});
-    up = now.slip;
+    if (trial.opens_s > 0.0 && player.snapshot().t_s + 1.0 / scene.fps > trial.opens_s) app.opening(true);
+    if (!see(player, app)) break;
   }
-  result.contact_s = in_contact / trial.scene.fps;
-  if (trial.slips && up_at_onset) {
-    for (const Rise& rise : rises) {
-      if (rise.frame <= *onset) result.delay_frames = rise.frame - *onset;
-    }
-  }
-  for (const Rise& rise : rises) {
-    if (trial.slips && onset && rise.frame >= *onset - kEarlyFrames) {
-      if (!result.delay_frames) result.delay_frames = rise.frame - *onset;
-      break;
-    }
-    const bool moved = trial.moved_s > 0.0 && rise.t_s >= trial.moved_s;
-    ++result.alarms[rise.t_s < trial.closed_s + kLag_s ? 0U : moved ? 2U : 1U];
-  }
-  return result;
+}
+
+bool touching(const Player& player) {
+  return player.snapshot().contact.contact_radius_mm > 0.0;
+}
+
+}  // namespace
+
+TrialResult run_trial(const Trial& trial, const Params& params, const model::Tree* tree) {
+  Judge judge(trial);
+  show(trial.scene, trial, params, tree,
+       [&](const Player& player, const App& app) { return judge.add(played(player, app), touching(player)); });
+  return judge.result();
+}
+
+HandResult run_hand(const Trial& trial, const Params& params, const model::Tree* tree) {
+  std::vector<pipeline::Result> right;
+  show(*trial.right, trial, params, tree, [&](const Player&, const App& app) {
+    right.push_back(app.result());
+    return true;
+  });
+  HandPlayer hand(fingers::config_of(2, pipeline_config(params, false, tree), supervisor_config(params)), right, 0,
+                  trial.right_later);
+  Judge of_hand(trial);
+  Judge of_left(trial);
+  show(trial.scene, trial, params, tree, [&](const Player& player, const App& app) {
+    PlayedFrame now = played(player, app);
+    const bool goes_on = of_left.add(now, touching(player));
+    now.slip = hand.step(app.result()).result.hand.slip;
+    return of_hand.add(now, touching(player)) && goes_on;
+  });
+  return {of_hand.result(), of_left.result()};
 }
 
 void TrialTally::add(const Trial& trial, const TrialResult& result) {

@@ -12,6 +12,8 @@
 //   shaken        a bonded sphere with relief is shaken at 1 to 6 Hz for 15 s
 //   smooth        trials of the paper's objects (learn/paper.hpp), all of them without relief
 //   grasp         the same trials as they are
+//   hand          an object between two fingers: by turns a slide and a closing of the above for the left one, and for
+//                 the right one its mirror, without relief in every other pair of them; its frames come at another time
 // The gripper of the last two says OPENING when it opens, as a robot does.
 //
 // Lights of closing, closing_slip and turn reach from a picture that shows hardly any walls to walls as strong as in
@@ -25,15 +27,16 @@
 #include <string_view>
 #include <vector>
 
+#include "base/units.hpp"
 #include "drivers/sim/scene/scene.hpp"
 #include "params/params.hpp"
 #include "slip/model.hpp"
 
 namespace holdfast::tool {
 
-enum class TrialKind : std::uint8_t { kClosing, kClosingSlip, kTurn, kSlide, kShaken, kSmooth, kGrasp };
-inline constexpr std::array<std::string_view, 7> kTrialNames{"closing", "closing_slip", "turn", "slide",
-                                                             "shaken",  "smooth",       "grasp"};
+enum class TrialKind : std::uint8_t { kClosing, kClosingSlip, kTurn, kSlide, kShaken, kSmooth, kGrasp, kHand };
+inline constexpr std::array<std::string_view, 8> kTrialNames{"closing", "closing_slip", "turn",  "slide",
+                                                             "shaken",  "smooth",       "grasp", "hand"};
 
 struct Trial {
   scene::Scene scene;
@@ -43,6 +46,9 @@ struct Trial {
   double moved_s = 0.0;   // from here on the object is shaken, dragged or turned; 0: never
   double opens_s = 0.0;   // from here on the gripper says that it opens; 0: never
   int within_frames = 6;  // a detection counts up to here
+  // What the right finger feels, and how much later its frames come. None: one finger.
+  std::optional<scene::Scene> right{};
+  Micros right_later{};
 };
 // Range: number >= 0. Trial `number` of a seed does not depend on the others.
 [[nodiscard]] Trial make_trial(TrialKind kind, std::uint64_t seed, int number);
@@ -58,8 +64,15 @@ struct TrialResult {
   // still, while the object is moved.
   std::array<int, 3> alarms{};
 };
-// `tree` null: the compiled one.
+// `tree` null: the compiled one. A right finger is left out.
 [[nodiscard]] TrialResult run_trial(const Trial& trial, const Params& params, const model::Tree* tree = nullptr);
+
+// Of a trial with a right finger: the hand, and the left finger alone on the same frames. Truth is the left's.
+struct HandResult {
+  TrialResult hand;
+  TrialResult left;
+};
+[[nodiscard]] HandResult run_hand(const Trial& trial, const Params& params, const model::Tree* tree = nullptr);
 
 struct TrialTally {
   std::string group;

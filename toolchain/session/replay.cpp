@@ -15,10 +15,12 @@
 
 #include "drivers/sim/camera_replay.hpp"
 #include "drivers/sim/recording.hpp"
+#include "toolchain/learn/pairs.hpp"
 #include "toolchain/log/recording_file.hpp"
 #include "toolchain/play/empty_gel.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
+#include "toolchain/session/pair.hpp"
 #include "toolchain/support/cli.hpp"
 #include "toolchain/support/progress.hpp"
 #include "vision/luma_input.hpp"
@@ -85,7 +87,14 @@ constexpr double kLeastFps = 1 / 0.15;
 // What is done with a session that has seen all frames. Empty, or an error line; so for run().
 using Conclude = std::function<std::string(Session&, const sim::RecordingInfo&)>;
 
-std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Conclude& conclude) {
+// The right finger's recording, played already.
+struct Right {
+  FingerTrack track;
+  int offset = 0;
+};
+
+std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Conclude& conclude,
+                const Right* right = nullptr) {
   SessionInfo info{};
   std::unique_ptr<model::Tree> tree;
   if (std::string error = settle(options.common, info.params, info.auto_grid, tree, info.model_text); !error.empty()) {
@@ -100,7 +109,7 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
 
   info.title = fmt::format("Replay of {}", std::filesystem::path(options.input).filename().string());
   info.clip = std::filesystem::path(options.input).filename().string();
-  info.inputs = {options.input, options.common.model};
+  info.inputs = {options.input, options.common.model, options.right};
   const bool find = options.reference == "auto";
   if (!find && !names_a_frame(options.reference)) info.inputs.emplace_back(options.reference);
   info.input_text = fmt::format("{} ({}x{}, {}, {:.4g} fps)", options.input, about.width, about.height,
@@ -125,6 +134,16 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   sim::CameraReplay camera(std::move(recording), session.clock());
   const bool as_device = about.time_base_fps >= kLeastFps;
   session.connect(camera, tree.get(), as_device);
+  std::optional<HandPlayer> hand;
+  if (right != nullptr) {
+    const fingers::Config config =
+        fingers::config_of(2, pipeline_config(info.params, info.auto_grid, tree.get()), supervisor_config(info.params));
+    hand.emplace(config, right->track.frames, right->offset);
+    session.decided_by([&session, &hand, names = hand_columns(), model = config.fusion.classifier] {
+      const HandFrame& frame = hand->step(session.app().result(), session.app().state().opening);
+      return Session::Hand{frame.result.hand, names, hand_cells(frame, model)};
+    });
+  }
   const std::string where = names_a_frame(named)
                                 ? fmt::format("{}: frame '{}' as picture of the empty gel", options.input, named)
                                 : fmt::format("{} as picture of the empty gel", options.reference);
@@ -171,10 +190,48 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   return conclude(session, about);
 }
 
+// Empty, or an error line.
+std::string play_right(const ReplayOptions& options, Right& right, std::string& text) {
+  const auto play = [&](const std::string& input, const std::string& reference, FingerTrack& track,
+                        const std::vector<std::string>& opening) {
+    ReplayOptions quiet = options;
+    quiet.common.paths = {};
+    quiet.input = input;
+    quiet.reference = reference;
+    quiet.opening = opening;
+    return play_finger(quiet, track);
+  };
+  text = fmt::format("Right finger: {}", options.right);
+  right.offset = options.offset.value_or(0);
+  if (!options.offset) {
+    FingerTrack left;
+    FingerTrack other;
+    if (std::string error = play(options.input, options.reference, left, {}); !error.empty()) return error;
+    if (std::string error = play(options.right, options.right_reference, other, {}); !error.empty()) return error;
+    const learn::Offset found = learn::find_offset(speeds_of(left.frames), speeds_of(other.frames));
+    right.offset = found.frames;
+    text += fmt::format(", placed by how the markers move (correlation {:.2f})", found.correlation);
+  }
+  text += fmt::format("; its frame {} is the left's frame {}", std::max(0, right.offset), std::max(0, -right.offset));
+  std::vector<Opening> openings;
+  if (std::string error = parse_openings(options.opening, openings); !error.empty()) return error;
+  std::vector<std::string> opening;
+  for (const Opening& one : openings) {
+    opening.push_back(fmt::format("{}-{}", std::max(0L, one.from + right.offset), std::max(0L, one.to + right.offset)));
+  }
+  return play(options.right, options.right_reference, right.track, opening);
+}
+
 }  // namespace
 
 int replay(const ReplayOptions& options) {
-  const std::string error = run(options, {}, [&](Session& session, const sim::RecordingInfo& about) {
+  std::optional<Right> right;
+  std::string right_text;
+  if (!options.right.empty()) {
+    if (std::string problem = play_right(options, right.emplace(), right_text); !problem.empty()) return fail(problem);
+  }
+  const auto conclude = [&](Session& session, const sim::RecordingInfo& about) {
+    if (right) session.note(right_text);
     std::string problem = session.commit({}, {}, {});
     if (!problem.empty()) return problem;
     if (options.fps > 0 && about.fps > 0) {
@@ -184,7 +241,8 @@ int replay(const ReplayOptions& options) {
     }
     print_summary(session, session.summary(), options.common);
     return problem;
-  });
+  };
+  const std::string error = run(options, {}, conclude, right ? &*right : nullptr);
   return error.empty() ? 0 : fail(error);
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,10 @@ struct ReplayOptions {
   std::string reference = "auto";
   std::vector<std::string> opening;  // a-b: frames in which the gripper says that it opens
   double fps = 0;
+  // Of the other finger of the same grasp; empty: one finger. INPUT is the left's.
+  std::string right;
+  std::string right_reference = "auto";
+  std::optional<int> offset;  // the right's frame i + offset shows what the left's frame i does; none: found
 };
 // The command. 0: done; else one line on stderr was printed.
 [[nodiscard]] int replay(const ReplayOptions& options);

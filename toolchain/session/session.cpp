@@ -136,7 +136,8 @@ void Session::connect(hal::Camera& camera, const model::Tree* tree, bool as_devi
 
 void Session::record(long frame, double t_s, double scale, const hal::Frame& given) {
   const pipeline::Result& result = app_->result();
-  const supervisor::Outputs& outputs = app_->outputs();
+  const Hand hand = hand_ ? hand_() : Hand{.outputs = app_->outputs(), .names = {}, .cells = {}};
+  const supervisor::Outputs& outputs = hand.outputs;
   const bool accepted = result.quality.ok();
   const bool has_features = accepted && result.referenced;
 
@@ -150,15 +151,20 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
   }
   if (outputs.slip && !slip_before_) {
     if (summary_.slip_times_s.empty()) {
-      summary_.grip_ok_fell_with_first_slip = gpio_.level(hal::Line::kGripOk) == hal::Level::kLow;
+      summary_.grip_ok_fell_with_first_slip = hand_ || gpio_.level(hal::Line::kGripOk) == hal::Level::kLow;
     }
     summary_.slip_times_s.push_back(t_s);
     summary_.slip_frames.push_back(frame);
   }
   slip_before_ = outputs.slip;
 
-  const FrameRecord row = log::facts_of(*app_, frame, t_s, gpio_.level(hal::Line::kAlive) == hal::Level::kHigh);
-  if (features_) write_features(row);
+  FrameRecord row = log::facts_of(*app_, frame, t_s, gpio_.level(hal::Line::kAlive) == hal::Level::kHigh);
+  if (hand_) {
+    row.set_state(outputs.state, outputs.reason);
+    row.slip = outputs.slip;
+    row.grip_ok = outputs.grip_ok;
+  }
+  if (features_) write_features(row, hand);
 
   const MarkerField& field = app_->state().tracker.field;
   const MarkerField& rest = app_->state().reference.rest;
@@ -187,7 +193,7 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
 }
 
 // One list of columns and cells; the first row writes the header before it.
-void Session::write_features(const FrameRecord& row) {
+void Session::write_features(const FrameRecord& row, const Hand& hand) {
   const pipeline::Result& result = app_->result();
   const Features& f = result.features;
   const Reason reason = row.accepted ? row.reason : result.quality.reason;
@@ -222,8 +228,8 @@ void Session::write_features(const FrameRecord& row) {
   add("evidence_threshold", decided, "{:.1f}", row.evidence_threshold);
   add("evidence_unit", decided, "{}", row.evidence_unit);
   add("evidence_frames", decided, "{}", row.evidence_frames);
-  if (summary_.frames <= 1) features_->stream() << names << '\n';
-  features_->stream() << cells << '\n';
+  if (summary_.frames <= 1) features_->stream() << names << hand.names << '\n';
+  features_->stream() << cells << hand.cells << '\n';
 }
 
 // The picture for the page: as the firmware saw it, at its working size. A frame that was rejected shows none: what it
@@ -240,7 +246,7 @@ TrackPicture Session::picture_of(double scale, const hal::Frame& given) const {
 // The overlay shows the frame that raised slip first; without one, the frame of the largest entropy.
 void Session::keep_for_overlay(double scale, const hal::Frame& given) {
   const double entropy = app_->result().features.entropy.raw() / 65536.0;
-  const bool slip = app_->outputs().slip;
+  const bool slip = slip_before_;
   if (slip_kept_ || (!slip && entropy <= best_entropy_)) return;
   slip_kept_ = slip;
   best_entropy_ = entropy;

@@ -10,6 +10,7 @@
 #include <array>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -110,6 +111,14 @@ class Session {
   [[nodiscard]] App& app() { return *app_; }
   [[nodiscard]] const App& app() const { return *app_; }
 
+  // What a hand decides in place of this app, and what the table of features says of its fingers at the end of a row;
+  // asked once a frame, in record().
+  struct Hand {
+    supervisor::Outputs outputs;
+    std::string names, cells;
+  };
+  void decided_by(std::function<Hand()> hand) { hand_ = std::move(hand); }
+
   // After each step() that brought a frame. `scale`: pixels of the input per pixel of the working image.
   // `bytes`: what the camera gave, for the overlay's picture.
   void record(long frame, double t_s, double scale, const hal::Frame& given);
@@ -131,7 +140,7 @@ class Session {
 
  private:
   [[nodiscard]] std::unique_ptr<AtomicFile> open(const std::filesystem::path& path);
-  void write_features(const FrameRecord& row);
+  void write_features(const FrameRecord& row, const Hand& hand);
   [[nodiscard]] TrackPicture picture_of(double scale, const hal::Frame& given) const;
   void keep_for_overlay(double scale, const hal::Frame& given);
   [[nodiscard]] std::string draw_overlay() const;
@@ -150,6 +159,7 @@ class Session {
   EighthDecoder jpeg_{{}, other_scales_, {&worker_, 1}, crew_};
   std::unique_ptr<CameraTap> tap_;  // for the MCAP file only
   std::unique_ptr<App> app_;
+  std::function<Hand()> hand_;
   std::unique_ptr<log::FrameLog> frame_log_;
   Report report_;
   Summary summary_;

@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "slip/fusion.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <random>
+#include <vector>
+
+#include "slip/slip_tree.gen.hpp"
+// last: it redefines new
+#include <CppUTest/TestHarness.h>
+
+namespace {
+
+using namespace holdfast;
+using namespace std::chrono_literals;
+using fusion::Strength;
+
+constexpr Micros kPeriod = 40ms;
+
+// Imprint over 1000 slips at once; else markers that spread slip with a second frame.
+model::Tree plain_tree() {
+  const FeatureSet* const set = find_feature_set("touch");
+  const auto member = [&](std::string_view name) {
+    const std::uint8_t feature = feature_index(name);
+    std::uint8_t at = 0;
+    while (set->members[at] != feature) ++at;
+    return at;
+  };
+  model::Tree tree;
+  tree.set = set;
+  tree.count = 5;
+  tree.nodes[0] = {1000, 4, member("imprint_log2_um_q8"), model::Kind::kSplit};
+  tree.nodes[1] = {100, 3, member("reach_um"), model::Kind::kSplit};
+  tree.nodes[2] = {.kind = model::Kind::kHold};
+  tree.nodes[3] = {.kind = model::Kind::kSlip};
+  tree.nodes[4] = {.kind = model::Kind::kSlipNow};
+  return tree;
+}
+
+}  // namespace
+
+TEST_GROUP(Fusion) {
+  model::Tree tree = plain_tree();
+  fusion::Config config;
+  fusion::State state;
+  void setup() override {
+    config.fingers = 2;
+    config.alone_q8 = 200;
+    config.together_q8 = 100;
+    config.classifier.loaded = &tree;
+  }
+  // What a finger in contact with relief shows.
+  static Features moves(std::int32_t motion_q8) {
+    Features features;
+    features.contact = Count::from_raw(1);
+    features.imprint.patches = Count::from_raw(20);
+    features.imprint.motion = Log2Q8::from_raw(motion_q8);
+    return features;
+  }
+  static Features smooth(Features features) {
+    features.imprint.patches = {};
+    return features;
+  }
+  static Features spreads() {
+    Features features = moves(0);
+    features.field.reach = Micrometres::from_raw(101);
+    return features;
+  }
+  static Features away() {
+    return {};
+  }
+  Verdict give(int finger, const Features& features, Micros at) {
+    return fusion::update(state, config, finger, true, features, at).verdict;
+  }
+  // The verdict on the second of two frames, 10 ms apart.
+  Verdict both(const Features& left, const Features& right) {
+    state = {};
+    (void)give(0, left, 0ms);
+    return give(1, right, 10ms);
+  }
+};
+
+TEST(Fusion, GradesAFingerByTheModelsOwnThreshold) {
+  struct Case {
+    std::int32_t motion_q8;
+    Strength strength;
+  };
+  for (const auto& [motion_q8, strength] : {Case{0, Strength::kNone},
+                                            {900, Strength::kNone},
+                                            {901, Strength::kWeak},
+                                            {1000, Strength::kWeak},
+                                            {1001, Strength::kSlip},
+                                            {1200, Strength::kSlip},
+                                            {1201, Strength::kStrong},
+                                            {8000, Strength::kStrong}}) {
+    CHECK_TRUE(strength == fusion::look(config, moves(motion_q8), 0ms).strength);
+  }
+  Features apart = moves(4000);
+  apart.contact = {};
+  CHECK_TRUE(Strength::kNone == fusion::look(config, apart, 0ms).strength);
+}
+
+// The compiled model has more conditions around the same threshold.
+TEST(Fusion, GradesByTheCompiledModel) {
+  config.classifier = {};
+  const std::int32_t threshold = slip_tree::kFirst[0].threshold;
+  CHECK_TRUE(Strength::kNone == fusion::look(config, moves(threshold - 100), 0ms).strength);
+  CHECK_TRUE(Strength::kWeak == fusion::look(config, moves(threshold - 99), 0ms).strength);
+  CHECK_TRUE(Strength::kSlip == fusion::look(config, moves(threshold + 1), 0ms).strength);
+  CHECK_TRUE(Strength::kStrong == fusion::look(config, moves(threshold + 201), 0ms).strength);
+  Features touched = moves(threshold + 400);
+  touched.imprint.growth = Log2Q8::from_raw(300);  // a contact that is being made
+  CHECK_TRUE(Strength::kNone == fusion::look(config, touched, 0ms).strength);
+}
+
+TEST(Fusion, WhatTwoFingersComeTo) {
+  const Features still = moves(0);
+  const Features weak = moves(950);
+  const Features slip = moves(1100);
+  const Features strong = moves(1300);
+  struct Case {
+    const char* what;
+    Features one, other;
+    Verdict verdict;
+  };
+  const std::vector<Case> cases{
+      {"neither moves", still, still, Verdict::kHold},
+      {"both weakly", weak, weak, Verdict::kSlipNow},
+      {"one slips, the other weakly", slip, weak, Verdict::kSlipNow},
+      {"one weakly alone", weak, still, Verdict::kHold},
+      {"outvoted", slip, still, Verdict::kHold},
+      {"strong alone", strong, still, Verdict::kSlipNow},
+      {"the other cannot see it", slip, smooth(still), Verdict::kSlipNow},
+      {"no relief under either", smooth(slip), smooth(still), Verdict::kHold},
+      {"without relief against one that sees", smooth(slip), still, Verdict::kHold},
+      {"without relief, both", smooth(slip), smooth(slip), Verdict::kSlipNow},
+      {"the other touches nothing", slip, away(), Verdict::kSlipNow},
+      {"weakly, the other touches nothing", weak, away(), Verdict::kHold},
+      {"neither touches", away(), away(), Verdict::kHold},
+      {"markers of one", spreads(), still, Verdict::kHold},
+      {"markers of both", spreads(), spreads(), Verdict::kSlip},
+      {"markers and weak imprint", spreads(), weak, Verdict::kSlip},
+      {"markers, the other touches nothing", spreads(), away(), Verdict::kSlip},
+  };
+  for (const Case& one : cases) {
+    CHECK_TRUE_TEXT(one.verdict == both(one.one, one.other), one.what);
+    CHECK_TRUE_TEXT(one.verdict == both(one.other, one.one), one.what);
+  }
+}
+
+TEST(Fusion, HearsEvidenceForAPeriodAndAMargin) {
+  (void)give(0, moves(0), 0ms);
+  CHECK_TRUE(Verdict::kHold == give(1, moves(1100), config.oldest));
+  CHECK_TRUE(Verdict::kSlipNow == give(1, moves(1100), config.oldest + 1us));  // the other is as if it were not there
+}
+
+// A frame that was on its way for longer tells of an earlier time.
+TEST(Fusion, TimeDoesNotRunBackBetweenFingers) {
+  CHECK_TRUE(Verdict::kHold == give(0, moves(950), 100ms));
+  CHECK_TRUE(Verdict::kSlipNow == give(1, moves(950), 70ms));
+  CHECK_TRUE(state.now == 100ms);
+  // One that is older than evidence may be says nothing, of itself either.
+  CHECK_TRUE(Verdict::kHold == give(0, moves(0), 300ms));
+  CHECK_TRUE(Verdict::kHold == give(1, moves(5000), 150ms));
+}
+
+TEST(Fusion, AFingerWithoutARestPositionIsNotHeard) {
+  (void)fusion::update(state, config, 0, false, moves(0), 0ms);
+  CHECK_TRUE(Verdict::kSlipNow == give(1, moves(1100), 10ms));
+}
+
+// 2 frames in a row of each finger take as long as 2 of one: the request rises with the second frame of the first.
+TEST(Fusion, FramesInARowAreEachFingers) {
+  config.decision.raise_frames = 2;
+  std::vector<bool> raised;
+  for (int k = 0; k < 3; ++k) {
+    for (int finger = 0; finger < 2; ++finger) {
+      const auto result = fusion::update(state, config, finger, true, spreads(), k * kPeriod + finger * 10ms);
+      raised.push_back(result.request == GripRequest::kTighten);
+    }
+  }
+  // The first frame is heard alone.
+  CHECK_TRUE((raised == std::vector<bool>{false, false, true, true, true, true}));
+}
+
+// Written against the classifier and the decision alone, on frames of which many slip.
+TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
+  config.fingers = 1;
+  config.classifier = {};
+  decision::State alone;
+  std::mt19937 random(7);
+  int raised = 0;
+  for (int k = 0; k < 20'000; ++k) {
+    const auto in = [&](int from, int to) { return std::uniform_int_distribution(from, to)(random); };
+    Features features = moves(in(0, 2500));
+    features.rates_valid = true;
+    features.imprint.patches = Count::from_raw(in(0, 14));
+    features.imprint.growth = Log2Q8::from_raw(in(-50, 120));
+    features.imprint.coarse = Log2Q8::from_raw(in(0, 2000));
+    features.field.flow_residual = MicrometresPerSec::from_raw(in(0, 3000));
+    features.field.octave_entropy = NatsQ16::from_raw(in(90'000, 130'000));
+    features.field.reach = Micrometres::from_raw(in(0, 600));
+    features.contact = Count::from_raw(in(0, 4) > 0 ? 1 : 0);
+    const Micros now = k * kPeriod;
+    const Features judged = alone.raised ? classifier::while_raised(features) : features;
+    const Verdict verdict =
+        features.contact.raw() != 0 ? classifier::classify(config.classifier, judged) : Verdict::kHold;
+    const GripRequest request = decision::update(alone, config.decision, verdict, now);
+    const auto result = fusion::update(state, config, 0, true, features, now);
+    CHECK_TRUE(verdict == result.verdict);
+    CHECK_TRUE(request == result.request);
+    raised += request == GripRequest::kTighten ? 1 : 0;
+  }
+  CHECK_TRUE(raised > 1000 && raised < 19'000);
+}
