@@ -444,3 +444,36 @@ TEST(Coarse, ExtremesOfTheRangesDoNotWrap) {
   equals_reference(patches, "longest");
   CHECK(moved(patches) > kStep_q8 + 12 * 256);
 }
+
+TEST_GROUP(CoarseTwins){};
+
+// Every room, shares up to their bound on both sides, modes up to theirs; halves are as likely as the rest in small
+// rooms.
+TEST(CoarseTwins, VectorFormGivesThePlainFormsIntegers) {
+  std::mt19937 random(7);
+  const auto any_of = [&](std::int32_t most) {
+    return std::uniform_int_distribution<std::int32_t>(-most, most)(random);
+  };
+  constexpr std::int32_t kMode = 1 << 20;
+  coarse::Vector mode{}, start{};
+  for (int room = 11; room <= 62; ++room) {
+    const std::int32_t most = (1 << std::min(24, room + 7)) - 1;
+    for (const std::int32_t share : {0, 1, -1, most, -most, any_of(most), any_of(most), any_of(1 << 12)}) {
+      for (std::size_t i = 0; i < mode.size(); ++i) {
+        mode[i] = i % 3 == 0 ? any_of(kMode) : i % 3 == 1 ? any_of(64) : i % 2 == 0 ? kMode : -kMode;
+        start[i] = any_of(1 << 21);
+      }
+      for (const std::size_t n : {coarse::kTogether, mode.size()}) {
+        coarse::Vector vector = start, plain = start;
+        coarse::subtract(vector, mode, share, room, n);
+        coarse::subtract_scalar(plain, mode, share, room, n);
+        CHECK_TEXT(vector == plain, ("room " + std::to_string(room) + ", share " + std::to_string(share)).c_str());
+      }
+      // By hand, in wider numbers.
+      coarse::Vector once = start;
+      coarse::subtract(once, mode, share, room, coarse::kTogether);
+      const long double exact = std::floor(std::ldexp((long double)share * mode[0], -room) + 0.5L);
+      CHECK(once[0] == start[0] - static_cast<std::int32_t>(exact));
+    }
+  }
+}
