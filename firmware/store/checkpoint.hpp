@@ -28,7 +28,7 @@
 namespace holdfast::checkpoint {
 
 inline constexpr std::uint32_t kMagic = 0x464B4448;  // "HDKF", little endian
-inline constexpr std::uint32_t kVersion = 2;
+inline constexpr std::uint32_t kVersion = 3;
 inline constexpr std::size_t kMaxIdentity = 64;
 
 struct Identity {

@@ -12,8 +12,6 @@
 namespace holdfast::coarse {
 namespace {
 
-using Vector = std::array<std::int32_t, kMostPatches>;
-
 // Vectors are scaled until their largest component has 20 bits: sums of 320 products stay below 2^49, and 1/2^20 of it
 // is what rounding costs.
 constexpr int kBits = 20;
@@ -30,20 +28,26 @@ constexpr std::int64_t kSlopeFloor = kSlopeUnit * kSlopeUnit / 100;   // 0.01 (l
 constexpr std::int64_t kTimesNoise = 33;
 constexpr int kSlips = 3;
 
+// `n` of all these is a whole number of kTogether, which leaves compilers no rest to do one by one.
 std::int64_t dot(const Vector& a, const Vector& b, std::size_t n) {
   std::int64_t sum = 0;
-  for (std::size_t i = 0; i < n; ++i) sum += std::int64_t{a[i]} * b[i];
+#pragma GCC unroll 4
+  for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) sum += std::int64_t{a[i]} * b[i];
   return sum;
 }
 
-void scale(Vector& v, std::size_t n) {
+// By how many bits it was shifted to the left.
+int scale(Vector& v, std::size_t n) {
   std::uint32_t bits = 0;
-  for (std::size_t i = 0; i < n; ++i) bits |= static_cast<std::uint32_t>(std::abs(v[i]));
-  if (bits == 0) return;
+#pragma GCC unroll 4
+  for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) bits |= static_cast<std::uint32_t>(std::abs(v[i]));
+  if (bits == 0) return 0;
   const int shift = kBits - static_cast<int>(std::bit_width(bits));
-  for (std::size_t i = 0; i < n; ++i) {
+#pragma GCC unroll 4
+  for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) {
     v[i] = shift >= 0 ? v[i] * (1 << shift) : (v[i] + (1 << (-shift - 1))) >> -shift;
   }
+  return shift;
 }
 
 // Takes out of `v` what lies along `mode`, whose square is `norm`. The quotient keeps as many bits as 62 have room for.
@@ -53,10 +57,7 @@ void take_out(Vector& v, const Vector& mode, std::int64_t norm, std::size_t n) {
   const std::int64_t along = dot(v, mode, n);
   const int room = std::countl_zero(static_cast<std::uint64_t>(std::abs(along)) | 1) - 2;
   const auto share = static_cast<std::int32_t>(along * (std::int64_t{1} << room) / norm);
-  const std::int64_t half = std::int64_t{1} << (room - 1);
-  for (std::size_t i = 0; i < n; ++i) {
-    v[i] -= static_cast<std::int32_t>((std::int64_t{share} * mode[i] + half) >> room);
-  }
+  subtract(v, mode, share, room, n);
 }
 
 // The modes that stick, then those that slip.
@@ -72,21 +73,33 @@ void fill(std::span<const Patch> patches, std::array<Vector, kModes>& modes) {
 
 }  // namespace
 
+void subtract_scalar(Vector& v, const Vector& mode, std::int32_t share, int room, std::size_t n) {
+  const std::int64_t half = std::int64_t{1} << (room - 1);
+  for (std::size_t i = 0; i < n; ++i) {
+    v[i] -= static_cast<std::int32_t>((std::int64_t{share} * mode[i] + half) >> room);
+  }
+}
+
 Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step_um_log2_q8, Saturations& saturations) {
-  const std::size_t n = std::min<std::size_t>(patches.size(), kMostPatches);
-  if (n < kLeastPatches) return {};
+  const std::size_t count = std::min<std::size_t>(patches.size(), kMostPatches);
+  if (count < kLeastPatches) return {};
   // So little change is below 33 times the floor of the noise, whatever explains it.
   std::int64_t all = 0;
-  for (const Patch& patch : patches.first(n)) all += square(patch.change);
+  for (const Patch& patch : patches.first(count)) all += square(patch.change);
   if (all * (1 << 2 * kChangeShift) <= kTimesNoise * kNoiseFloor) return {};
   std::array<Vector, kModes> modes;  // NOLINT: filled as far as it is read
-  fill(patches.first(n), modes);
+  fill(patches.first(count), modes);
   Vector change;  // NOLINT: likewise
   std::int64_t slopes = 0;
-  for (std::size_t i = 0; i < n; ++i) {
+  for (std::size_t i = 0; i < count; ++i) {
     change[i] = patches[i].change * (1 << kChangeShift);
     slopes += square(patches[i].slope_x) + square(patches[i].slope_y);
   }
+
+  // Zeros change no sum.
+  const std::size_t n = (count + kTogether - 1) / kTogether * kTogether;
+  for (Vector& mode : modes) std::fill(mode.data() + count, mode.data() + n, 0);
+  std::fill(change.data() + count, change.data() + n, 0);
 
   // Gram and Schmidt, one mode after the other out of all that follow.
   std::array<std::int64_t, kModes> length{};
@@ -97,17 +110,19 @@ Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step
   std::int64_t stuck = 0;
   for (std::size_t k = 0; k < kModes; ++k) {
     if (k == kModes - kSlips) stuck = dot(change, change, n);
-    if (length[k] == 0 || dot(modes[k], modes[k], n) * kLeastPart < length[k]) continue;
-    scale(modes[k], n);
-    const std::int64_t norm = dot(modes[k], modes[k], n);
+    if (length[k] == 0) continue;
+    std::int64_t norm = dot(modes[k], modes[k], n);
+    if (norm * kLeastPart < length[k]) continue;
+    const int shift = scale(modes[k], n);
+    norm = shift >= 0 ? norm << (2 * shift) : dot(modes[k], modes[k], n);
     take_out(change, modes[k], norm, n);
     for (std::size_t later = k + 1; later < kModes; ++later) {
       if (length[later] > 0) take_out(modes[later], modes[k], norm, n);
     }
   }
   const std::int64_t left = dot(change, change, n);
-  const std::int64_t noise = left / (static_cast<std::int64_t>(n) - kModes) + kNoiseFloor;
-  const std::int64_t energy = slopes / 2 + static_cast<std::int64_t>(n) * kSlopeFloor;
+  const std::int64_t noise = left / (static_cast<std::int64_t>(count) - kModes) + kNoiseFloor;
+  const std::int64_t energy = slopes / 2 + static_cast<std::int64_t>(count) * kSlopeFloor;
   const std::int64_t evidence = stuck - left - kTimesNoise * noise - explained(carried, energy, 4, 1);
   if (evidence <= 0) return {};
   const auto log_of = [](std::int64_t value) { return log2_q8(static_cast<std::uint64_t>(value)); };

@@ -18,7 +18,9 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 
@@ -41,16 +43,16 @@ inline constexpr int kLeastPatches = 20;  // with fewer there is no telling moti
 
 // Half of the way that the gel went between two pictures, squared: what a motion loses of its square.
 struct Carried {
-  std::int64_t steps2_q10 = 0;
+  std::int64_t steps2_q20 = 0;
 };
 
 // The evidence that it explains, of a motion that is sqrt(evidence / energy * down / up) steps. Range: energy below
-// 2^62, carried below 2^22, up and down below 2^10, up at least down. Keeps 38 bits of the energy, so that products
-// stay below 2^60 before the shift back; capped at 2^62.
+// 2^62, carried below 2^32, up and down below 2^10, up at least down. Keeps 30 bits of the energy, so that products
+// stay below 2^62; capped at 2^62.
 [[nodiscard]] constexpr std::int64_t explained(Carried carried, std::int64_t energy, std::int64_t up,
                                                std::int64_t down) {
-  const int shift = std::max(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(energy))) - 38, 0);
-  const std::int64_t part = ((energy >> shift) * carried.steps2_q10 >> 10) * up / down;
+  const int shift = std::max(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(energy))) - 30, 0);
+  const std::int64_t part = ((energy >> shift) * carried.steps2_q20 >> 20) * up / down;
   return part < (std::int64_t{1} << 62) >> shift ? part << shift : std::int64_t{1} << 62;
 }
 
@@ -58,5 +60,14 @@ struct Carried {
 // kMostPatches; change and shading below 2^18, slopes below 2^19, places below 2^10. Below kLeastPatches: 0.
 [[nodiscard]] Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step_um_log2_q8,
                             Saturations& saturations);
+
+// Inside it: v less mode * share / 2^room, rounded to nearest, halves up. subtract() is vector code, the same integers
+// as subtract_scalar(). Range: n a whole number of kTogether; |mode| at most 2^20, |share| below 2^24 and 2^(room + 7),
+// room 11 to 62.
+using Vector = std::array<std::int32_t, kMostPatches>;
+inline constexpr std::size_t kTogether = 16;
+static_assert(kMostPatches % kTogether == 0);
+void subtract(Vector& v, const Vector& mode, std::int32_t share, int room, std::size_t n);
+void subtract_scalar(Vector& v, const Vector& mode, std::int32_t share, int room, std::size_t n);
 
 }  // namespace holdfast::coarse

@@ -3,12 +3,18 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
-#include <numeric>
+#include <cstdlib>
+#include <cstring>
 #include <span>
 
 #include "base/math.hpp"
 #include "tactile/coarse.hpp"
+
+#if defined(__ARM_NEON)
+#include <arm_neon.h>
+#endif
 
 namespace holdfast::imprint {
 namespace {
@@ -18,6 +24,14 @@ namespace {
 struct Place {
   std::int8_t a = 0, b = 0;
 };
+
+constexpr auto kFirstFree = [] {  // of each row
+  std::array<std::int32_t, kSide> first{};
+  for (int b = 0; b < kSide; ++b) {
+    while (!is_free(first[idx(b)], b)) ++first[idx(b)];
+  }
+  return first;
+}();
 
 constexpr auto kPlaces = [] {
   std::array<Place, kFree> places{};
@@ -132,73 +146,109 @@ bool place_picture(Reduced& out, const MarkerField& rest, PixelsQ8 pitch, const 
   return false;
 }
 
-using Row = std::array<std::uint16_t, kMaxLumaWidth + 2>;
-
 // Sums stay in 16 bits, which the compiler's vectors need to be told at every step.
 std::uint16_t u16(std::uint32_t value) {
   return static_cast<std::uint16_t>(value);
 }
 
-// One row of boxes as 4 x luma. Range: sums of 16 x 16 pixels are 65 280 at most.
-void box_row(const Reduced& to, const LumaView& picture, std::int32_t y, Row& out) {
+// The picture is reduced in strips so wide, from the top down, whose rows stay in vectors; one more for what is beside.
+using Vector [[gnu::vector_size(2 * kLanes)]] = std::uint16_t;
+constexpr std::size_t kVectors = kStrip / kLanes + 1;
+using Vectors = std::array<Vector, kVectors>;
+
+// A row of boxes as 4 x luma, from column `left` on; columns and rows beyond the edge repeat it.
+// Range: sums of 16 x 16 pixels are 65 280 at most.
+void box_row(const Reduced& to, const LumaView& picture, std::int32_t left, std::int32_t y, Vectors& out) {
+  constexpr std::int32_t kColumns = kVectors * kLanes;
   const std::int32_t side = 1 << to.reduction_log2;
-  const std::int32_t columns = to.width * side;
-  Row sums, halves;  // NOLINT: filled below as far as they are read
-  const std::uint8_t* first = picture.row((to.top + y) * side) + std::ptrdiff_t{to.left} * side;
-  if (side == 1) {
-    for (std::int32_t x = 0; x < columns; ++x) out[idx(x)] = u16(std::uint32_t{first[x]} * 4);
-    return;
+  const std::int32_t begin = std::max(left, 0), end = std::min(left + kColumns, to.width);
+  const std::uint8_t* from =
+      picture.row((to.top + std::clamp(y, 0, to.height - 1)) * side) + std::ptrdiff_t{to.left + begin} * side;
+  std::int32_t width = (end - begin) * side;
+  std::array<std::uint16_t, (kColumns << kMaxReduction_log2)> sums, halves;  // NOLINT: filled as far as they are read
+  for (std::int32_t x = 0; x < width; ++x) sums[idx(x)] = from[x];
+  for (std::int32_t line = 1; line < side; ++line) {
+    from += picture.stride;
+    for (std::int32_t x = 0; x < width; ++x) sums[idx(x)] = u16(std::uint32_t{sums[idx(x)]} + from[x]);
   }
-  const std::uint8_t* second = first + picture.stride;
-  for (std::int32_t x = 0; x < columns; ++x) sums[idx(x)] = u16(std::uint32_t{first[x]} + second[x]);
-  for (std::int32_t line = 2; line < side; ++line) {
-    const std::uint8_t* from = first + std::ptrdiff_t{line} * picture.stride;
-    for (std::int32_t x = 0; x < columns; ++x) sums[idx(x)] = u16(std::uint32_t{sums[idx(x)]} + from[x]);
-  }
-  const auto halve = [](const Row& from, Row& into, std::int32_t width) {
-    for (std::int32_t x = 0; x < width; ++x) into[idx(x)] = u16(std::uint32_t{from[idx(2 * x)]} + from[idx(2 * x + 1)]);
-  };
-  std::int32_t width = columns / 2;
-  for (; width > to.width; width /= 2) {
-    halve(sums, halves, width);
-    std::copy_n(halves.begin(), width, sums.begin());
-  }
-  halve(sums, out, width);
-  const int shift = 2 * (to.reduction_log2 - 1);
-  if (shift == 0) return;
-  for (std::int32_t x = 0; x < width; ++x) out[idx(x)] = u16((out[idx(x)] + (1u << (shift - 1))) >> shift);
-}
-
-// 1-2-1 of three rows or columns. Range: 4 * 4080.
-void add_121(const std::uint16_t* a, const std::uint16_t* b, const std::uint16_t* c, std::int32_t count,
-             std::uint16_t* out) {
-  for (std::int32_t x = 0; x < count; ++x)
-    out[x] = u16(u16(u16(std::uint32_t{a[x]} + c[x]) + std::uint32_t{b[x]}) + std::uint32_t{b[x]});
-}
-
-// Boxes, then 1-2-1 both ways; rows and columns beyond the edge repeat it. 16 x luma.
-void reduce(Reduced& out, const LumaView& picture) {
-  std::array<Row, 3> rows;  // NOLINT: filled below as far as they are read
-  Row down;                 // NOLINT
-  const std::int32_t w = out.width;
-  box_row(out, picture, 0, rows[0]);
-  std::copy_n(rows[0].begin(), w, rows[2].begin());
-  for (std::int32_t y = 0; y < out.height; ++y) {
-    const Row& above = rows[idx((y + 2) % 3)];
-    const Row& here = rows[idx(y % 3)];
-    Row& below = rows[idx((y + 1) % 3)];
-    if (y + 1 < out.height) {
-      box_row(out, picture, y + 1, below);
-    } else {
-      std::copy_n(here.begin(), w, below.begin());
+  for (; width > end - begin; width /= 2) {
+    for (std::int32_t x = 0; x < width / 2; ++x) {
+      halves[idx(x)] = u16(std::uint32_t{sums[idx(2 * x)]} + sums[idx(2 * x + 1)]);
     }
-    // One place to the right, for the columns beyond the edge.
-    add_121(above.data(), here.data(), below.data(), w, down.data() + 1);
-    down[0] = down[1];
-    down[idx(w + 1)] = down[idx(w)];
-    std::uint16_t* to = out.pixels.data() + std::ptrdiff_t{y} * w;
-    add_121(down.data(), down.data() + 1, down.data() + 2, w, to);
-    for (std::int32_t x = 0; x < w; ++x) to[x] = u16(u16(std::uint32_t{to[x]} + 2) >> 2);
+    std::copy_n(halves.begin(), width / 2, sums.begin());
+  }
+  const int shift = 2 * (to.reduction_log2 - 1);
+  if (shift < 0) {
+    for (std::int32_t x = 0; x < width; ++x) sums[idx(x)] = u16(std::uint32_t{sums[idx(x)]} * 4);
+  } else if (shift > 0) {
+    for (std::int32_t x = 0; x < width; ++x) sums[idx(x)] = u16((sums[idx(x)] + (1u << (shift - 1))) >> shift);
+  }
+  std::array<std::uint16_t, kColumns> row;  // NOLINT: filled below
+  std::fill_n(row.begin(), begin - left, sums[0]);
+  std::copy_n(sums.begin(), width, row.begin() + (begin - left));
+  std::fill(row.begin() + (end - left), row.end(), sums[idx(width - 1)]);
+  std::memcpy(&out, &row, sizeof out);
+}
+
+// The same of boxes of 2 x 2, away from the edges.
+void pair_row(const Reduced& to, const LumaView& picture, std::int32_t left, std::int32_t y, Vectors& out) {
+  const std::uint8_t* const upper = picture.row(2 * (to.top + y)) + 2 * std::ptrdiff_t{to.left + left};
+  const std::uint8_t* const lower = upper + picture.stride;
+  for (std::size_t k = 0; k < kVectors; ++k) {
+#if defined(__ARM_NEON)  // two instructions instead of five
+    const std::size_t at = k * sizeof(Vector);
+    out[k] = std::bit_cast<Vector>(vpadalq_u8(vpaddlq_u8(vld1q_u8(upper + at)), vld1q_u8(lower + at)));
+#else
+    Vector a, b;
+    std::memcpy(&a, upper + k * sizeof a, sizeof a);
+    std::memcpy(&b, lower + k * sizeof b, sizeof b);
+    out[k] = (a & 255) + (a >> 8) + (b >> 8) + (b & 255);  // of bytes, in either order
+#endif
+  }
+}
+
+// Boxes, then 1-2-1 both ways, each as 1-1 twice, from column `left` on. 16 x luma. Range: 4 * 4 * 4080.
+void reduce_strip(Reduced& out, const LumaView& picture, std::int32_t left, std::int32_t top, std::int32_t bottom) {
+  const bool is_inside = out.reduction_log2 == 1 && left > 0 && left - 1 + std::int32_t{kVectors} * kLanes <= out.width;
+  const auto row = [&](std::int32_t y, Vectors& boxes) {
+    if (is_inside) {
+      pair_row(out, picture, left - 1, std::clamp(y, 0, out.height - 1), boxes);
+    } else {
+      box_row(out, picture, left - 1, y, boxes);
+    }
+  };
+  Vectors last, two;  // NOLINT: the last row, and it added to the one before
+  row(top - 1, two);
+  row(top, last);
+  for (std::size_t k = 0; k < kVectors; ++k) two[k] += last[k];
+  for (std::int32_t y = top; y <= bottom; ++y) {
+    Vectors down;  // NOLINT: 1-2-1 downwards
+    row(y + 1, down);
+    for (std::size_t k = 0; k < kVectors; ++k) {
+      const Vector sum = last[k] + down[k];
+      last[k] = down[k];
+      down[k] = two[k] + sum;
+      two[k] = sum;
+    }
+    for (std::size_t k = 0; k < kVectors; ++k) {
+      down[k] += __builtin_shufflevector(down[k], down[std::min(k + 1, kVectors - 1)], 1, 2, 3, 4, 5, 6, 7, 8);
+    }
+    std::uint16_t* const to = out.pixels.data() + std::ptrdiff_t{y} * out.width + left;
+    for (std::size_t k = 0; k + 1 < kVectors; ++k) {
+      const Vector sum = down[k] + __builtin_shufflevector(down[k], down[k + 1], 1, 2, 3, 4, 5, 6, 7, 8);
+      const Vector pixels = (sum + 2) >> 2;
+      std::memcpy(to + k * kLanes, &pixels, sizeof pixels);
+    }
+  }
+}
+
+// What `box` has of it. From the right, so that what a strip writes beyond its row is written again. The last strip
+// goes to the left as far as keeps it away from the edge, where that is enough.
+void reduce(Reduced& out, const LumaView& picture, const Box& box) {
+  const std::int32_t last = out.width + 1 - std::int32_t{kVectors} * kLanes;
+  const bool is_enough = last > 0 && box.right < last + kStrip;
+  for (std::int32_t left = box.left + (box.right - box.left) / kStrip * kStrip; left >= box.left; left -= kStrip) {
+    reduce_strip(out, picture, is_enough ? std::min(left, last) : left, box.top, box.bottom);
   }
 }
 
@@ -217,14 +267,17 @@ std::int32_t patches_of(GridSize grid) {
   return kPatchesPerDot * (dots <= kMaxPrintedDots ? dots : dots / 2);
 }
 
-Corner corner_of(GridSize grid, std::int32_t patch) {
-  const std::int32_t own = patch / kPatchesPerDot * (grid.count() <= kMaxPrintedDots ? 1 : 2);
-  const std::int32_t sx = (patch & 1) == 0 ? 1 : -1;
-  const std::int32_t sy = (patch & 2) == 0 ? 1 : -1;
+std::int32_t dot_of(GridSize grid, std::int32_t patch) {
+  return patch / kPatchesPerDot * (grid.count() <= kMaxPrintedDots ? 1 : 2);
+}
+
+Corner corner_of(GridSize grid, std::int32_t own, std::int32_t k) {
+  const std::int32_t sx = (k & 1) == 0 ? 1 : -1;
+  const std::int32_t sy = (k & 2) == 0 ? 1 : -1;
   const std::int32_t row = own / grid.cols, col = own % grid.cols;
-  const std::int32_t to_col = col + sx >= 0 && col + sx < grid.cols ? col + sx : col;
-  const std::int32_t to_row = row + sy >= 0 && row + sy < grid.rows ? row + sy : row;
-  return {own, row * grid.cols + to_col, to_row * grid.cols + col, to_row * grid.cols + to_col, sx, sy};
+  const std::int32_t beside = col + sx >= 0 && col + sx < grid.cols ? own + sx : own;
+  const std::int32_t down = row + sy >= 0 && row + sy < grid.rows ? sy * grid.cols : 0;
+  return {own, beside, own + down, beside + down, sx, sy};
 }
 
 // A coordinate of the working picture, in reduced pixels from `origin` on. Range: |x| <= 2^20, so 2^24 in Q12.
@@ -233,23 +286,23 @@ std::int32_t reduced_q12(std::int32_t x_q8, std::int32_t origin, std::int32_t re
   return ((x_q8 - (side - 1) * 128) * 16 >> reduction_log2) - origin * 4096;
 }
 
-bool inside(const Reduced& picture, std::int32_t x_q12, std::int32_t y_q12) {
-  return x_q12 >= 0 && y_q12 >= 0 && x_q12 < (picture.width - 1) * 4096 && y_q12 < (picture.height - 1) * 4096;
+// How far a patch's corners lie along one axis of the picture, from its first sample and its steps.
+struct Extent {
+  std::int32_t least_q12, most_q12;
+};
+
+Extent extent_of(std::int32_t first_q12, std::int32_t a_q12, std::int32_t b_q12) {
+  const std::int32_t far_a = (kSide - 1) * a_q12, far_b = (kSide - 1) * b_q12;
+  return {first_q12 + std::min(far_a, 0) + std::min(far_b, 0), first_q12 + std::max(far_a, 0) + std::max(far_b, 0)};
 }
 
-// All four corners of the patch lie in the picture.
-bool inside(const Reduced& picture, const PatchPlace& f) {
-  for (const std::int32_t a : {0, kSide - 1}) {
-    for (const std::int32_t b : {0, kSide - 1}) {
-      if (!inside(picture, f.x_q12 + a * f.ax_q12 + b * f.bx_q12, f.y_q12 + a * f.ay_q12 + b * f.by_q12)) return false;
-    }
-  }
-  return true;
+bool inside(Extent extent, std::int32_t size) {
+  return extent.least_q12 >= 0 && extent.most_q12 < (size - 1) * 4096;
 }
 
 // Steps along a lattice link of the dot: towards the patch, or away from it at the lattice's edge.
 PatchPlace frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t patch) {
-  const Corner corner = corner_of(rest.grid, patch);
+  const Corner corner = corner_of(rest.grid, dot_of(rest.grid, patch), patch % kPatchesPerDot);
   const Marker& own = rest.markers[idx(corner.own)];
   const std::int32_t beside = corner.beside != corner.own ? corner.beside : corner.own - corner.sx;
   const std::int32_t over = corner.over != corner.own ? corner.over : corner.own - corner.sy * rest.grid.cols;
@@ -272,96 +325,257 @@ PatchPlace frame_of(const Reduced& picture, const MarkerField& rest, std::int32_
   out.by_q12 = step(second.y.raw() - own.y.raw(), sb);
   out.x_q12 = reduced_q12(own.x.raw(), picture.left, picture.reduction_log2) + (out.ax_q12 + out.bx_q12) / 2;
   out.y_q12 = reduced_q12(own.y.raw(), picture.top, picture.reduction_log2) + (out.ay_q12 + out.by_q12) / 2;
-  out.usable = inside(picture, out);
+  out.usable = inside(extent_of(out.x_q12, out.ax_q12, out.bx_q12), picture.width) &&
+               inside(extent_of(out.y_q12, out.ay_q12, out.by_q12), picture.height);
   return out;
+}
+
+// How far each dot is from its rest position.
+struct Moves {
+  std::array<std::int32_t, kMaxMarkers> x_q8, y_q8;
+  std::array<bool, kMaxMarkers> known;  // neither place is a guess
+};
+
+Moves moves_of(const MarkerField& now, const MarkerField& rest) {
+  Moves out;  // NOLINT: filled as far as it is read
+  for (std::size_t i = 0; i < idx(rest.grid.count()); ++i) {
+    const Marker& to = now.markers[i];
+    const Marker& from = rest.markers[i];
+    out.x_q8[i] = to.x.raw() - from.x.raw();
+    out.y_q8[i] = to.y.raw() - from.y.raw();
+    out.known[i] = to.valid && from.valid;
+  }
+  return out;
+}
+
+// Eight patches along one axis of the picture: where their first samples are, and the steps to the next.
+struct Axis {
+  Lanes<std::int32_t> first_q12, a_q12, b_q12;
+};
+
+// What moved their dots.
+struct Pulls {
+  Lanes<std::int32_t> own_q8, beside_q8, over_q8, across_q8;
+};
+
+void set(Axis& axis, Pulls& pulls, std::size_t lane, std::array<std::int32_t, 3> place_q12, const Corner& corner,
+         const std::array<std::int32_t, kMaxMarkers>& moves_q8) {
+  axis.first_q12[lane] = place_q12[0];
+  axis.a_q12[lane] = place_q12[1];
+  axis.b_q12[lane] = place_q12[2];
+  pulls.own_q8[lane] = moves_q8[idx(corner.own)];
+  pulls.beside_q8[lane] = moves_q8[idx(corner.beside)];
+  pulls.over_q8[lane] = moves_q8[idx(corner.over)];
+  pulls.across_q8[lane] = moves_q8[idx(corner.across)];
 }
 
 // Where the patch is now, on a gel that has moved and stretched: its middle, a quarter of the way from its dot to each
 // neighbour, takes the bilinear mean of the four dots' displacements, and its steps their slope there. Beside a contact
-// the gel bends within a pitch; without the slope that shows as motion. false: one of the dots is lost.
-// Range: displacements of 2^21 in Q8.
-bool follow(const MarkerField& now, const MarkerField& rest, std::int32_t patch, std::int32_t reduction_log2,
-            PatchPlace& frame) {
-  const Corner corner = corner_of(rest.grid, patch);
-  std::array<std::int32_t, 4> x{}, y{};
-  const std::array<std::int32_t, 4> dots{corner.own, corner.beside, corner.over, corner.across};
-  for (std::size_t k = 0; k < dots.size(); ++k) {
-    const Marker& to = now.markers[idx(dots[k])];
-    const Marker& from = rest.markers[idx(dots[k])];
-    if (!to.valid || !from.valid) return false;
-    x[k] = to.x.raw() - from.x.raw();
-    y[k] = to.y.raw() - from.y.raw();
-  }
+// the gel bends within a pitch; without the slope that shows as motion. Range: displacements of 2^21 in Q8.
+void follow(Axis& axis, const Pulls& pulls, std::int32_t reduction_log2) {
   // Sixteenths of Q8 are Q12; a slope is a quarter's 4 over the 16 steps of a pitch, so a quarter of Q8 is Q12 of it.
   static_assert(kStepsPerPitch == 16);
-  const auto middle = [&](const std::array<std::int32_t, 4>& d) { return 9 * d[0] + 3 * d[1] + 3 * d[2] + d[3]; };
-  const auto slope_a = [&](const std::array<std::int32_t, 4>& d) { return (3 * (d[1] - d[0]) + d[3] - d[2]) / 4; };
-  const auto slope_b = [&](const std::array<std::int32_t, 4>& d) { return (3 * (d[2] - d[0]) + d[3] - d[1]) / 4; };
-  const std::int32_t ax = slope_a(x) >> reduction_log2, ay = slope_a(y) >> reduction_log2;
-  const std::int32_t bx = slope_b(x) >> reduction_log2, by = slope_b(y) >> reduction_log2;
-  frame.x_q12 += (middle(x) >> reduction_log2) - (kSide - 1) * (ax + bx) / 2;
-  frame.y_q12 += (middle(y) >> reduction_log2) - (kSide - 1) * (ay + by) / 2;
-  frame.ax_q12 += ax;
-  frame.ay_q12 += ay;
-  frame.bx_q12 += bx;
-  frame.by_q12 += by;
-  return true;
-}
-
-// Between pixels in 1/256: coarser steps show at the dots' rims as relief. Range: 12 bits times 2^16 stay below 2^28.
-void sample(const Reduced& picture, const PatchPlace& f, Samples& out) {
-  for (std::size_t i = 0; i < kPlaces.size(); ++i) {
-    const std::int32_t x = f.x_q12 + kPlaces[i].a * f.ax_q12 + kPlaces[i].b * f.bx_q12;
-    const std::int32_t y = f.y_q12 + kPlaces[i].a * f.ay_q12 + kPlaces[i].b * f.by_q12;
-    const std::uint16_t* from = picture.pixels.data() + std::ptrdiff_t{y >> 12} * picture.width + (x >> 12);
-    const std::int32_t fx = (x >> 4) & 255, fy = (y >> 4) & 255;
-    const std::int32_t upper = from[0] * (256 - fx) + from[1] * fx;
-    const std::int32_t lower = from[picture.width] * (256 - fx) + from[picture.width + 1] * fx;
-    out[i] = static_cast<std::int16_t>((upper * (256 - fy) + lower * fy + (1 << 15)) >> 16);
+#pragma GCC unroll 1
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    const std::int32_t own = pulls.own_q8[i], beside = pulls.beside_q8[i];
+    const std::int32_t over = pulls.over_q8[i], across = pulls.across_q8[i];
+    const std::int32_t a = (3 * (beside - own) + across - over) / 4 >> reduction_log2;
+    const std::int32_t b = (3 * (over - own) + across - beside) / 4 >> reduction_log2;
+    axis.first_q12[i] += ((9 * own + 3 * beside + 3 * over + across) >> reduction_log2) - (kSide - 1) * (a + b) / 2;
+    axis.a_q12[i] += a;
+    axis.b_q12[i] += b;
   }
 }
 
-// The empty gel's patch, 16 x luma.
-Samples rounded(const std::array<std::uint16_t, kFree>& empty_q4) {
-  Samples samples{};
-  for (std::size_t i = 0; i < samples.size(); ++i) samples[i] = static_cast<std::int16_t>((empty_q4[i] + 8) >> 4);
+// Along one axis, of all patches in the same lane that are in view.
+struct Extents {
+  Lanes<std::int32_t> least_q12, most_q12;
+};
+
+struct Places {
+  Axis x, y;
+};
+
+// Of eight patches from `first` on, which are then in view; those that are not go to the first pixel.
+void find(State& state, const Moves& moves, GridSize grid, std::int32_t first, Places& out, Extents& x, Extents& y) {
+  Pulls pulls_x, pulls_y;    // NOLINT: filled below
+  Lanes<std::int32_t> seen;  // NOLINT
+  for (std::int32_t lane = 0; lane < kLanes; ++lane) {
+    const bool is_there = first + lane < patches_of(grid);
+    const std::int32_t p = is_there ? first + lane : 0;
+    const PatchPlace& frame = state.frames[idx(p)];
+    const Corner corner = corner_of(grid, dot_of(grid, p), lane % kPatchesPerDot);
+    set(out.x, pulls_x, idx(lane), {frame.x_q12, frame.ax_q12, frame.bx_q12}, corner, moves.x_q8);
+    set(out.y, pulls_y, idx(lane), {frame.y_q12, frame.ay_q12, frame.by_q12}, corner, moves.y_q8);
+    const auto known = [&](std::int32_t dot) { return moves.known[idx(dot)]; };
+    const bool all = known(corner.own) && known(corner.beside) && known(corner.over) && known(corner.across);
+    seen[idx(lane)] = is_there && frame.usable && all ? -1 : 0;
+  }
+  follow(out.x, pulls_x, state.picture.reduction_log2);
+  follow(out.y, pulls_y, state.picture.reduction_log2);
+#pragma GCC unroll 1
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    const Extent across = extent_of(out.x.first_q12[i], out.x.a_q12[i], out.x.b_q12[i]);
+    const Extent down = extent_of(out.y.first_q12[i], out.y.a_q12[i], out.y.b_q12[i]);
+    const std::int32_t mask_x = inside(across, state.picture.width) ? seen[i] : 0;
+    const std::int32_t mask = inside(down, state.picture.height) ? mask_x : 0;
+    seen[i] = mask;
+    x.least_q12[i] = std::min(x.least_q12[i], mask != 0 ? across.least_q12 : INT32_MAX);
+    x.most_q12[i] = std::max(x.most_q12[i], across.most_q12 & mask);
+    y.least_q12[i] = std::min(y.least_q12[i], mask != 0 ? down.least_q12 : INT32_MAX);
+    y.most_q12[i] = std::max(y.most_q12[i], down.most_q12 & mask);
+    out.x.first_q12[i] &= mask;
+    out.x.a_q12[i] &= mask;
+    out.x.b_q12[i] &= mask;
+    out.y.first_q12[i] &= mask;
+    out.y.a_q12[i] &= mask;
+    out.y.b_q12[i] &= mask;
+  }
+  for (std::size_t i = 0; i < kLanes; ++i) state.in_view[idx(first) + i] = seen[i] != 0;
+}
+
+// The pixels around all of that.
+Box reach_of(const Extents& x, const Extents& y) {
+  const auto least = [](const Extents& of) {
+    return *std::min_element(of.least_q12.begin(), of.least_q12.end()) >> 12;
+  };
+  const auto most = [](const Extents& of) {
+    return (*std::max_element(of.most_q12.begin(), of.most_q12.end()) >> 12) + 1;
+  };
+  return {least(x), least(y), most(x), most(y)};
+}
+
+void spots_of(const Places& f, std::int32_t width, Spots& out) {
+  using Four [[gnu::vector_size(16)]] = std::int32_t;
+  constexpr std::size_t kHalves = 2;
+  using Both = std::array<Four, kHalves>;
+  static_assert(sizeof(Both) == sizeof(Lanes<std::int32_t>));
+  const auto both = [](const Lanes<std::int32_t>& lanes, Both& out_both) {
+    std::memcpy(&out_both, &lanes, sizeof lanes);
+  };
+  Both ax, ay, bx, by, row_x, row_y;  // NOLINT: filled below
+  both(f.x.a_q12, ax);
+  both(f.y.a_q12, ay);
+  both(f.x.b_q12, bx);
+  both(f.y.b_q12, by);
+  both(f.x.first_q12, row_x);
+  both(f.y.first_q12, row_y);
+  std::size_t s = 0;
+  for (std::int32_t b = 0; b < kSide; ++b) {
+    Both x = row_x, y = row_y;
+    for (std::size_t h = 0; h < kHalves; ++h) {
+      x[h] += ax[h] * kFirstFree[idx(b)];
+      y[h] += ay[h] * kFirstFree[idx(b)];
+      row_x[h] += bx[h];
+      row_y[h] += by[h];
+    }
+    for (std::int32_t a = kFirstFree[idx(b)]; a < kSide; ++a, s += kLanes) {
+      Both bytes;
+      for (std::size_t h = 0; h < kHalves; ++h) bytes[h] = ((y[h] >> 12) * width + (x[h] >> 12)) * 2;
+      std::memcpy(&out.x_q12[s], &x, sizeof x);
+      std::memcpy(&out.y_q12[s], &y, sizeof y);
+      std::memcpy(&out.bytes[s], &bytes, sizeof bytes);
+      for (std::size_t h = 0; h < kHalves; ++h) {
+        x[h] += ax[h];
+        y[h] += ay[h];
+      }
+    }
+  }
+}
+
+void sample(const Reduced& picture, const Places& f, Eight<std::int16_t>& out) {
+  Spots spots;  // NOLINT: filled below
+  spots_of(f, picture.width, spots);
+  Squares squares;  // NOLINT
+  const auto* const upper = reinterpret_cast<const std::byte*>(picture.pixels.data());
+  const std::byte* lower = upper + 2 * std::ptrdiff_t{picture.width};
+  asm("" : "+r"(lower));  // or gcc adds the width again for every sample
+  for (std::size_t i = 0; i < out.size(); i += kLanes) {
+    for (std::size_t s = i; s < i + kLanes; ++s) {
+      Square square;
+      std::memcpy(square.data(), upper + spots.bytes[s], 2 * sizeof square[0]);
+      std::memcpy(&square[2], lower + spots.bytes[s], 2 * sizeof square[0]);
+      squares[s] = square;
+    }
+  }
+  blend(squares, spots, out);
+}
+
+// The empty gel's patches, 16 x luma.
+Eight<std::int16_t> rounded(const Eight<std::uint16_t>& empty_q4) {
+  Eight<std::int16_t> samples;  // NOLINT
+  for (std::size_t s = 0; s < samples.size(); ++s)
+    samples[s] = static_cast<std::int16_t>(((empty_q4[s] >> 3) + 1) >> 1);
   return samples;
 }
 
-// What lies on it.
-Samples over_empty(const Samples& now, const std::array<std::uint16_t, kFree>& empty_q4) {
-  Samples c = rounded(empty_q4);
-  for (std::size_t i = 0; i < c.size(); ++i) c[i] = static_cast<std::int16_t>(now[i] - c[i]);
+// What lies on them.
+Eight<std::int16_t> over_empty(const Eight<std::int16_t>& now, const Eight<std::uint16_t>& empty_q4) {
+  Eight<std::int16_t> c;  // NOLINT
+  for (std::size_t s = 0; s < c.size(); ++s) c[s] = static_cast<std::int16_t>(now[s] - (((empty_q4[s] >> 3) + 1) >> 1));
   return c;
 }
 
-// Its gradient energy, kPairs times. Range: differences of 12 bits and a sign, twice.
-std::uint32_t relief_of(const Samples& c) {
-  std::uint32_t sum = 0;
+// Their gradient energy, kPairs times. Range: differences of 12 bits and a sign, twice.
+Lanes<std::uint32_t> relief_of(const Eight<std::int16_t>& c) {
+  Lanes<std::uint32_t> sum{};
+#pragma GCC unroll 34
   for (const Pair& pair : kNeighbours) {
-    const std::int32_t slope = c[pair.second] - c[pair.first];
-    sum += static_cast<std::uint32_t>(slope * slope);
+#pragma GCC unroll 1
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const auto slope = static_cast<std::int16_t>(c[pair.second * kLanes + lane] - c[pair.first * kLanes + lane]);
+      sum[lane] += static_cast<std::uint32_t>(slope * slope);
+    }
+  }
+  return sum;
+}
+
+// Their sums.
+Lanes<std::int32_t> shading_of(const Eight<std::int16_t>& c) {
+  Lanes<std::int32_t> sum{};
+  for (std::size_t i = 0; i < kFree; ++i) {
+#pragma GCC unroll 1
+    for (std::size_t lane = 0; lane < kLanes; ++lane) sum[lane] += c[i * kLanes + lane];
   }
   return sum;
 }
 
 // The empty gel shows so much of its own that a little less than perfect tracking would pass for a relief. Range:
 // slopes of 16 bits and a sign, twice 17 of them.
-bool is_marked(const std::array<std::uint16_t, kFree>& empty_q4, const Config& config) {
-  std::int64_t sum = 0;
-  for (const Pair& pair : kNeighbours) sum += square(empty_q4[pair.second] - empty_q4[pair.first]);
-  return sum > std::int64_t{kPairs} * config.most_print * 256 * 256;
+Lanes<bool> are_marked(const Eight<std::uint16_t>& empty_q4, const Config& config) {
+  Lanes<std::int64_t> sum{};
+#pragma GCC unroll 34
+  for (const Pair& pair : kNeighbours) {
+#pragma GCC unroll 1
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const auto slope = static_cast<std::uint16_t>(
+          std::abs(empty_q4[pair.second * kLanes + lane] - empty_q4[pair.first * kLanes + lane]));
+      sum[lane] += std::uint32_t{slope} * slope;
+    }
+  }
+  Lanes<bool> out;  // NOLINT
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    out[lane] = sum[lane] > std::int64_t{kPairs} * config.most_print * 256 * 256;
+  }
+  return out;
 }
 
 // Mean square about the mean, kFree^2 times. Range: 25 * 25 * 4080^2 = 1.1e10.
-std::int64_t change_of(const Samples& now, const Samples& then) {
-  std::int32_t sum = 0, squares = 0;
-  for (std::size_t i = 0; i < now.size(); ++i) {
-    const std::int32_t r = now[i] - then[i];
-    sum += r;
-    squares += r * r;
+Lanes<std::int64_t> change_of(const Eight<std::int16_t>& now, const Eight<std::int16_t>& then) {
+  Lanes<std::int32_t> sum{}, squares{};
+  for (std::size_t i = 0; i < kFree; ++i) {
+#pragma GCC unroll 1
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const auto r = static_cast<std::int16_t>(now[i * kLanes + lane] - then[i * kLanes + lane]);
+      sum[lane] += r;
+      squares[lane] += r * r;
+    }
   }
-  return std::int64_t{kFree} * squares - square(sum);
+  Lanes<std::int64_t> out;  // NOLINT
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    out[lane] = std::int64_t{kFree} * squares[lane] - square(sum[lane]);
+  }
+  return out;
 }
 
 // --- Evidence ---
@@ -387,11 +601,14 @@ std::int64_t threshold_of(const State& state, const Config& config) {
   return std::max(floor, state.empty.noise_relief * config.contact_over_noise_q4 / 16);
 }
 
-// The patch among kSlope's weights, along the axes of the patch. Range: 25 weights of up to 4 on 12 bits.
-template <typename Value>
-std::int32_t slope_of(const std::array<std::int8_t, kFree>& weights, const std::array<Value, kFree>& samples) {
-  std::int32_t sum = 0;
-  for (std::size_t i = 0; i < weights.size(); ++i) sum += weights[i] * samples[i];
+// The patches among kSlope's weights, along the axes of the patch. Range: 25 weights of up to 4 on 15 bits.
+Lanes<std::int32_t> slope_of(const std::array<std::int8_t, kFree>& weights, const Eight<std::int16_t>& samples) {
+  Lanes<std::int32_t> sum{};
+#pragma GCC unroll 25
+  for (std::size_t i = 0; i < kFree; ++i) {
+#pragma GCC unroll 1
+    for (std::size_t lane = 0; lane < kLanes; ++lane) sum[lane] += weights[i] * samples[i * kLanes + lane];
+  }
   return sum;
 }
 
@@ -450,32 +667,38 @@ Log2Q8 coarse_motion(const State& state, const Kept& then, GridSize grid, std::s
   static_assert(coarse::kMostPatches == kMaxPatches && coarse::kLeastPatches <= kLeastPatches);
   std::array<coarse::Patch, kMaxPatches> patches;  // NOLINT: filled as far as it is read
   std::size_t count = 0;
-  for (const Seen& one : seen) {
-    const std::size_t k = idx(one.patch);
-    const Corner corner = corner_of(grid, one.patch);
-    const Samples empty = rounded(state.empty.samples_q4[k]);
-    const auto both = [&](const std::array<std::int8_t, kFree>& weights) {
-      return slope_of(weights, state.last.samples[k]) + slope_of(weights, then.samples[k]);
-    };
-    coarse::Patch& patch = patches[count++];
-    patch.change = state.last.shading[k] - then.shading[k];
-    patch.shading = state.last.shading[k] + then.shading[k];
-    const std::int32_t empty_a = slope_of(kSlope.a, empty), empty_b = slope_of(kSlope.b, empty);
-    patch.slope_x = corner.sx * (both(kSlope.a) - 2 * empty_a);
-    patch.slope_y = corner.sy * (both(kSlope.b) - 2 * empty_b);
-    patch.empty_x = corner.sx * empty_a;
-    patch.empty_y = corner.sy * empty_b;
-    // From the lattice's middle.
-    patch.x = 4 * (corner.own % grid.cols) + corner.sx - 2 * (grid.cols - 1);
-    patch.y = 4 * (corner.own / grid.cols) + corner.sy - 2 * (grid.rows - 1);
+  for (std::int32_t first = 0; first < patches_of(grid); first += kLanes) {
+    const std::size_t e = idx(first / kLanes);
+    const Eight<std::int16_t> empty = rounded(state.empty.samples_q4[e]);
+    Eight<std::int16_t> both;  // NOLINT: of c
+    for (std::size_t s = 0; s < both.size(); ++s) {
+      both[s] = static_cast<std::int16_t>(state.last.samples.eights[e][s] + then.samples.eights[e][s] - 2 * empty[s]);
+    }
+    const Lanes<std::int32_t> both_a = slope_of(kSlope.a, both), both_b = slope_of(kSlope.b, both);
+    const Lanes<std::int32_t> empty_a = slope_of(kSlope.a, empty), empty_b = slope_of(kSlope.b, empty);
+    for (std::int32_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t k = idx(first + lane);
+      if (!state.last.seen[k] || !then.seen[k]) continue;
+      const Corner corner = corner_of(grid, dot_of(grid, first + lane), lane % kPatchesPerDot);
+      coarse::Patch& patch = patches[count++];
+      patch.change = state.last.shading[k] - then.shading[k];
+      patch.shading = state.last.shading[k] + then.shading[k];
+      patch.slope_x = corner.sx * both_a[idx(lane)];
+      patch.slope_y = corner.sy * both_b[idx(lane)];
+      patch.empty_x = corner.sx * empty_a[idx(lane)];
+      patch.empty_y = corner.sy * empty_b[idx(lane)];
+      // From the lattice's middle.
+      patch.x = 4 * (corner.own % grid.cols) + corner.sx - 2 * (grid.cols - 1);
+      patch.y = 4 * (corner.own / grid.cols) + corner.sy - 2 * (grid.rows - 1);
+    }
   }
   return coarse::motion(std::span(patches).first(count), carried, step_q8, saturations);
 }
 
 // Mean displacement of the markers, each at most two pitches along an axis: no gel goes further (1.1 of them is the
-// most on the recordings), and one marker that jumps must not say that all did. Range: 128 times 2^17, times 2^16 um,
-// stay below 2^41.
-void carry(const MarkerField& markers, const MarkerField& rest, PixelsQ8 pitch, std::int32_t pitch_um, Kept& out) {
+// most on the recordings), and one marker that jumps must not say that all did. Range: 128 times 2^18, times 2^16, stay
+// below 2^41.
+void carry(const MarkerField& markers, const MarkerField& rest, PixelsQ8 pitch, Kept& out) {
   const std::int32_t most = 2 * pitch.raw();
   std::int64_t x = 0, y = 0, n = 0;
   for (std::int32_t i = 0; i < rest.grid.count(); ++i) {
@@ -486,17 +709,17 @@ void carry(const MarkerField& markers, const MarkerField& rest, PixelsQ8 pitch, 
     y += std::clamp(to.y.raw() - from.y.raw(), -most, most);
     ++n;
   }
+  constexpr std::int64_t kSteps_q12 = std::int64_t{kStepsPerPitch} << 12;
   const std::int64_t all = std::max<std::int64_t>(n * pitch.raw(), 1);
-  out.carried_x_um = static_cast<std::int32_t>(div_round(x * pitch_um, all));
-  out.carried_y_um = static_cast<std::int32_t>(div_round(y * pitch_um, all));
+  out.carried_x_q12 = static_cast<std::int32_t>(div_round(x * kSteps_q12, all));
+  out.carried_y_q12 = static_cast<std::int32_t>(div_round(y * kSteps_q12, all));
 }
 
-// Half of the way that the gel went between the two, squared. Range: ways of four pitches, 64 steps, along each axis.
-coarse::Carried carried_between(const Kept& now, const Kept& then, std::int32_t pitch_um) {
-  constexpr std::int64_t kSteps2_q10 = std::int64_t{kStepsPerPitch} * kStepsPerPitch * 1024 / 4;
-  const std::int64_t way_um2 =
-      square(now.carried_x_um - then.carried_x_um) + square(now.carried_y_um - then.carried_y_um);
-  return {div_round(way_um2 * kSteps2_q10, square(pitch_um))};
+// Half of the way that the gel went between the two, squared. Range: ways of 2^18, squares of 2^36.
+coarse::Carried carried_between(const Kept& now, const Kept& then) {
+  const std::int64_t way2_q24 =
+      square(now.carried_x_q12 - then.carried_x_q12) + square(now.carried_y_q12 - then.carried_y_q12);
+  return {way2_q24 / 4 >> 4};
 }
 
 // Range, of 320 patches: weights of 2^25.1 and changes of 2^25.4 make sums below 2^59.
@@ -505,11 +728,15 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   const Kept& last = state.last;
   std::array<Seen, kMaxPatches> both;  // NOLINT: filled as far as it is read
   std::size_t count = 0;
-  for (std::int32_t p = 0; p < patches_of(grid); ++p) {
-    if (!last.seen[idx(p)] || !then.seen[idx(p)]) continue;
-    const std::uint32_t a = last.relief[idx(p)], b = then.relief[idx(p)];
-    both[count++] = {p, a, b, static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
-                     static_cast<std::int32_t>(change_of(last.samples[idx(p)], then.samples[idx(p)]) >> kChangeShift)};
+  for (std::int32_t first = 0; first < patches_of(grid); first += kLanes) {
+    const std::size_t e = idx(first / kLanes);
+    const Lanes<std::int64_t> change = change_of(last.samples.eights[e], then.samples.eights[e]);
+    for (std::int32_t p = first; p < first + kLanes; ++p) {
+      if (!last.seen[idx(p)] || !then.seen[idx(p)]) continue;
+      const std::uint32_t a = last.relief[idx(p)], b = then.relief[idx(p)];
+      both[count++] = {p, a, b, static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
+                       static_cast<std::int32_t>(change[idx(p - first)] >> kChangeShift)};
+    }
   }
   if (count < kLeastPatches) return;
   const auto n = static_cast<std::int64_t>(count);
@@ -528,7 +755,7 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
                                 saturations);
   static_assert(kStepsPerPitch == 1 << 4);
   const std::int32_t step_q8 = log_of(config.pitch_um) - 4 * 256;
-  const coarse::Carried carried = carried_between(last, then, config.pitch_um);
+  const coarse::Carried carried = carried_between(last, then);
   out.coarse = coarse_motion(state, then, grid, seen, carried, step_q8, saturations);
   const std::int64_t floor = n * (kFloor + square(state.empty.noise_relief >> (kWeightShift - 1)));
   energy += n * kRegularisation;
@@ -539,16 +766,33 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   out.motion = Log2Q8::saturate(std::max(step_q8 + square_q8 / 2, 0), saturations);
 }
 
-// Into the mean of the empty gel: of all frames up to kEmptyMean, then fading.
-void take_into(Empty& empty, std::int32_t patch, const Samples& now) {
-  std::array<std::uint16_t, kFree>& mean_q4 = empty.samples_q4[idx(patch)];
-  const bool first = !empty.learned[idx(patch)];
-  for (std::size_t i = 0; i < now.size(); ++i) {
-    const std::int32_t now_q4 = now[i] * 16;
-    const std::int64_t step = first ? now_q4 - mean_q4[i] : div_round(now_q4 - mean_q4[i], empty.frames);
-    mean_q4[i] = static_cast<std::uint16_t>(mean_q4[i] + step);
+// Into the mean of the empty gel: of all frames up to kEmptyMean, then fading. Of those `in_view`.
+void take_into(Empty& empty, std::int32_t first, const Lanes<bool>& in_view, const Eight<std::int16_t>& now) {
+  Eight<std::uint16_t>& mean_q4 = empty.samples_q4[idx(first / kLanes)];
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    bool& learned = empty.learned[idx(first) + lane];
+    if (!in_view[lane] || (learned && empty.frames > 1)) continue;
+    for (std::size_t s = lane; s < now.size(); s += kLanes) mean_q4[s] = u16(static_cast<std::uint32_t>(now[s]) * 16);
+    learned = true;
   }
-  empty.learned[idx(patch)] = true;
+  if (empty.frames == 1) return;
+  // A difference of 16 bits over `frames`, rounded to nearest: 2^32 / frames, rounded up, is off by less than 64 in
+  // 2^32, so the product by less than 2^23 in 2^32, and the quotient's fraction is at most 1 - 1/64.
+  static_assert(kEmptyMean <= 64);
+  const auto frames = static_cast<std::uint32_t>(empty.frames);
+  const std::uint32_t inverse_q32 = UINT32_MAX / frames + 1, half = frames / 2;
+  Lanes<std::int32_t> mask;  // NOLINT: filled below
+  for (std::size_t lane = 0; lane < kLanes; ++lane) mask[lane] = in_view[lane] ? -1 : 0;
+  for (std::size_t i = 0; i < kFree; ++i) {
+#pragma GCC unroll 1
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      std::uint16_t& mean = mean_q4[i * kLanes + lane];
+      const std::int32_t off = (now[i * kLanes + lane] * 16 - mean) & mask[lane];
+      const std::uint32_t rounded = static_cast<std::uint32_t>(std::abs(off)) + half;
+      const auto step = static_cast<std::int32_t>(std::uint64_t{rounded} * inverse_q32 >> 32);
+      mean = static_cast<std::uint16_t>(mean + (off < 0 ? -step : step));
+    }
+  }
 }
 
 void place(State& state, const LumaView& picture, const MarkerField& rest, PixelsQ8 pitch) {
@@ -562,7 +806,54 @@ void place(State& state, const LumaView& picture, const MarkerField& rest, Pixel
   state.placed = true;
 }
 
+// Every patch as the picture shows it, into state.last. How many are in contact.
+std::int32_t look(State& state, const Config& config, const LumaView& picture, const MarkerField& markers,
+                  const MarkerField& rest, bool is_new) {
+  Kept& last = state.last;
+  const Moves moves = moves_of(markers, rest);
+  const std::int64_t threshold = threshold_of(state, config);
+  std::array<Places, kEights> places;  // NOLINT: filled as far as it is read
+  const std::int32_t patches = patches_of(rest.grid);
+  Extents x, y;  // NOLINT: filled below
+  for (Extents* extents : {&x, &y}) {
+    extents->least_q12.fill(INT32_MAX);
+    extents->most_q12.fill(0);
+  }
+  for (std::int32_t first = 0; first < patches; first += kLanes) {
+    find(state, moves, rest.grid, first, places[idx(first / kLanes)], x, y);
+  }
+  // When the patches have just been laid out, all of it: nothing of another layout is left.
+  const Box all{0, 0, state.picture.width - 1, state.picture.height - 1};
+  reduce(state.picture, picture, is_new ? all : reach_of(x, y));
+
+  std::int32_t in_contact = 0;
+  for (std::int32_t first = 0; first < patches; first += kLanes) {
+    Eight<std::int16_t>& samples = last.samples.eights[idx(first / kLanes)];
+    sample(state.picture, places[idx(first / kLanes)], samples);
+    const Eight<std::int16_t> c = over_empty(samples, state.empty.samples_q4[idx(first / kLanes)]);
+    const Lanes<std::uint32_t> relief = relief_of(c);
+    const Lanes<std::int32_t> shading = shading_of(c);
+    for (std::int32_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t p = idx(first + lane);
+      last.seen[p] = state.in_view[p] && state.empty.learned[p] && !state.empty.marked[p];
+      last.relief[p] = relief[idx(lane)];
+      last.shading[p] = shading[idx(lane)];
+      if (last.seen[p] && relief[idx(lane)] > threshold) ++in_contact;
+    }
+  }
+  return in_contact;
+}
+
 }  // namespace
+
+void blend_scalar(const Squares& squares, const Spots& spots, Eight<std::int16_t>& out) {
+  for (std::size_t s = 0; s < out.size(); ++s) {
+    const std::int32_t fx = spots.x_q12[s] >> 4 & 255, fy = spots.y_q12[s] >> 4 & 255;
+    const std::int32_t above = squares[s][0] * (256 - fx) + squares[s][1] * fx;
+    const std::int32_t below = squares[s][2] * (256 - fx) + squares[s][3] * fx;
+    out[s] = static_cast<std::int16_t>((above * (256 - fy) + below * fy + (1 << 15)) >> 16);
+  }
+}
 
 void forget(State& state) {
   place_again(state);
@@ -576,36 +867,18 @@ void forget(State& state) {
 ImprintFeatures update(State& state, const Config& config, const LumaView& picture, const MarkerField& markers,
                        const MarkerField& rest, PixelsQ8 pitch, Micros now, Saturations& saturations) {
   ImprintFeatures out{};
-  if (!state.placed || picture.width != state.width || picture.height != state.height) {
-    place(state, picture, rest, pitch);
-  }
+  const bool is_new = !state.placed || picture.width != state.width || picture.height != state.height;
+  if (is_new) place(state, picture, rest, pitch);
   // Another stream may count its time from another start.
   if (state.count > 0 && now <= state.kept[idx(state.newest)].at) state.count = 0;
   Kept& last = state.last;
   last.at = now;
-  carry(markers, rest, pitch, config.pitch_um, last);
+  carry(markers, rest, pitch, last);
   last.seen.fill(false);
   state.in_view.fill(false);
   if (state.picture.width == 0) return out;
 
-  reduce(state.picture, picture);
-  const std::int64_t threshold = threshold_of(state, config);
-  std::int32_t in_contact = 0;
-  const std::int32_t patches = patches_of(rest.grid);
-  for (std::int32_t p = 0; p < patches; ++p) {
-    PatchPlace frame = state.frames[idx(p)];
-    if (!frame.usable || !follow(markers, rest, p, state.picture.reduction_log2, frame)) continue;
-    if (!inside(state.picture, frame)) continue;
-    Samples& samples = last.samples[idx(p)];
-    sample(state.picture, frame, samples);
-    state.in_view[idx(p)] = true;
-    if (!state.empty.learned[idx(p)] || state.empty.marked[idx(p)]) continue;
-    last.seen[idx(p)] = true;
-    const Samples c = over_empty(samples, state.empty.samples_q4[idx(p)]);
-    last.relief[idx(p)] = relief_of(c);
-    last.shading[idx(p)] = std::accumulate(c.begin(), c.end(), std::int32_t{0});
-    if (last.relief[idx(p)] > threshold) ++in_contact;
-  }
+  const std::int32_t in_contact = look(state, config, picture, markers, rest, is_new);
   out.patches = Count::from_raw(in_contact);
   if (const Kept* const then = picture_before(state, now); then != nullptr) {
     compare(state, *then, config, rest.grid, out, saturations);
@@ -625,14 +898,20 @@ void learn_empty(State& state, const Config& config) {
   empty.frames = std::min(empty.frames + 1, kEmptyMean);
   std::int64_t reliefs = 0;
   std::int32_t seen = 0;
-  for (std::int32_t p = 0; p < kMaxPatches; ++p) {
-    if (!state.in_view[idx(p)]) continue;
-    if (state.last.seen[idx(p)]) {
-      reliefs += state.last.relief[idx(p)];
+  for (std::int32_t first = 0; first < kMaxPatches; first += kLanes) {
+    Lanes<bool> in_view;  // NOLINT: filled below
+    std::copy_n(state.in_view.begin() + first, kLanes, in_view.begin());
+    if (std::none_of(in_view.begin(), in_view.end(), [](bool one) { return one; })) continue;
+    take_into(empty, first, in_view, state.last.samples.eights[idx(first / kLanes)]);
+    const Lanes<bool> marked = are_marked(empty.samples_q4[idx(first / kLanes)], config);
+    for (std::int32_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t p = idx(first + lane);
+      if (!state.in_view[p]) continue;
+      empty.marked[p] = marked[idx(lane)];
+      if (!state.last.seen[p]) continue;
+      reliefs += state.last.relief[p];
       ++seen;
     }
-    take_into(empty, p, state.last.samples[idx(p)]);
-    empty.marked[idx(p)] = is_marked(empty.samples_q4[idx(p)], config);
   }
   if (seen > 0 && empty.frames > kNoiseAfter) {
     empty.noise_relief += div_round(reliefs / seen - empty.noise_relief, empty.frames - kNoiseAfter);

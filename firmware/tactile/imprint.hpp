@@ -44,6 +44,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 
 #include "tactile/types.hpp"
@@ -103,15 +104,17 @@ inline constexpr int kPairs = [] {
 static_assert(kFree == 25 && kPairs == 17);
 
 // The picture on the gel, reduced to 11 to 23 pixels a pitch and smoothed: 16 x luma, 12 bits. Only the part that the
-// lattice can reach.
+// lattice can reach, of which each frame renews what its patches reach.
 inline constexpr std::int32_t kMaxReducedPixels = 64'000;
 inline constexpr int kMaxReduction_log2 = 4;
+inline constexpr int kLanes = 8;   // of a vector of 16 bits
+inline constexpr int kStrip = 56;  // reduced at once
 
 struct Reduced {
   std::int32_t reduction_log2 = 0;  // pixels of the working picture to one of these: 1, 2, 4, 8, 16
   std::int32_t left = 0, top = 0;   // of the working picture, in reduced pixels
   std::int32_t width = 0, height = 0;
-  std::array<std::uint16_t, kMaxReducedPixels> pixels{};
+  std::array<std::uint16_t, kMaxReducedPixels + kStrip> pixels{};  // and where the last row's strip ends
 };
 
 // Where a patch lies on the empty gel, in 1/4096 reduced pixels from the centre of the top left one: its sample (0, 0),
@@ -125,14 +128,32 @@ struct PatchPlace {
 
 using Samples = std::array<std::int16_t, kFree>;  // 16 x luma, in the order of b, then a
 
+// Eight patches side by side, so that compilers make vectors of what is done to the same sample of each: sample i of
+// patch p is [p / kLanes][i * kLanes + p % kLanes].
+inline constexpr int kEights = kMaxPatches / kLanes;
+static_assert(kMaxPatches % kLanes == 0 && kLanes % kPatchesPerDot == 0);
+template <typename Value>
+using Lanes = std::array<Value, kLanes>;
+template <typename Value>
+using Eight = std::array<Value, std::size_t{kFree} * kLanes>;
+
+struct PatchSamples {
+  std::array<Eight<std::int16_t>, kEights> eights{};
+  [[nodiscard]] constexpr Samples operator[](std::size_t patch) const {
+    Samples samples{};
+    for (std::size_t i = 0; i < kFree; ++i) samples[i] = eights[patch / kLanes][i * kLanes + patch % kLanes];
+    return samples;
+  }
+};
+
 // What later pictures are compared with.
 struct Kept {
   Micros at{};
-  std::int32_t carried_x_um = 0, carried_y_um = 0;  // mean displacement of the markers
+  std::int32_t carried_x_q12 = 0, carried_y_q12 = 0;  // mean displacement of the markers, 1/4096 step
   std::array<bool, kMaxPatches> seen{};
   std::array<std::uint32_t, kMaxPatches> relief{};  // kPairs * G; <= 2 * 17 * 8160^2 = 2.3e9
   std::array<std::int32_t, kMaxPatches> shading{};  // kFree * mean of c, 1/16 level; below 2^17
-  std::array<Samples, kMaxPatches> samples{};
+  PatchSamples samples{};
 };
 
 inline constexpr Micros kKeepEvery{35'000};
@@ -142,9 +163,9 @@ inline constexpr int kNoiseAfter = 8;  // frames on the empty gel before its noi
 
 // What was learned of the empty gel: all that a restarted process needs to go on (store/checkpoint.hpp).
 struct Empty {
-  std::array<std::array<std::uint16_t, kFree>, kMaxPatches> samples_q4{};  // of the patches, in Q4
-  std::array<bool, kMaxPatches> learned{};                                 // the patch was seen on the empty gel
-  std::array<bool, kMaxPatches> marked{};                                  // and shows too much there
+  std::array<Eight<std::uint16_t>, kEights> samples_q4{};  // of the patches, in Q4
+  std::array<bool, kMaxPatches> learned{};                 // the patch was seen on the empty gel
+  std::array<bool, kMaxPatches> marked{};                  // and shows too much there
   int frames = 0;
   std::int64_t noise_relief = 0;  // kPairs * G of a patch of the empty gel
 };
@@ -180,5 +201,18 @@ inline void place_again(State& state) {
 // Nothing touches the gel in the frame that update() saw last: it goes into the mean of the empty gel and its noise.
 // Called after the frame has been searched for a contact, so that no touch is learned as the empty gel.
 void learn_empty(State& state, const Config& config);
+
+// Inside it: eight patches' samples, and the four pixels around each, the upper two first.
+struct Spots {
+  Eight<std::int32_t> x_q12, y_q12;  // reduced pixels
+  Eight<std::int32_t> bytes;         // from the picture's first to the upper left of the four
+};
+using Square = std::array<std::uint16_t, 4>;
+using Squares = std::array<Square, std::tuple_size_v<Eight<std::int16_t>>>;
+
+// Between pixels in 1/256: coarser steps show at the dots' rims as relief. blend() is vector code, the same integers as
+// blend_scalar(). Range: pixels of 12 bits times 2^16 stay below 2^28.
+void blend(const Squares& squares, const Spots& spots, Eight<std::int16_t>& out);
+void blend_scalar(const Squares& squares, const Spots& spots, Eight<std::int16_t>& out);
 
 }  // namespace holdfast::imprint

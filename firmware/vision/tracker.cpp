@@ -288,14 +288,15 @@ Status update(State& state, const Config& config, const LumaView& luma) {
     if (state.field.markers[idx(i)].valid) look(state, config, luma, i, swollen);
   }
   keep_order(state);
-  const bool jumped =
-      !state.names_sure || lost_count(state) - lost_before >= config.lost_to_search || outer_line_lost(state);
-  if (!jumped && lost_count(state) > 0) {
+  int lost = lost_count(state);
+  const bool jumped = !state.names_sure || lost - lost_before >= config.lost_to_search || outer_line_lost(state);
+  if (!jumped && lost > 0) {
     look_for_lost(state, config, luma, swollen);
     keep_order(state);
+    lost = lost_count(state);
   }
 
-  if (!jumped && lost_count(state) == 0) {
+  if (!jumped && lost == 0) {
     state.frames_to_search = 0;
   } else if (jumped || --state.frames_to_search <= 0) {
     state.frames_to_search = config.search_every;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
+#include <cstring>
 
 #include "base/math.hpp"
 
@@ -29,24 +30,35 @@ struct Background {
   std::int32_t tilt_y = 0;  // bottom minus top
 };
 
+// Sum of `count` bytes, 8 at once, in four sums of 16 bits. Range: count a multiple of 8, at most 128, so 32 640 in
+// all.
+std::int32_t sum_of(const std::uint8_t* from, std::int32_t count) {
+  constexpr std::uint64_t kEverySecond = 0x00FF00FF00FF00FF;
+  static_assert(kStep == sizeof(std::uint64_t) && kMaxSize <= 128);
+  std::uint64_t sums = 0;
+  for (std::int32_t x = 0; x < count; x += kStep) {
+    std::uint64_t bytes = 0;
+    std::memcpy(&bytes, from + x, sizeof bytes);
+    sums += (bytes & kEverySecond) + (bytes >> 8 & kEverySecond);
+  }
+  sums += sums >> 32;
+  return static_cast<std::int32_t>((sums + (sums >> 16)) & 0xFFFF);
+}
+
 // Plane through the means of the window's four sides. A side cannot be darker than the brightest one by more than a
 // third of the dot's contrast: what is darker holds a dot (the marker jumped, or a neighbour came near). Limiting
 // instead of switching keeps the re-centring from cycling between two answers (seen beside the dark rims of real gels).
 Background background_of(const LumaView& luma, std::int32_t size, Place at, std::int32_t contrast) {
   const std::uint8_t* first = luma.row(at.top) + at.left;
   const std::uint8_t* last = luma.row(at.top + size - 1) + at.left;
-  std::int32_t top = 0, bottom = 0, left = 0, right = 0;
-  for (std::int32_t x = 0; x < size; x += kStep) {
-    for (std::int32_t i = x; i < x + kStep; ++i) {
-      top += first[i];
-      bottom += last[i];
-    }
-  }
+  std::int32_t top = sum_of(first, size), bottom = sum_of(last, size), left = 0, right = 0;
   // Every second row: half the loads, and the level still stands on three quarters of the rim.
-  for (std::int32_t y = 0; y < size; y += 2) {
-    const std::uint8_t* row = first + static_cast<std::ptrdiff_t>(y) * luma.stride;
-    left += 2 * row[0];
-    right += 2 * row[size - 1];
+  const std::ptrdiff_t two_rows = 2 * std::ptrdiff_t{luma.stride};
+  for (std::int32_t y = 0; y < size; y += kStep) {
+    for (std::int32_t j = 0; j < kStep; j += 2, first += two_rows) {
+      left += 2 * first[0];
+      right += 2 * first[size - 1];
+    }
   }
   const std::int32_t darkest = std::max({top, bottom, left, right}) - contrast * size / 3;
   for (std::int32_t* side : {&top, &bottom, &left, &right}) *side = std::max(*side, darkest);

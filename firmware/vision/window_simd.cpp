@@ -12,6 +12,7 @@
 //             96        12 378 ->  7 297 |  22 590 -> 14 747
 //            128        23 781 -> 15 696 |  40 719 -> 26 402
 //   a whole frame      116 794 -> 106 205 | 193 000 -> 156 600
+// The last 8 columns of a window of 24, of two rows in one vector: a whole frame 104 008 -> 100 075 (aarch64).
 // Not part of the integer gate: vector registers are its point.
 #include <array>
 
@@ -30,69 +31,80 @@ namespace {
 constexpr std::int32_t kBand = 8;
 constexpr std::int32_t kLanes = 16;
 
-// The column a group begins at. The last one of a window of 24 begins at 8, and its first half counts nothing.
-constexpr std::int32_t first_of(std::size_t group, std::int32_t size) {
-  const std::int32_t first = static_cast<std::int32_t>(group) * kLanes;
-  return first + kLanes <= size ? first : size - kLanes;
-}
-
 // first, first + step, ... in eight lanes.
 cv::v_int16x8 ramp(std::int32_t first, std::int32_t step) {
   const auto at = [&](std::int32_t lane) { return static_cast<std::int16_t>(first + step * lane); };
   return {at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)};
 }
 
+// Columns go in groups of 16, as two halves of 16 bits. The last 8 of a window of 24 share one vector for two rows.
 template <std::int32_t kSize>
 Sums sums_of(const std::uint8_t* top_left, std::int32_t stride, const Plane& plane, std::uint8_t cap) {
-  constexpr std::size_t kGroups = (kSize + kLanes - 1) / kLanes;
+  constexpr std::size_t kGroups = kSize / kLanes;
+  constexpr bool kHasRest = kSize % kLanes != 0;
+  constexpr std::int32_t kRest = kSize - kLanes / 2;
+  constexpr std::size_t kHalves = 2 * kGroups + (kHasRest ? 1 : 0);
   const cv::v_int16x8 slope_x = cv::v_setall_s16(plane.slope_x_q9);
-  const cv::v_uint8x16 second_half(0, 0, 0, 0, 0, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255);
+  const cv::v_uint8x16 most = cv::v_setall_u8(cap);
+  const auto levels = [&](std::int32_t x) { return cv::v_mul_wrap(ramp(2 * x - (kSize - 1), 2), slope_x) >> 9; };
+  const auto level_of = [&](std::int32_t first, std::int32_t second) {
+    return cv::v_reinterpret_as_u8(cv::v_pack(levels(first), levels(second)));
+  };
   std::array<cv::v_uint8x16, kGroups> level_x;
-  std::array<cv::v_uint8x16, kGroups> most;
-  std::array<cv::v_uint16x8, 2 * kGroups> column;
   for (std::size_t g = 0; g < kGroups; ++g) {
-    const std::int32_t first = first_of(g, kSize);
-    const auto levels = [&](std::int32_t x) { return cv::v_mul_wrap(ramp(2 * x - (kSize - 1), 2), slope_x) >> 9; };
-    level_x[g] = cv::v_reinterpret_as_u8(cv::v_pack(levels(first), levels(first + kLanes / 2)));
-    most[g] = cv::v_setall_u8(cap);
-    if (first % kLanes != 0) most[g] = most[g] & second_half;
-    column[2 * g] = column[2 * g + 1] = cv::v_setzero_u16();
+    const std::int32_t first = static_cast<std::int32_t>(g) * kLanes;
+    level_x[g] = level_of(first, first + kLanes / 2);
   }
+  const cv::v_uint8x16 level_rest = level_of(kRest, kRest);
+  std::array<cv::v_uint16x8, kHalves> column;
+  for (cv::v_uint16x8& half : column) half = cv::v_setzero_u16();
   const cv::v_int16x8 ones = cv::v_setall_s16(1);
   cv::v_int32x4 mass = cv::v_setzero_s32();
   cv::v_int32x4 bands = cv::v_setzero_s32();  // sum over the bands of (bands from it on) * w
   cv::v_int32x4 rows = cv::v_setzero_s32();   // sum over the rows of (rows of its band from it on) * w
   for (std::int32_t y = 0; y < kSize; y += kBand) {
-    std::array<cv::v_uint16x8, 2 * kGroups> band;
-    std::array<cv::v_uint16x8, 2 * kGroups> running;
-    for (std::size_t h = 0; h < 2 * kGroups; ++h) band[h] = running[h] = cv::v_setzero_u16();
-    for (std::int32_t j = 0; j < kBand; ++j) {
-      const std::uint8_t* row = top_left + static_cast<std::ptrdiff_t>(y + j) * stride;
-      const std::int32_t tilt = (plane.slope_y_q9 * (2 * (y + j) - (kSize - 1))) >> 9;
-      const cv::v_uint8x16 offset = cv::v_setall_u8(static_cast<std::uint8_t>(plane.level + tilt));
-      for (std::size_t g = 0; g < kGroups; ++g) {
-        const cv::v_uint8x16 level = cv::v_add_wrap(level_x[g], offset);
-        const cv::v_uint8x16 weight = cv::v_min(level - cv::v_load(row + first_of(g, kSize)), most[g]);
-        band[2 * g] = cv::v_add_wrap(band[2 * g], cv::v_expand_low(weight));
-        band[2 * g + 1] = cv::v_add_wrap(band[2 * g + 1], cv::v_expand_high(weight));
-        running[2 * g] = cv::v_add_wrap(running[2 * g], band[2 * g]);
-        running[2 * g + 1] = cv::v_add_wrap(running[2 * g + 1], band[2 * g + 1]);
+    std::array<cv::v_uint16x8, kHalves> band;
+    std::array<cv::v_uint16x8, kHalves> running;
+    for (std::size_t h = 0; h < kHalves; ++h) band[h] = running[h] = cv::v_setzero_u16();
+    const auto add = [&](std::size_t h, const cv::v_uint16x8& weight) {
+      band[h] = cv::v_add_wrap(band[h], weight);
+      running[h] = cv::v_add_wrap(running[h], band[h]);
+    };
+    for (std::int32_t j = 0; j < kBand; j += 2) {
+      const std::uint8_t* const row = top_left + static_cast<std::ptrdiff_t>(y + j) * stride;
+      std::array<cv::v_uint8x16, 2> offset;
+      for (std::int32_t k = 0; k < 2; ++k) {
+        const std::int32_t tilt = (plane.slope_y_q9 * (2 * (y + j + k) - (kSize - 1))) >> 9;
+        offset[static_cast<std::size_t>(k)] = cv::v_setall_u8(static_cast<std::uint8_t>(plane.level + tilt));
+        for (std::size_t g = 0; g < kGroups; ++g) {
+          const cv::v_uint8x16 level = cv::v_add_wrap(level_x[g], offset[static_cast<std::size_t>(k)]);
+          const cv::v_uint8x16 weight = cv::v_min(level - cv::v_load(row + k * stride + g * kLanes), most);
+          add(2 * g, cv::v_expand_low(weight));
+          add(2 * g + 1, cv::v_expand_high(weight));
+        }
+      }
+      if constexpr (kHasRest) {
+        const cv::v_uint8x16 level = cv::v_add_wrap(level_rest, cv::v_combine_low(offset[0], offset[1]));
+        const cv::v_uint8x16 pixels = cv::v_load_halves(row + kRest, row + stride + kRest);
+        const cv::v_uint8x16 weight = cv::v_min(level - pixels, most);
+        add(kHalves - 1, cv::v_expand_low(weight));
+        add(kHalves - 1, cv::v_expand_high(weight));
       }
     }
     cv::v_uint16x8 total = cv::v_setzero_u16();
-    for (std::size_t g = 0; g < kGroups; ++g) {
-      total = cv::v_add_wrap(total, cv::v_add_wrap(band[2 * g], band[2 * g + 1]));
-      const cv::v_uint16x8 both = cv::v_add_wrap(running[2 * g], running[2 * g + 1]);
-      rows = cv::v_dotprod_fast(cv::v_reinterpret_as_s16(both), ones, rows);
-      column[2 * g] = cv::v_add_wrap(column[2 * g], band[2 * g]);
-      column[2 * g + 1] = cv::v_add_wrap(column[2 * g + 1], band[2 * g + 1]);
+    for (std::size_t h = 0; h < kHalves; h += 2) {
+      const bool both = h + 1 < kHalves;
+      total = cv::v_add_wrap(total, both ? cv::v_add_wrap(band[h], band[h + 1]) : band[h]);
+      const cv::v_uint16x8 of_rows = both ? cv::v_add_wrap(running[h], running[h + 1]) : running[h];
+      rows = cv::v_dotprod_fast(cv::v_reinterpret_as_s16(of_rows), ones, rows);
     }
+    for (std::size_t h = 0; h < kHalves; ++h) column[h] = cv::v_add_wrap(column[h], band[h]);
     mass = cv::v_dotprod_fast(cv::v_reinterpret_as_s16(total), ones, mass);
     bands += mass;
   }
   cv::v_int32x4 weighted_x = cv::v_setzero_s32();
-  for (std::size_t h = 0; h < 2 * kGroups; ++h) {
-    const std::int32_t x = first_of(h / 2, kSize) + static_cast<std::int32_t>(h % 2) * kLanes / 2;
+  for (std::size_t h = 0; h < kHalves; ++h) {
+    const std::int32_t x = static_cast<std::int32_t>(h) * kLanes / 2;
     weighted_x = cv::v_dotprod_fast(cv::v_reinterpret_as_s16(column[h]), ramp(x, 1), weighted_x);
   }
   const std::int32_t sum = cv::v_reduce_sum(mass);

@@ -47,6 +47,7 @@ class ImprintReference {
     int patches = 0;
     int least_patches = 0, most_patches = 0;  // with the threshold kContactRounding up and down
     double coarse_signal = 0.0;               // as CoarseSeen::signal; 0 where there is too much relief
+    double coarse_left = 1.0;                 // share of its square that being carried does not explain
     double relief = 0.0;                      // mean of g, levels^2
 
     // Rounding does not decide whether there is a coarse motion: evidence that is over a twentieth of what it is the
@@ -376,7 +377,8 @@ class ImprintReference {
       const double um = config_.pitch_um / 16.0 * seen.motion_steps;
       out.coarse_um = less_carried(um);
       out.coarse_signal = seen.signal;
-      if (um > 0.0) out.coarse_signal = std::min(seen.signal, 1.0 - std::pow(carried_um / um, 2));
+      if (um > 0.0) out.coarse_left = 1.0 - std::pow(carried_um / um, 2);
+      out.coarse_signal = std::min(seen.signal, out.coarse_left);
     }
     const double floor = n * (0.1 + std::pow(noise_relief_ / kPairs / kLevels2, 2));
     out.over_floor = std::min(energy_now, energy_then) / floor;

@@ -259,23 +259,23 @@ TEST(Coarse, LosesWhatBeingCarriedExplains) {
   const double alone = steps(moved(patches));
   CHECK(alone > 0.7);
   for (const double carried : {0.1, 0.3, 0.9}) {
-    const auto steps2_q10 = static_cast<std::int64_t>(std::lround(1024.0 * carried * carried * alone * alone));
+    const auto steps2_q20 = static_cast<std::int64_t>(std::lround(1048576.0 * carried * carried * alone * alone));
     const double exact = alone * std::sqrt(1.0 - carried * carried);
-    DOUBLES_EQUAL(std::log2(exact), std::log2(steps(moved(patches, {steps2_q10}))), 3.0 / 256);
+    DOUBLES_EQUAL(std::log2(exact), std::log2(steps(moved(patches, {steps2_q20}))), 3.0 / 256);
   }
-  LONGS_EQUAL(0, moved(patches, {static_cast<std::int64_t>(1024.0 * 1.1 * alone * alone)}));
-  LONGS_EQUAL(0, moved(patches, {1 << 21}));
+  LONGS_EQUAL(0, moved(patches, {static_cast<std::int64_t>(1048576.0 * 1.1 * alone * alone)}));
+  LONGS_EQUAL(0, moved(patches, {std::int64_t{1} << 31}));
 }
 
-// Against double, over all sizes of energy; 2^-20: of the 38 bits that are kept.
+// Against double, over all sizes of energy; 2^-20: of the 30 bits that are kept, and one unit of what is left.
 TEST(Coarse, ExplainedEvidenceIsTheEnergysShare) {
   for (int bits = 10; bits < 62; ++bits) {
-    for (const std::int64_t carried : {0, 1, 700, 1 << 21}) {
+    for (const std::int64_t carried : {0LL, 1LL, 700LL, 1LL << 20, 1LL << 31}) {
       const std::int64_t energy = (std::int64_t{1} << bits) + 12345;
-      const double exact = static_cast<double>(energy) * static_cast<double>(carried) / 1024.0 * 625.0 / 68.0;
+      const double exact = static_cast<double>(energy) * static_cast<double>(carried) / 1048576.0 * 625.0 / 68.0;
       const double expected = std::min(exact, std::ldexp(1.0, 62));
       DOUBLES_EQUAL(expected, static_cast<double>(coarse::explained({carried}, energy, 625, 68)),
-                    std::ldexp(expected, -20) + 10.0);
+                    std::ldexp(expected, -20) + std::ldexp(10.0, std::max(bits - 29, 0)));
     }
   }
 }
@@ -470,4 +470,37 @@ TEST(Coarse, ExtremesOfTheRangesDoNotWrap) {
   }
   equals_reference(patches, "longest");
   CHECK(moved(patches) > kStep_q8 + 12 * 256);
+}
+
+TEST_GROUP(CoarseTwins){};
+
+// Every room, shares up to their bound on both sides, modes up to theirs; halves are as likely as the rest in small
+// rooms.
+TEST(CoarseTwins, VectorFormGivesThePlainFormsIntegers) {
+  std::mt19937 random(7);
+  const auto any_of = [&](std::int32_t most) {
+    return std::uniform_int_distribution<std::int32_t>(-most, most)(random);
+  };
+  constexpr std::int32_t kMode = 1 << 20;
+  coarse::Vector mode{}, start{};
+  for (int room = 11; room <= 62; ++room) {
+    const std::int32_t most = (1 << std::min(24, room + 7)) - 1;
+    for (const std::int32_t share : {0, 1, -1, most, -most, any_of(most), any_of(most), any_of(1 << 12)}) {
+      for (std::size_t i = 0; i < mode.size(); ++i) {
+        mode[i] = i % 3 == 0 ? any_of(kMode) : i % 3 == 1 ? any_of(64) : i % 2 == 0 ? kMode : -kMode;
+        start[i] = any_of(1 << 21);
+      }
+      for (const std::size_t n : {coarse::kTogether, mode.size()}) {
+        coarse::Vector vector = start, plain = start;
+        coarse::subtract(vector, mode, share, room, n);
+        coarse::subtract_scalar(plain, mode, share, room, n);
+        CHECK_TEXT(vector == plain, ("room " + std::to_string(room) + ", share " + std::to_string(share)).c_str());
+      }
+      // By hand, in wider numbers.
+      coarse::Vector once = start;
+      coarse::subtract(once, mode, share, room, coarse::kTogether);
+      const long double exact = std::floor(std::ldexp((long double)share * mode[0], -room) + 0.5L);
+      CHECK(once[0] == start[0] - static_cast<std::int32_t>(exact));
+    }
+  }
 }

@@ -987,7 +987,9 @@ TEST(Imprint, EqualsTheReferenceInDouble) {
         if (seen.coarse.raw() == 0) ++still;
       }
       if (expected.tells_coarse() && seen.coarse.raw() > 0) {
-        worst_coarse = std::max(worst_coarse, std::abs(seen.coarse.raw() / 256.0 - std::log2(expected.coarse_um)));
+        // An error of the whole square weighs more in what is left of it.
+        const double off = std::abs(seen.coarse.raw() / 256.0 - std::log2(expected.coarse_um));
+        worst_coarse = std::max(worst_coarse, expected.coarse_left * off);
         ++coarse;
       }
       CHECK(test::ImprintReference::may_move(expected, seen.motion.raw()));
@@ -1088,5 +1090,37 @@ TEST(Imprint, AnyLatticeInAnyPicture) {
                            [](const imprint::PatchPlace& f) { return f.usable; }));
       }
     }
+  }
+}
+
+TEST_GROUP(ImprintTwins){};
+
+// The darkest and the brightest pixels in every pattern, every fraction of a pixel, and anything.
+TEST(ImprintTwins, VectorFormGivesThePlainFormsIntegers) {
+  std::mt19937 random(11);
+  imprint::Squares squares{};
+  imprint::Spots spots{};
+  for (int trial = 0; trial < 2000; ++trial) {
+    for (std::size_t s = 0; s < squares.size(); ++s) {
+      const auto pattern = static_cast<std::uint32_t>(random());
+      for (std::size_t k = 0; k < 4; ++k) {
+        const auto any = static_cast<std::uint32_t>(random() % 4081);
+        squares[s][k] = static_cast<std::uint16_t>(trial % 2 == 0 ? any : (pattern >> k & 1u) * 4080);
+      }
+      const auto place = [&](bool any, std::uint32_t rim) {
+        return static_cast<std::int32_t>(any ? random() >> 8 : rim + 4096 * s);
+      };
+      spots.x_q12[s] = place(trial % 3 == 0, (pattern >> 4 & 1u) * 4095);
+      spots.y_q12[s] = place(trial % 3 == 1, (pattern >> 5 & 1u) * 4080);
+    }
+    imprint::Eight<std::int16_t> vector{}, plain{};
+    imprint::blend(squares, spots, vector);
+    imprint::blend_scalar(squares, spots, plain);
+    CHECK(vector == plain);
+    // By hand, in double: fractions of 1/256 are exact in it.
+    const double fx = (spots.x_q12[0] / 16 % 256) / 256.0, fy = (spots.y_q12[0] / 16 % 256) / 256.0;
+    const double above = squares[0][0] * (1 - fx) + squares[0][1] * fx,
+                 below = squares[0][2] * (1 - fx) + squares[0][3] * fx;
+    LONGS_EQUAL(static_cast<long>(std::floor(above * (1 - fy) + below * fy + 0.5)), vector[0]);
   }
 }
