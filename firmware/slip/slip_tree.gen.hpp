@@ -14,7 +14,7 @@ inline constexpr std::string_view kName = "slip_v5";
 inline constexpr std::string_view kFeatureSet = "touch";
 inline constexpr int kDepth = 20;
 inline constexpr int kNodes = 411;
-inline constexpr std::uint32_t kModelCrc32 = 0x2AE922A1;  // of the model's text
+inline constexpr std::uint32_t kModelCrc32 = 0x1ABD13A6;  // of the model's text
 
 // The first predicate on each feature.
 // clang-format off
@@ -35,7 +35,7 @@ inline constexpr std::array<Predicate, 17> kFirst{{
     {0, 231},  // reach_um
     {5, -79},  // residual_rate_um_s
     {12, 10718},  // easing_ppm_s
-    {14, 64},  // imprint_growth_log2_q8
+    {14, 96},  // imprint_growth_log2_q8
 }};
 // clang-format on
 
@@ -481,7 +481,7 @@ inline constexpr std::array<Predicate, 17> kFirst{{
       }
       return Verdict::kHold;
     }
-    if (imprint_growth_log2_q8 <= 64) {
+    if (imprint_growth_log2_q8 <= 96) {
       if (flow_residual_um_s <= 60) return Verdict::kHold;
       return Verdict::kSlipNow;
     }

@@ -378,7 +378,7 @@ class ImprintReference {
       out.coarse_um = less_carried(um);
       out.coarse_signal = seen.signal;
       if (um > 0.0) out.coarse_left = 1.0 - std::pow(carried_um / um, 2);
-      out.coarse_signal = std::min(seen.signal, out.coarse_left);
+      out.coarse_signal = seen.signal * out.coarse_left;
     }
     const double floor = n * (0.1 + std::pow(noise_relief_ / kPairs / kLevels2, 2));
     out.over_floor = std::min(energy_now, energy_then) / floor;
