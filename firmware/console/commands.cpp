@@ -234,8 +234,7 @@ void evidence_of(Console& console, Page& page, bool json) {
   } else {
     page.nothing("contact");
   }
-  const evidence::Shown shown =
-      evidence::show({app.tree()}, result.features, result.evidence, app.outputs().reason == Reason::kContactLost);
+  const evidence::Shown shown = console.shown(app.outputs().reason);
   if (!known || shown.evidence == Evidence::kNone) {
     page.nothing("evidence");
     return;

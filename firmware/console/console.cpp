@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "base/math.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/marker_frame.hpp"
 
 namespace holdfast::console {
@@ -15,8 +16,6 @@ constexpr std::string_view kUnlock = "unlock";  // the command
 constexpr Micros kScreenEvery{200'000};         // 5 Hz: as fast as figures can be read
 constexpr std::size_t kMostWaiting = 128;       // what a fast typist, or a robot's frames, may have under way
 constexpr std::uint8_t kLost = 0x1A;            // no key of text: the line that it stands in is damaged
-constexpr int kMarkersEvery = 5;                // pictures
-constexpr int kRestEvery = 125;                 // pictures: who begins to listen later learns it within 5 s
 
 // Equal time whatever they hold: how long a wrong code takes tells nothing about the right one. Range: codes up to 64.
 bool equal_codes(std::string_view a, std::string_view b) {
@@ -432,14 +431,29 @@ void Console::telemetry() {
   std::array<std::uint8_t, status_frame::kWireBytes> wire{};
   status_frame::encode(told, wire);
   send_frame(wire);
-  if (told.features_valid) send_markers();
+  if (!told.features_valid) return;
+  send_evidence(told.reason);
+  send_markers();
+}
+
+evidence::Shown Console::shown(Reason reason) const {
+  const App& app = daemon_.app();
+  return evidence::show({app.tree()}, app.result().features, app.result().evidence, reason == Reason::kContactLost);
+}
+
+void Console::send_evidence(Reason reason) {
+  const pipeline::Result& result = daemon_.app().result();
+  std::array<std::uint8_t, evidence_frame::kWireBytes> wire{};
+  evidence_frame::encode(
+      evidence_frame::frame_of(seen_, shown(reason), result.contact, result.features.imprint, result.run), wire);
+  send_frame(wire);
 }
 
 void Console::send_markers() {
   const pipeline::State& state = daemon_.app().state();
-  const bool rest = !rest_known_ || pictures_ % kRestEvery == 0;
-  const bool now = pictures_ % kMarkersEvery == 0;
-  pictures_ = static_cast<std::uint16_t>((pictures_ + 1) % kRestEvery);
+  const bool rest = !rest_known_ || pictures_ % marker_frame::kRestEvery == 0;
+  const bool now = pictures_ % marker_frame::kEvery == 0;
+  pictures_ = static_cast<std::uint16_t>((pictures_ + 1) % marker_frame::kRestEvery);
   const std::int32_t pieces = marker_frame::frames_of(state.displacement.grid);
   std::array<std::uint8_t, marker_frame::kWireBytes> wire{};
   if (rest && out_.room() >= idx(pieces) * (wire.size() + 1)) {

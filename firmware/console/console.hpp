@@ -4,7 +4,7 @@
 // A line is a command; its answer ends with `OK` or `ERR <number> <name>: ...`, so that no program has to guess how
 // long to wait. Read commands take the word `json`: one line, stable keys. What changes the device needs `unlock` with
 // the device's code first. Lines that begin with `*` are the device's own and may stand between answers. `watch on`
-// puts status and marker frames (LINK.md) between the lines, and prompts no more.
+// puts status, evidence and marker frames (LINK.md) between the lines, and prompts no more.
 //
 // Authority: a command frame needs the unlock, too, unless Place::host_commands says otherwise. The lock closes by
 // `lock`, ten minutes after the last command, with a wrong code, and when whoever was at the other end has gone; what
@@ -35,6 +35,7 @@
 #include "hal/store.hpp"
 #include "hal/verifier.hpp"
 #include "params/params.hpp"
+#include "slip/evidence.hpp"
 #include "store/models.hpp"
 #include "store/settings.hpp"
 #include "store/slot_store.hpp"
@@ -147,6 +148,8 @@ class Console {
   void stream(Stream stream);
   void ask_to_restart() { restart_ = true; }
   [[nodiscard]] std::uint32_t frames_lost() const { return frames_lost_; }
+  // Of the last picture; `reason`: of the device's state.
+  [[nodiscard]] evidence::Shown shown(Reason reason) const;
   // Command frames, for want of authority.
   [[nodiscard]] std::uint32_t refused() const { return refused_; }
 
@@ -167,6 +170,7 @@ class Console {
   void say_state();
   void telemetry();
   void send_frame(std::span<const std::uint8_t> wire);
+  void send_evidence(Reason reason);
   void send_markers();
   void trace_line();
   void go_on_with_settings();

@@ -22,7 +22,7 @@ namespace holdfast::link {
 
 inline constexpr std::uint8_t kVersion = 1;
 inline constexpr std::uint8_t kLastVersion = 8;  // TAB is 9
-enum class Kind : std::uint8_t { kStatus = 1, kCommand = 2, kAnswer = 3, kDisplacement = 4, kRest = 5 };
+enum class Kind : std::uint8_t { kStatus = 1, kCommand = 2, kAnswer = 3, kDisplacement = 4, kRest = 5, kEvidence = 6 };
 
 inline constexpr std::size_t kMaxPayloadBytes = 32;
 inline constexpr std::size_t kMinPayloadBytes = 4;  // version, kind, CRC

@@ -20,6 +20,8 @@
 namespace holdfast::marker_frame {
 
 inline constexpr std::int32_t kPerFrame = 5;
+inline constexpr std::int32_t kEvery = 5;        // pictures
+inline constexpr std::int32_t kRestEvery = 125;  // pictures: who begins to listen later learns it within 5 s
 
 struct Point {
   std::int16_t x_um = 0;

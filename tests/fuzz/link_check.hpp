@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "link/command_frame.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/link.hpp"
 #include "link/status_frame.hpp"
 #include "toolchain/robot/holdfast_link.h"
@@ -125,6 +126,13 @@ inline bool same(const command_frame::AnswerFrame& a, const holdfast_answer& b) 
   return a.sequence == b.sequence && static_cast<int>(a.command) == b.command && static_cast<int>(a.result) == b.result;
 }
 
+inline bool same(const evidence_frame::EvidenceFrame& a, const holdfast_evidence& b) {
+  return a.sequence == b.sequence && a.finger == b.finger && a.contact == b.contact && a.evidence == b.evidence &&
+         a.unit == b.unit && a.run == b.run && a.patches == b.patches && a.value_milli == b.value_milli &&
+         a.threshold_milli == b.threshold_milli && a.motion_log2_um_q8 == b.motion_log2_um_q8 &&
+         a.coarse_log2_um_q8 == b.coarse_log2_um_q8 && a.growth_log2_q8 == b.growth_log2_q8;
+}
+
 // What both sides make of a sound frame: the same, or a finding.
 inline std::string check_frame(const link::Payload& payload, const holdfast_receiver& robot, int kind) {
   namespace cf = command_frame;
@@ -132,10 +140,12 @@ inline std::string check_frame(const link::Payload& payload, const holdfast_rece
   const status_frame::Decoded status = status_frame::read(payload);
   const auto command = cf::read_command(payload);
   const auto answer = cf::read_answer(payload);
+  const auto evidence = evidence_frame::read(payload);
   const bool known_state = kind == HOLDFAST_KIND_STATUS && body[10] <= 5;
   if (status.ok() != known_state) return "a status frame that one of them does not take";
   if (command.has_value() != (kind == HOLDFAST_KIND_COMMAND)) return "a command that one of them does not take";
   if (answer.has_value() != (kind == HOLDFAST_KIND_ANSWER)) return "an answer that one of them does not take";
+  if (evidence.has_value() != (kind == HOLDFAST_KIND_EVIDENCE)) return "evidence that one of them does not take";
   holdfast_status robot_status{};
   if (kind == HOLDFAST_KIND_STATUS && (holdfast_link_status(&robot, &robot_status) != 0) != status.ok()) {
     return "a state that one of them does not take";
@@ -148,6 +158,14 @@ inline std::string check_frame(const link::Payload& payload, const holdfast_rece
     cf::encode(*answer, wire);
     if (!same(*answer, robot_answer)) return "another answer";
     if (!std::ranges::equal(wire, frame_around(body))) return "an answer that is encoded otherwise";
+  }
+  if (evidence) {
+    holdfast_evidence robot_evidence{};
+    holdfast_link_evidence(&robot, &robot_evidence);
+    std::array<std::uint8_t, evidence_frame::kWireBytes> wire{};
+    evidence_frame::encode(*evidence, wire);
+    if (!same(*evidence, robot_evidence)) return "another evidence";
+    if (!std::ranges::equal(wire, frame_around(body))) return "evidence that is encoded otherwise";
   }
   if (command) {
     const holdfast_command sent{command->sequence, static_cast<std::uint8_t>(command->command), command->argument};
@@ -206,8 +224,9 @@ inline LinkBytes link_stream(std::span<const std::uint8_t> script) {
       for (int i = op % 16; i >= 0; --i) stream.push_back(next());
       continue;
     }
-    constexpr std::array<int, 4> kBody{0, 30, 6, 6};
-    const int kind = op % 4;
+    constexpr std::array<int, 8> kKind{0, 1, 2, 3, 0, 6, 2, 3};
+    constexpr std::array<int, 7> kBody{0, 30, 6, 6, 0, 0, 25};
+    const int kind = kKind[op % 8U];
     const int size = kind == 0 ? 2 + op / 4 % 16 * 2 : kBody[static_cast<std::size_t>(kind)];
     LinkBytes body{(op & 0x40) != 0 ? next() : std::uint8_t{1}, static_cast<std::uint8_t>(kind)};
     while (body.size() < static_cast<std::size_t>(size)) body.push_back(next());
@@ -222,12 +241,15 @@ inline std::vector<LinkBytes> link_seeds() {
       {1, 1, 1, 2, 4, 3, 2, 1, 0x9C, 1, 3, 98, 13, 63, 0x24, 0xFA, 0xFF, 0xFF, 0xFA, 0, 0, 0, 0, 0, 2, 0, 0, 4, 0, 0});
   const LinkBytes command = frame_around({1, 2, 7, 0, 5, 1});
   const LinkBytes answer = frame_around({1, 3, 7, 0, 5, 0});
+  const LinkBytes evidence =
+      frame_around({1, 6, 1, 2, 0, 2, 1, 1, 2, 45, 0, 0, 0xF0, 0, 0, 0xD0, 0x84, 0, 0, 0xF1, 5, 0, 1, 0xF4, 0xFF});
   const LinkBytes line = bytes_of("help\n");
   const LinkBytes zero{0};
   LinkBytes bad = status;
   bad[9] ^= 4;
   const LinkBytes cut(status.begin(), status.begin() + 20);
   return {status + status + answer,
+          status + evidence + zero + line + evidence,
           line + zero + status + line + zero + answer + line,
           zero + command + zero + command + line,
           line + bad + status,

@@ -475,6 +475,20 @@ await check("live: every shown value is what the firmware's decoder says", async
   }
 });
 
+await check("live: a board says what the verdict stands on, in each frame that has features", async () => {
+  const told = new Map(values.evidence.map((one) => [one.sequence, one]));
+  for (let i = 0; i < values.status.length; ++i) {
+    await scrub(live, i);
+    const want = told.get(values.status[i].sequence);
+    assert.equal(await live.locator("#why").isVisible(), want !== undefined);
+    if (want === undefined) continue;
+    const why = (await text(live, "why")).match(/^Contact (\w+)\. Evidence: (\w+) ([\d.]+) of ([\d.]+) (.*?), (\d+) frames? in a row.*\.$/);
+    assert.deepEqual([why[1], why[2], why[5], why[6]], [want.contact, want.evidence, want.unit, String(want.run)]);
+    near(Number(why[3]), want.value_milli / 1000, 0.051, "evidence");
+    near(Number(why[4]), want.threshold_milli / 1000, 0.051, "threshold");
+  }
+});
+
 await check("live: arrows are the displacements of the firmware, and the damaged field is left out", async () => {
   let arrows = 0;
   await live.locator("#factor").evaluate((input) => {

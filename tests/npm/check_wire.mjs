@@ -8,7 +8,7 @@ import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
-import { Receiver, cobsDecode, crc16, openFrame, readMarkers, readStatus } from "../../toolchain/page/wire.js";
+import { Receiver, cobsDecode, crc16, openFrame, readEvidence, readMarkers, readStatus } from "../../toolchain/page/wire.js";
 import { WIRE } from "../../toolchain/page/tables.js";
 
 const root = resolve(dirname(fileURLToPath(import.meta.url)), "../..");
@@ -26,11 +26,13 @@ function check(name, act) {
 }
 
 function receive(pieces) {
-  const got = { status: [], markers: [], text: [], wires: [], damaged: 0 };
+  const got = { status: [], evidence: [], markers: [], text: [], wires: [], damaged: 0 };
   const receiver = new Receiver({
     frame: (payload) => {
       const status = readStatus(payload);
+      const evidence = readEvidence(payload);
       if (status !== null) got.status.push(status);
+      else if (evidence !== null) got.evidence.push({ behind: got.status.at(-1)?.sequence, ...evidence });
       else got.markers.push(readMarkers(payload));
     },
     text: (line) => got.text.push(line),
@@ -78,6 +80,29 @@ check("every value of the firmware's decoder, in pieces of any size", () => {
     assert.deepEqual(got.text, values.texts);
   }
 });
+check("every evidence of the firmware, behind its status frame", () => {
+  const { evidence } = receive([bytes]);
+  assert.equal(evidence.length, values.evidence.length);
+  const kinds = new Set();
+  let alone = 0;
+  evidence.forEach((frame, i) => {
+    const want = values.evidence[i];
+    kinds.add(want.evidence);
+    if (frame.behind !== frame.sequence) ++alone;
+    const words = { contact: WIRE.contacts[frame.contact], evidence: WIRE.evidences[frame.evidence], unit: WIRE.units[frame.unit] };
+    for (const [name, value] of Object.entries(want)) assert.equal(words[name] ?? frame[name], value, `evidence ${i}, ${name}`);
+    assert.deepEqual(frame.why, {
+      contact: want.contact,
+      evidence: want.evidence,
+      evidence_value: Number((want.value_milli / 1000).toFixed(1)),
+      evidence_threshold: Number((want.threshold_milli / 1000).toFixed(1)),
+      evidence_unit: want.unit,
+      evidence_frames: want.run,
+    });
+  });
+  assert.equal(alone, 1); // behind the damaged status frame
+  assert.ok(kinds.size > 1, [...kinds].join(" "));
+});
 check("every displacement of the firmware", () => {
   const told = new Map();
   for (const frame of receive([bytes]).markers) {
@@ -119,7 +144,7 @@ check("and in the stream as well: no wrong value, no text", () => {
         const copy = wire.slice();
         copy[at] = value;
         const got = receive([head, [0], copy, head]);
-        assert.equal(got.status.length + got.markers.length, 0);
+        assert.equal(got.status.length + got.evidence.length + got.markers.length, 0);
         assert.ok(got.text[0] === "hello");
       }
     }
@@ -135,6 +160,22 @@ check("an unknown kind, version or state is passed over", () => {
     other[at] = value;
     assert.equal(readStatus(other), null);
     assert.equal(readMarkers(other), null);
+    assert.equal(readEvidence(other), null);
   }
+});
+check("evidence of newer firmware is not taken for another, and where nobody can tell there is no contact", () => {
+  const payload = new Uint8Array(WIRE.evidenceBytes);
+  payload[0] = WIRE.version;
+  payload[1] = WIRE.kinds.evidence;
+  payload[WIRE.evidence.contact[0]] = 255;
+  payload[WIRE.evidence.evidence[0]] = 9;
+  const { why } = readEvidence(payload);
+  assert.deepEqual([why.contact, why.evidence], [null, "evidence of newer firmware"]);
+  for (const [at, value] of [[0, 2], [1, 9]]) {
+    const other = payload.slice();
+    other[at] = value;
+    assert.equal(readEvidence(other), null);
+  }
+  assert.equal(readEvidence(payload.subarray(1)), null);
 });
 console.log(`${checks} passed`);

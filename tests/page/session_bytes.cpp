@@ -27,6 +27,7 @@
 #include "drivers/sim/hande.hpp"
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/serial.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/link.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
@@ -116,10 +117,34 @@ json damage(std::vector<std::uint8_t>& bytes) {
   return fields;
 }
 
+template <typename Rows>
+std::string name_in(const Rows& rows, std::uint8_t number) {
+  for (const evidence_frame::Row& row : rows) {
+    if (row.number == number) return std::string(row.name);
+  }
+  return {};
+}
+
+json evidence_of(const evidence_frame::EvidenceFrame& e) {
+  return {{"sequence", e.sequence},
+          {"finger", e.finger},
+          {"contact", name_in(evidence_frame::kContacts, e.contact)},
+          {"evidence", name_in(evidence_frame::kEvidences, e.evidence)},
+          {"unit", evidence_frame::kUnits[e.unit]},
+          {"run", e.run},
+          {"patches", e.patches},
+          {"value_milli", e.value_milli},
+          {"threshold_milli", e.threshold_milli},
+          {"motion_log2_um_q8", e.motion_log2_um_q8},
+          {"coarse_log2_um_q8", e.coarse_log2_um_q8},
+          {"growth_log2_q8", e.growth_log2_q8}};
+}
+
 // What the firmware's decoder makes of the bytes.
 json decoded(std::span<const std::uint8_t> bytes) {
   link::Receiver receiver;
   json frames = json::array();
+  json evidence = json::array();
   json texts = json::array();
   std::string line;
   for (const std::uint8_t byte : bytes) {
@@ -131,6 +156,7 @@ json decoded(std::span<const std::uint8_t> bytes) {
       }
     }
     if (event != link::Event::kFrame) continue;
+    if (const auto e = evidence_frame::read(receiver.payload())) evidence.push_back(evidence_of(*e));
     const auto [error, f] = status_frame::read(receiver.payload());
     if (error != link::DecodeError::kNone) continue;
     frames.push_back({{"sequence", f.sequence},
@@ -148,7 +174,11 @@ json decoded(std::span<const std::uint8_t> bytes) {
                       {"entropy_nat_q16", f.entropy_nat_q16},
                       {"entropy_rate_nat_s_q8", f.entropy_rate_nat_s_q8}});
   }
-  return {{"status", frames}, {"texts", texts}, {"damaged", receiver.damaged()}, {"frames", receiver.frames()}};
+  return {{"status", frames},
+          {"evidence", evidence},
+          {"texts", texts},
+          {"damaged", receiver.damaged()},
+          {"frames", receiver.frames()}};
 }
 
 int run(int argc, char** argv) {

@@ -31,7 +31,7 @@ def hear(data, piece=None):
 
 
 class Session(unittest.TestCase):
-    """A simulated grasp as a board sends it: status and marker frames between lines of text, two of them damaged."""
+    """A simulated grasp as a board sends it: status, evidence and marker frames between lines of text, two of them damaged."""
 
     @classmethod
     def setUpClass(cls):
@@ -42,7 +42,7 @@ class Session(unittest.TestCase):
             cls.sent, cls.values = sent.read_bytes(), json.loads(values.read_text())
         cls.wires = []  # of sound frames, with their end
         for piece in cls.sent.split(b"\0"):
-            payload = link.cobs_decode(piece) if len(piece) in (31, 33) else None
+            payload = link.cobs_decode(piece) if len(piece) in (28, 31, 33) else None
             if payload and link.decode(payload):
                 cls.wires.append(piece + b"\0")
 
@@ -59,6 +59,15 @@ class Session(unittest.TestCase):
                 for name, value in want.items():
                     self.assertEqual(words.get(name, getattr(frame, name)), value, name)
                     self.assertIs(type(words.get(name, getattr(frame, name))), type(value))
+
+    def test_every_evidence(self):
+        got = [frame for frame in hear(self.sent)[1] if frame.frame == "evidence"]
+        self.assertEqual(len(got), len(self.values["evidence"]))
+        self.assertGreater(len({frame.evidence_name for frame in got}), 1)
+        for frame, want in zip(got, self.values["evidence"]):
+            for name, value in want.items():
+                words = {"contact": "contact_name", "evidence": "evidence_name", "unit": "unit_name"}
+                self.assertEqual(getattr(frame, words.get(name, name)), value, name)
 
     def test_every_displacement(self):
         got = {}
@@ -78,7 +87,7 @@ class Session(unittest.TestCase):
 
     def test_every_single_bit_flip_is_refused(self):
         flips = 0
-        for wire in self.wires[:40] + [example(1), example(2)]:
+        for wire in self.wires[:40] + [example(1), example(2), example(3)]:
             for bit in range(8 * len(wire)):
                 bad = bytearray(wire)
                 bad[bit // 8] ^= 1 << bit % 8
@@ -118,6 +127,10 @@ class Frames(unittest.TestCase):
         self.assertTrue(link.answers(answer, 258, "TARE"))
         self.assertFalse(link.answers(answer, 259, "TARE"))
         self.assertFalse(link.answers(answer, 258, "ARM"))
+        why = hear(example(3))[1][0]
+        self.assertEqual((why.sequence, why.finger, why.contact_name, why.run), (513, 0, "HELD", 2))
+        self.assertEqual((why.evidence_name, why.value_milli, why.threshold_milli), ("imprint", 61440, 34000))
+        self.assertEqual((why.unit_name, why.patches, why.growth_log2_q8), ("um", 45, -12))
 
     def test_what_it_does_not_know_is_counted_and_passed_over(self):
         def wire(body):
@@ -136,7 +149,7 @@ class Frames(unittest.TestCase):
         for title, version, table in re.findall(r"## (\w+) frames?, version (\d+)\n(.*?)(?=\n#)", document, re.S):
             rows = re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", table, re.M)
             want = tuple((name, int(byte), kind) for byte, name, kind in rows)
-            kinds = {"Status": [1], "Command": [2], "Answer": [3], "Marker": [4, 5]}[title]
+            kinds = {"Status": [1], "Command": [2], "Answer": [3], "Marker": [4, 5], "Evidence": [6]}[title]
             for kind in kinds:
                 self.assertEqual(tables.FRAMES[int(version), kind][2], want)
                 found += 1
@@ -145,7 +158,7 @@ class Frames(unittest.TestCase):
     def test_numbers_and_names_are_those_of_the_header_for_c(self):
         header = (SOURCE / "toolchain/robot/holdfast_link.h").read_text()
         enum = {}
-        line = r"^  HOLDFAST_(FLAG|STATE|REASON|COMMAND|RESULT)_(\w+) = (\d+)"
+        line = r"^  HOLDFAST_(FLAG|STATE|REASON|COMMAND|RESULT|CONTACT|EVIDENCE)_(\w+) = (\d+)"
         for kind, name, number in re.findall(line, header, re.M):
             if not name.endswith(("PAYLOAD", "WIRE")):
                 enum.setdefault(kind, {})[int(number)] = name
@@ -154,6 +167,8 @@ class Frames(unittest.TestCase):
         self.assertEqual({n: row[0].upper() for n, row in tables.REASONS.items()}, enum["REASON"])
         self.assertEqual({number: name for name, number in tables.COMMANDS.items()}, enum["COMMAND"])
         self.assertEqual({n: row[0].upper() for n, row in tables.RESULTS.items()}, enum["RESULT"])
+        self.assertEqual(tables.CONTACTS, enum["CONTACT"])
+        self.assertEqual({n: name.upper() for n, name in tables.EVIDENCES.items()}, enum["EVIDENCE"])
 
 
 class ReceiversRule(unittest.TestCase):

@@ -13,6 +13,10 @@ void c99_answer(const holdfast_receiver* receiver, holdfast_answer* answer) {
   holdfast_link_answer(receiver, answer);
 }
 
+void c99_evidence(const holdfast_receiver* receiver, holdfast_evidence* evidence) {
+  holdfast_link_evidence(receiver, evidence);
+}
+
 void c99_command(const holdfast_command* command, uint8_t* wire) {
   holdfast_link_command(command, wire);
 }
@@ -33,6 +37,12 @@ const char* c99_name(char of, uint8_t number) {
       return holdfast_reason_name(number);
     case 'c':
       return holdfast_command_name(number);
+    case 't':
+      return holdfast_contact_name(number);
+    case 'e':
+      return holdfast_evidence_name(number);
+    case 'u':
+      return holdfast_unit_name(number);
     default:
       return holdfast_result_name(number);
   }

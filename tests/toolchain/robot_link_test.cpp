@@ -13,6 +13,7 @@
 
 #include "app/supervisor.hpp"
 #include "link/command_frame.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/link.hpp"
 #include "link/status_frame.hpp"
 #include "tests/fuzz/link_check.hpp"
@@ -23,6 +24,7 @@
 
 using namespace holdfast;
 namespace cf = command_frame;
+namespace ef = evidence_frame;
 namespace sf = status_frame;
 using test::LinkBytes;
 
@@ -62,6 +64,29 @@ std::array<std::uint8_t, sf::kWireBytes> wire_of(const sf::StatusFrame& frame) {
   return wire;
 }
 
+ef::EvidenceFrame any_evidence(std::mt19937& random) {
+  ef::EvidenceFrame frame;
+  frame.sequence = any<std::uint16_t>(random);
+  frame.finger = any<std::uint8_t>(random);
+  frame.contact = any<std::uint8_t>(random);
+  frame.evidence = any<std::uint8_t>(random);
+  frame.unit = any<std::uint8_t>(random);
+  frame.run = any<std::uint8_t>(random);
+  frame.patches = any<std::uint16_t>(random);
+  frame.value_milli = any<std::int32_t>(random);
+  frame.threshold_milli = any<std::int32_t>(random);
+  frame.motion_log2_um_q8 = any<std::int16_t>(random);
+  frame.coarse_log2_um_q8 = any<std::int16_t>(random);
+  frame.growth_log2_q8 = any<std::int16_t>(random);
+  return frame;
+}
+
+std::array<std::uint8_t, ef::kWireBytes> wire_of(const ef::EvidenceFrame& frame) {
+  std::array<std::uint8_t, ef::kWireBytes> wire{};
+  ef::encode(frame, wire);
+  return wire;
+}
+
 // What the last byte of `bytes` completes; the others complete nothing that is no text or damage.
 int pushed(holdfast_receiver& receiver, std::span<const std::uint8_t> bytes) {
   int last = 0;
@@ -85,6 +110,17 @@ TEST(RobotLink, EveryFieldOfAStatusIsReadAsItWasWritten) {
     CHECK_TRUE(test::same(frame, status));
   }
   LONGS_EQUAL(20'000, receiver.frames);
+  LONGS_EQUAL(0, receiver.damaged);
+}
+
+TEST(RobotLink, EveryFieldOfAnEvidenceIsReadAsItWasWritten) {
+  for (int i = 0; i < 20'000; ++i) {
+    const ef::EvidenceFrame frame = any_evidence(random);
+    LONGS_EQUAL(HOLDFAST_KIND_EVIDENCE, pushed(receiver, wire_of(frame)));
+    holdfast_evidence evidence{};
+    c99_evidence(&receiver, &evidence);
+    CHECK_TRUE(test::same(frame, evidence));
+  }
   LONGS_EQUAL(0, receiver.damaged);
 }
 
@@ -114,8 +150,7 @@ TEST(RobotLink, CommandsAndAnswersAreReadAsTheyWereWritten) {
 
 TEST(RobotLink, EverySingleBitFlipIsRefused) {
   int taken = 0;
-  for (int i = 0; i < 300; ++i) {
-    const auto wire = wire_of(any_status(random));
+  const auto flip = [&](const auto& wire) {
     for (std::size_t bit = 0; bit < 8 * wire.size(); ++bit) {
       auto bad = wire;
       bad[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
@@ -123,6 +158,10 @@ TEST(RobotLink, EverySingleBitFlipIsRefused) {
       for (const std::uint8_t byte : bad) taken += c99_push(&receiver, byte) > 0 ? 1 : 0;
       taken += c99_push(&receiver, 0) > 0 ? 1 : 0;
     }
+  };
+  for (int i = 0; i < 300; ++i) {
+    flip(wire_of(any_status(random)));
+    flip(wire_of(any_evidence(random)));
   }
   LONGS_EQUAL(0, taken);
 }
@@ -161,7 +200,7 @@ TEST(RobotLink, SaysWhatItDoesNotKnow) {
 
 TEST(RobotLink, NamesAreThoseOfTheFirmware) {
   for (int number = 0; number < 256; ++number) {
-    std::array<std::string, 4> want{"?", "?", "?", "?"};
+    std::array<std::string, 7> want{"?", "?", "?", "?", "?", "?", "?"};
     for (const StateInfo& row : kStates) {
       if (static_cast<int>(row.state) == number) want[0] = row.name;
     }
@@ -174,11 +213,21 @@ TEST(RobotLink, NamesAreThoseOfTheFirmware) {
     for (const cf::ResultInfo& row : cf::kResults) {
       if (static_cast<int>(row.result) == number) want[3] = row.name;
     }
+    for (const ef::Row& row : ef::kContacts) {
+      if (row.number == number) want[4] = row.name;
+    }
+    for (const ef::Row& row : ef::kEvidences) {
+      if (row.number == number) want[5] = row.name;
+    }
     const auto byte = static_cast<std::uint8_t>(number);
+    if (byte < ef::kUnits.size()) want[6] = ef::kUnits[byte];
     STRCMP_EQUAL(want[0].c_str(), c99_name('s', byte));
     STRCMP_EQUAL(want[1].c_str(), c99_name('r', byte));
     STRCMP_EQUAL(want[2].c_str(), c99_name('c', byte));
     STRCMP_EQUAL(want[3].c_str(), c99_name('a', byte));
+    STRCMP_EQUAL(want[4].c_str(), c99_name('t', byte));
+    STRCMP_EQUAL(want[5].c_str(), c99_name('e', byte));
+    STRCMP_EQUAL(want[6].c_str(), c99_name('u', byte));
   }
 }
 
@@ -204,6 +253,8 @@ TEST(RobotLink, ConstantsAndTheirMeaningsAreThoseOfTheFirmware) {
   for (const cf::ResultInfo& row : cf::kResults) {
     check("HOLDFAST_RESULT_", row.name, row.result, std::string(row.meaning));
   }
+  for (const ef::Row& row : ef::kContacts) check("HOLDFAST_CONTACT_", row.name, row.number, std::string(row.meaning));
+  for (const ef::Row& row : ef::kEvidences) check("HOLDFAST_EVIDENCE_", row.name, row.number, std::string(row.meaning));
   // The enums with a tag have no others.
   std::size_t found = 0;
   for (std::size_t at = header.find("enum holdfast_"); at < header.find("static inline"); ++at) {

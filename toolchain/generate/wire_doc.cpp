@@ -14,9 +14,11 @@
 #include <vector>
 
 #include "app/supervisor.hpp"
+#include "base/math.hpp"
 #include "base/status.hpp"
 #include "console/errors.hpp"
 #include "link/command_frame.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/link.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
@@ -28,6 +30,7 @@ namespace {
 
 namespace sf = status_frame;
 namespace cf = command_frame;
+namespace ef = evidence_frame;
 namespace mf = marker_frame;
 
 template <typename Number>
@@ -88,6 +91,20 @@ constexpr sf::StatusFrame kStatus{.sequence = 513,
 constexpr cf::CommandFrame kCommand{.sequence = 258, .command = cf::Command::kTare, .argument = 1};
 constexpr cf::AnswerFrame kAnswer{.sequence = 258, .command = cf::Command::kTare, .result = cf::Outcome::kDone};
 
+// What that status stands on.
+constexpr ef::EvidenceFrame kWhy{.sequence = 513,
+                                 .finger = 0,
+                                 .contact = 2,
+                                 .evidence = 1,
+                                 .unit = 1,
+                                 .run = 2,
+                                 .patches = 45,
+                                 .value_milli = 61'440,
+                                 .threshold_milli = 34'000,
+                                 .motion_log2_um_q8 = 1521,
+                                 .coarse_log2_um_q8 = 256,
+                                 .growth_log2_q8 = -12};
+
 std::string examples() {
   std::array<std::uint8_t, sf::kWireBytes> status{};
   std::array<std::uint8_t, cf::kCommandBytes> command{};
@@ -95,6 +112,8 @@ std::string examples() {
   sf::encode(kStatus, status);
   cf::encode(kCommand, command);
   cf::encode(kAnswer, answer);
+  std::array<std::uint8_t, ef::kWireBytes> why{};
+  ef::encode(kWhy, why);
   return hex(status) + "Status: sequence " + text(kStatus.sequence) + ", timestamp " + text(kStatus.timestamp_us) +
          " us, age " + text(kStatus.age_100us) + " x 0.1 ms, state " + std::string(info(kStatus.state).name) +
          ", reason " + std::string(info(kStatus.reason).name) + ", flags slip + features_valid + alive, " +
@@ -102,7 +121,11 @@ std::string examples() {
          " um/s, entropy " + text(kStatus.entropy_nat_q16) + " / 65536 nat, entropy rate " +
          text(kStatus.entropy_rate_nat_s_q8) + " / 256 nat/s.\n\n" + hex(command) + "Command: sequence " +
          text(kCommand.sequence) + ", TARE, argument " + text(kCommand.argument) + ".\n\n" + hex(answer) +
-         "Its answer: done.\n";
+         "Its answer: done.\n\n" + hex(why) + "Evidence: sequence " + text(kWhy.sequence) +
+         ", finger 0, HELD, imprint " + text(kWhy.value_milli) + " of " + text(kWhy.threshold_milli) + " um/1000, " +
+         text(kWhy.run) + " frames in a row, " + text(kWhy.patches) + " patches, motion " +
+         text(kWhy.motion_log2_um_q8) + " / 256, coarse " + text(kWhy.coarse_log2_um_q8) + " / 256, growth " +
+         text(kWhy.growth_log2_q8) + " / 256.\n";
 }
 
 std::string framing() {
@@ -117,6 +140,7 @@ std::string framing() {
          row({text(link::Kind::kDisplacement), "displacement", "holdfastd, where `watch on` was said",
               text(mf::kWireBytes)}) +
          row({text(link::Kind::kRest), "rest position", "likewise", text(mf::kWireBytes)}) +
+         row({text(link::Kind::kEvidence), "evidence", "likewise, behind the status frame", text(ef::kWireBytes)}) +
          "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" gives "
          "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It skips "
          "kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
@@ -171,6 +195,38 @@ std::string commands() {
   return out;
 }
 
+std::string why() {
+  std::string out = "\n## Evidence frame, version " + text(link::kVersion) + "\n\n" +
+                    "On the port `host`, after the console's command `watch on`: behind every status frame whose "
+                    "features are valid, what its verdict stands on. The status frame decides, this one explains: "
+                    "do not act on it.\n\n" +
+                    layout(ef::kFields);
+  out += "\n### Contact\n\n" + head({"number", "name", "meaning"});
+  for (const ef::Row& row_of : ef::kContacts) out += row({text(row_of.number), row_of.name, row_of.meaning});
+  out += "\n### Evidence\n\n" + head({"number", "name", "meaning"});
+  for (const ef::Row& row_of : ef::kEvidences) out += row({text(row_of.number), code(row_of.name), row_of.meaning});
+  out += "\n### Units\n\n" + head({"number", "unit"});
+  for (std::size_t i = 0; i < ef::kUnits.size(); ++i) out += row({text(i), ef::kUnits[i]});
+  return out;
+}
+
+// What `watch on` takes of a line, with the 0x00 before each frame.
+std::string budget() {
+  constexpr std::size_t kFps = 25, kBytesPerSecond = 115'200 / 10;
+  const std::size_t pieces = idx(mf::frames_of({7, 9})) * (mf::kWireBytes + 1);
+  const std::size_t status = kFps * (sf::kWireBytes + 1);
+  const std::size_t why = kFps * (ef::kWireBytes + 1);
+  const std::size_t displacement = kFps / mf::kEvery * pieces;
+  const std::size_t rest = kFps * pieces / mf::kRestEvery;
+  const std::size_t sum = status + why + displacement + rest;
+  return "\n## What `watch on` takes of a line\n\nWith 63 markers and " + text(kFps) +
+         " pictures a second, the 0x00 before each frame included:\n\n" + head({"frames", "bytes a second"}) +
+         row({"status", text(status)}) + row({"evidence", text(why)}) + row({"displacement", text(displacement)}) +
+         row({"rest position", text(rest)}) + row({"all", text(sum)}) + "\n115200 baud carry " + text(kBytesPerSecond) +
+         " bytes a second: " + text((sum * 100 + kBytesPerSecond / 2) / kBytesPerSecond) +
+         " % are taken, the rest is for answers.\n";
+}
+
 }  // namespace
 
 std::string_view name_of(link::WireType type) {
@@ -192,7 +248,8 @@ std::string_view name_of(link::WireType type) {
 std::string link_markdown() {
   std::string out =
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by wire_doc from firmware/app/{link,status_frame,command_frame,marker_frame}.hpp and "
+      "<!-- Written by wire_doc from firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame}.hpp "
+      "and "
       "firmware/base/status.hpp; do not edit. -->\n"
       "# Frames on serial\n\n"
       "For programs in C or C++ there is a header: [toolchain/robot](../../toolchain/robot/README.md).\n\n"
@@ -217,7 +274,7 @@ std::string link_markdown() {
          text(mf::kPerFrame) +
          " markers a frame, and the rest positions when they are learned and now and then. A marker that is seen and "
          "has a rest position stands at the sum of both.\n\n" +
-         layout(mf::kDisplacementFields);
+         layout(mf::kDisplacementFields) + why() + budget();
   return out + "\n## Examples\n\n" + examples();
 }
 

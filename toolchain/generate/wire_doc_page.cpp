@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "base/status.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/link.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
@@ -18,21 +19,22 @@ namespace holdfast::wire_doc {
 namespace {
 
 namespace sf = status_frame;
+namespace ef = evidence_frame;
 namespace mf = marker_frame;
 using Json = nlohmann::ordered_json;
 
-Json status_fields() {
+template <typename Table>
+Json places(const Table& table) {
   Json fields = Json::object();
-  for (const sf::Field& field : sf::kFields) fields[std::string(field.name)] = {field.offset, name_of(field.type)};
+  for (const auto& field : table) fields[std::string(field.name)] = {field.offset, name_of(field.type)};
   return fields;
 }
 
-Json marker_fields() {
-  Json fields = Json::object();
-  for (const mf::Field& field : mf::kDisplacementFields) {
-    fields[std::string(field.name)] = {field.offset, name_of(field.type)};
-  }
-  return fields;
+template <typename Rows>
+Json names_of(const Rows& rows) {
+  Json out = Json::object();
+  for (const ef::Row& row : rows) out[std::to_string(row.number)] = row.name;
+  return out;
 }
 
 // A table row a line: differences of the committed file can be read.
@@ -59,13 +61,14 @@ std::string page_tables() {
   for (const sf::Flag& flag : sf::kFlags) flags[std::string(flag.name)] = flag.bit;
   const Json kinds = {{"status", static_cast<int>(link::Kind::kStatus)},
                       {"displacement", static_cast<int>(link::Kind::kDisplacement)},
-                      {"rest", static_cast<int>(link::Kind::kRest)}};
+                      {"rest", static_cast<int>(link::Kind::kRest)},
+                      {"evidence", static_cast<int>(link::Kind::kEvidence)}};
 
   std::string out =
       "// SPDX-License-Identifier: Apache-2.0\n"
-      "// Written by wire_doc from firmware/app/{link,status_frame,marker_frame,params}.hpp and "
-      "firmware/base/status.hpp; do not "
-      "edit.\n"
+      "// Written by wire_doc from "
+      "firmware/{link/{link,status_frame,marker_frame,evidence_frame},params/params,base/status}.hpp; "
+      "do not edit.\n"
       "export const WIRE = {\n";
   const auto entry = [&](std::string_view name, const std::string& value) {
     out += "  " + std::string(name) + ": " + value + ",\n";
@@ -76,12 +79,17 @@ std::string page_tables() {
   entry("maxWireBytes", std::to_string(link::kMaxWireBytes));
   entry("kinds", kinds.dump());
   entry("statusBytes", std::to_string(sf::kPayloadBytes));
-  entry("status", status_fields().dump());
+  entry("status", places(sf::kFields).dump());
   entry("flags", flags.dump());
   entry("oldestAge", std::to_string(sf::kOldestAge));
   entry("markerBytes", std::to_string(link::payload_bytes(mf::kDisplacementFields)));
   entry("markersPerFrame", std::to_string(mf::kPerFrame));
-  entry("marker", marker_fields().dump());
+  entry("marker", places(mf::kDisplacementFields).dump());
+  entry("evidenceBytes", std::to_string(ef::kPayloadBytes));
+  entry("evidence", places(ef::kFields).dump());
+  entry("contacts", names_of(ef::kContacts).dump());
+  entry("evidences", names_of(ef::kEvidences).dump());
+  entry("units", Json(ef::kUnits).dump());
   entry("maxMarkers", std::to_string(kMaxMarkers));
   entry("freshMs", std::to_string(sf::kFreshFor.count() / 1000));
   entry("bins", std::to_string(kHistogramBins));

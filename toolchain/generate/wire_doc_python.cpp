@@ -7,6 +7,7 @@
 
 #include "base/status.hpp"
 #include "link/command_frame.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/link.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
@@ -17,6 +18,7 @@ namespace {
 
 namespace sf = status_frame;
 namespace cf = command_frame;
+namespace ef = evidence_frame;
 namespace mf = marker_frame;
 
 template <typename Number>
@@ -40,12 +42,21 @@ std::string python_frame(int version, link::Kind kind, std::string_view name, co
   return out + "        ),\n    ),\n";
 }
 
+template <typename Rows>
+std::string python_rows(const Rows& rows) {
+  std::string out;
+  for (const ef::Row& r : rows) {
+    out += "    " + digits(r.number) + ": " + python_text(r.name) + ",  # " + std::string(r.meaning) + "\n";
+  }
+  return out;
+}
+
 }  // namespace
 
 std::string python_tables() {
   std::string out =
       "# SPDX-License-Identifier: Apache-2.0\n"
-      "# Written by wire_doc from firmware/app/{link,status_frame,command_frame,marker_frame}.hpp and "
+      "# Written by wire_doc from firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame}.hpp and "
       "firmware/base/status.hpp; do not edit.\n"
       "\"\"\"Numbers and layouts of the frames on serial.\"\"\"\n\n";
   out += "VERSION = " + digits(link::kVersion) + "  # of what is sent\n";
@@ -58,6 +69,7 @@ std::string python_tables() {
   out += python_frame(link::kVersion, link::Kind::kAnswer, "answer", cf::kAnswerFields);
   out += python_frame(link::kVersion, link::Kind::kDisplacement, "displacement", mf::kDisplacementFields);
   out += python_frame(link::kVersion, link::Kind::kRest, "rest", mf::kRestFields);
+  out += python_frame(link::kVersion, link::Kind::kEvidence, "evidence", ef::kFields);
   out += "}\n\nFLAGS = {  # name: bit\n";
   for (const sf::Flag& f : sf::kFlags) {
     out += "    " + python_text(f.name) + ": " + digits(f.bit) + ",  # " + std::string(f.meaning) + "\n";
@@ -80,7 +92,11 @@ std::string python_tables() {
   for (const cf::ResultInfo& r : cf::kResults) {
     out += "    " + digits(r.result) + ": (" + python_text(r.name) + ", " + python_text(r.meaning) + "),\n";
   }
-  return out + "}\n";
+  out += "}\n\nCONTACTS = {\n" + python_rows(ef::kContacts);
+  out += "}\n\nEVIDENCES = {\n" + python_rows(ef::kEvidences);
+  out += "}\n\nUNITS = (\n";
+  for (const std::string_view unit : ef::kUnits) out += "    " + python_text(unit) + ",\n";
+  return out + ")\n";
 }
 
 }  // namespace holdfast::wire_doc

@@ -28,11 +28,12 @@ namespace holdfast::learn {
 // One alarm in the silence of all recordings, 18.5 minutes. Margin in 1/256 of an octave: 2 %.
 inline constexpr Budget kImprintBudget{1, 8.0};
 
-// Coarse motion, log2 of um in Q8, above which it is slip: 60 um; its growth at most three tenths in the lag (what grows
-// is noise to it already). Where the markers' flow is below 60 um/s nothing drags the gel, and a ball that is pressed in
-// beside the middle of the lattice only looks as if it came from a side. Chosen on simulated slides, closings and
-// bonded shaking of seed 7 (tactile/coarse.hpp); on the recordings it adds no alarm in silence. Growth of 64 and 96 say
-// the same there, in every count; 96 detects the slip of the scene sphere_slip, right behind a touch, 440 ms earlier.
+// Coarse motion, log2 of um in Q8, above which it is slip: 60 um; its growth at most three tenths in the lag (what
+// grows is noise to it already). Where the markers' flow is below 60 um/s nothing drags the gel, and a ball that is
+// pressed in beside the middle of the lattice only looks as if it came from a side. Chosen on simulated slides,
+// closings and bonded shaking of seed 7 (tactile/coarse.hpp); on the recordings it adds no alarm in silence. Growth of
+// 64 and 96 say the same there, in every count; 96 detects the slip of the scene sphere_slip, right behind a touch, 440
+// ms earlier.
 inline constexpr int kCoarse = 1512;
 inline constexpr int kMostCoarseGrowth = 96;
 inline constexpr int kLeastCoarseFlow_um_s = 60;

@@ -104,8 +104,8 @@ std::optional<log::FrameRecord> Desk::turn() {
   p.console.poll();
   if (hub_.listeners() > 0 && p.clock.now() - p.asked_at >= kAskEvery) {
     p.asked_at = p.clock.now();
-    // What a status frame does not carry: the page reads it among the lines of text.
-    (void)hub_.say("status json\r\nreference json\r\n");
+    // What no frame carries: the page reads it among the lines of text.
+    (void)hub_.say("reference json\r\n");
   }
   if (p.tap.count() == p.seen) return std::nullopt;
   p.seen = p.tap.count();

@@ -2,7 +2,7 @@
 // A session as the views see it, recorded or live: rows in order of time, and for each of them markers and a picture,
 // or those of the nearest row before it.
 import { WIRE } from "./tables.js";
-import { Receiver, readStatus, readMarkers } from "./wire.js";
+import { Receiver, readEvidence, readStatus, readMarkers } from "./wire.js";
 
 const kLost = -32768; // track.cpp
 
@@ -214,7 +214,6 @@ export class LiveSession {
     this.partial = null;
     this.waiting = null;
     this.aliveChanged_ms = -Infinity;
-    this.why = null; // of the last `status json`
     this.pictureBox = null;
     for (const picture of this.pictures ?? []) URL.revokeObjectURL(picture.url);
     this.pictures = [];
@@ -243,8 +242,7 @@ export class LiveSession {
     } catch {
       return false;
     }
-    if ("evidence" in answer) this.why = answer;
-    else if ("pitch_px" in answer) this.takeReference(answer);
+    if ("pitch_px" in answer) this.takeReference(answer);
     else if ("parameters" in answer) this.parameters = answer.parameters;
     else return false;
     this.asked = true;
@@ -287,6 +285,8 @@ export class LiveSession {
     if (status !== null) return this.takeStatus(status);
     const markers = readMarkers(payload);
     if (markers !== null) return this.takeMarkers(markers);
+    const evidence = readEvidence(payload);
+    if (evidence !== null) return this.takeEvidence(evidence);
     ++this.unknown;
   }
 
@@ -316,7 +316,7 @@ export class LiveSession {
       vy: status.vy_um_s / 1000,
       field: null,
       picture: null,
-      why: this.why,
+      why: null,
     };
     const gap = before === undefined ? 0 : (status.sequence - before.frame - 1) & 0xffff;
     if (gap < 1000) this.missing += gap;
@@ -336,6 +336,12 @@ export class LiveSession {
       this.kept.splice(0, kKeptRows / 10);
       this.forgotten += kKeptRows / 10;
     }
+  }
+
+  // Behind its status frame; of a status frame that was lost nothing can be said.
+  takeEvidence(evidence) {
+    const row = this.rows[this.rows.length - 1];
+    if (row !== undefined && row.frame === evidence.sequence) row.why = { slip: row.slip, ...evidence.why };
   }
 
   // By the board's clock as long as that goes on steadily; after a restart by our own.

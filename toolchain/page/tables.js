@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Written by wire_doc from firmware/app/{link,status_frame,marker_frame,params}.hpp and firmware/base/status.hpp; do not edit.
+// Written by wire_doc from firmware/{link/{link,status_frame,marker_frame,evidence_frame},params/params,base/status}.hpp; do not edit.
 export const WIRE = {
   version: 1,
   lastVersion: 8,
   minWireBytes: 6,
   maxWireBytes: 34,
-  kinds: {"status":1,"displacement":4,"rest":5},
+  kinds: {"status":1,"displacement":4,"rest":5,"evidence":6},
   statusBytes: 32,
   status: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"timestamp_us":[4,"u32"],"age_100us":[8,"u16"],"state":[10,"u8"],"reason":[11,"u8"],"flags":[12,"u8"],"markers":[13,"u8"],"vx_um_s":[14,"i32"],"vy_um_s":[18,"i32"],"entropy_nat_q16":[22,"i32"],"entropy_rate_nat_s_q8":[26,"i32"],"crc16":[30,"u16"]},
   flags: {"slip":0,"grip_ok":1,"features_valid":2,"alive":3},
@@ -13,6 +13,11 @@ export const WIRE = {
   markerBytes: 30,
   markersPerFrame: 5,
   marker: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"rows":[4,"u8"],"cols":[5,"u8"],"first":[6,"u8"],"valid":[7,"u8"],"x0_um":[8,"i16"],"y0_um":[10,"i16"],"x1_um":[12,"i16"],"y1_um":[14,"i16"],"x2_um":[16,"i16"],"y2_um":[18,"i16"],"x3_um":[20,"i16"],"y3_um":[22,"i16"],"x4_um":[24,"i16"],"y4_um":[26,"i16"],"crc16":[28,"u16"]},
+  evidenceBytes: 27,
+  evidence: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"finger":[4,"u8"],"contact":[5,"u8"],"evidence":[6,"u8"],"unit":[7,"u8"],"run":[8,"u8"],"patches":[9,"u16"],"value_milli":[11,"i32"],"threshold_milli":[15,"i32"],"motion_log2_um_q8":[19,"i16"],"coarse_log2_um_q8":[21,"i16"],"growth_log2_q8":[23,"i16"],"crc16":[25,"u16"]},
+  contacts: {"0":"EMPTY","1":"TOUCHING","2":"HELD","255":"UNKNOWN"},
+  evidences: {"0":"none","1":"imprint","2":"coarse","3":"markers","4":"contact"},
+  units: ["-","um","um/s","nat","nat/s","log2","1e-6/s","1","patches"],
   maxMarkers: 128,
   freshMs: 150,
   bins: 15,

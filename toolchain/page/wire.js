@@ -64,6 +64,27 @@ export function readStatus(payload) {
   return frame.state < WIRE.states.length ? frame : null;
 }
 
+// What the verdict of the status frame of the same sequence stands on, with the keys of a device's `status json`; null:
+// of another kind, version or length.
+export function readEvidence(payload) {
+  if (payload[0] !== WIRE.version || payload[1] !== WIRE.kinds.evidence) return null;
+  if (payload.length !== WIRE.evidenceBytes) return null;
+  const at = reader(payload, WIRE.evidence);
+  const frame = {};
+  for (const name of Object.keys(WIRE.evidence)) frame[name] = at(name);
+  const tenths = (milli) => Math.round(milli / 100) / 10;
+  frame.why = {
+    contact: WIRE.contacts[frame.contact] ?? null,
+    evidence: WIRE.evidences[frame.evidence] ?? "evidence of newer firmware",
+    evidence_value: tenths(frame.value_milli),
+    evidence_threshold: tenths(frame.threshold_milli),
+    evidence_unit: WIRE.units[frame.unit] ?? "",
+    evidence_frames: frame.run,
+  };
+  if (frame.why.contact === "UNKNOWN") frame.why.contact = null;
+  return frame;
+}
+
 // Null: of another kind, version or length, or no lattice has such a marker. `list`: the markers in this frame as
 // {index, x_um, y_um, valid}; `what`: "displacement" or "rest".
 export function readMarkers(payload) {

@@ -18,6 +18,7 @@ enum {
   HOLDFAST_STATUS_PAYLOAD = 32,
   HOLDFAST_COMMAND_PAYLOAD = 8,
   HOLDFAST_ANSWER_PAYLOAD = 8,
+  HOLDFAST_EVIDENCE_PAYLOAD = 27,
   HOLDFAST_COMMAND_WIRE = 11,  // what holdfast_link_command() writes: one 0x00 before the frame as well
   HOLDFAST_GRIP_FRESH_MS = 150
 };
@@ -27,6 +28,7 @@ enum {
   HOLDFAST_KIND_STATUS = 1,
   HOLDFAST_KIND_COMMAND = 2,
   HOLDFAST_KIND_ANSWER = 3,
+  HOLDFAST_KIND_EVIDENCE = 6,
   HOLDFAST_LINK_DAMAGED = -1,  // what began as a frame is none; dropped
   HOLDFAST_LINK_OTHER = -2     // a sound frame of a version, kind or length that this header does not know
 };
@@ -116,6 +118,21 @@ enum holdfast_result {
   HOLDFAST_RESULT_ARGUMENT = 4,  // refused: the argument is out of the command's range
   HOLDFAST_RESULT_LOCKED = 5,  // refused: this is the console's port, and it is locked
   HOLDFAST_RESULT_OVERDUE = 6  // refused: OPENING lasted for `opening_max_ms` and was not ended
+};
+
+enum holdfast_contact {
+  HOLDFAST_CONTACT_EMPTY = 0,  // nothing touches the gel
+  HOLDFAST_CONTACT_TOUCHING = 1,  // something touches the gel, and the contact grows
+  HOLDFAST_CONTACT_HELD = 2,  // something touches the gel, and the contact does not grow
+  HOLDFAST_CONTACT_UNKNOWN = 255  // nobody can tell: the model does not read the picture between the markers
+};
+
+enum holdfast_evidence_number {
+  HOLDFAST_EVIDENCE_NONE = 0,  // there is none to show
+  HOLDFAST_EVIDENCE_IMPRINT = 1,  // motion of the relief that the object presses into the gel
+  HOLDFAST_EVIDENCE_COARSE = 2,  // motion of what is smoother or finer than the relief
+  HOLDFAST_EVIDENCE_MARKERS = 3,  // a feature of the markers
+  HOLDFAST_EVIDENCE_CONTACT = 4  // the contact was lost: the patches of relief that are left
 };
 
 // As in LINK.md; "?": a number from a newer firmware.
@@ -211,6 +228,42 @@ static inline const char *holdfast_result_name(uint8_t number) {
   }
 }
 
+static inline const char *holdfast_contact_name(uint8_t number) {
+  switch (number) {
+    case HOLDFAST_CONTACT_EMPTY: return "EMPTY";
+    case HOLDFAST_CONTACT_TOUCHING: return "TOUCHING";
+    case HOLDFAST_CONTACT_HELD: return "HELD";
+    case HOLDFAST_CONTACT_UNKNOWN: return "UNKNOWN";
+    default: return "?";
+  }
+}
+
+static inline const char *holdfast_evidence_name(uint8_t number) {
+  switch (number) {
+    case HOLDFAST_EVIDENCE_NONE: return "none";
+    case HOLDFAST_EVIDENCE_IMPRINT: return "imprint";
+    case HOLDFAST_EVIDENCE_COARSE: return "coarse";
+    case HOLDFAST_EVIDENCE_MARKERS: return "markers";
+    case HOLDFAST_EVIDENCE_CONTACT: return "contact";
+    default: return "?";
+  }
+}
+
+static inline const char *holdfast_unit_name(uint8_t number) {
+  switch (number) {
+    case 0: return "-";
+    case 1: return "um";
+    case 2: return "um/s";
+    case 3: return "nat";
+    case 4: return "nat/s";
+    case 5: return "log2";
+    case 6: return "1e-6/s";
+    case 7: return "1";
+    case 8: return "patches";
+    default: return "?";
+  }
+}
+
 typedef struct {
   uint16_t sequence;  // 1; counts status frames, wraps; a gap is a lost frame
   uint32_t timestamp_us;  // us; start of the picture's exposure on the sensor's clock, low 32 bits
@@ -237,6 +290,21 @@ typedef struct {
   uint8_t result;  // see Results; a number not listed there comes from newer firmware
 } holdfast_answer;
 
+typedef struct {
+  uint16_t sequence;  // 1; of the status frame that came before it
+  uint8_t finger;  // 0: left, or the only one; 1: right
+  uint8_t contact;  // see Contact
+  uint8_t evidence;  // what decided, or is the strongest while nothing slips; see Evidence
+  uint8_t unit;  // of value and threshold; see Units
+  uint8_t run;  // 1; frames in a row that said slip; counts up to the parameter `raise_frames`
+  uint16_t patches;  // 1; patches of the gel into which something is pressed
+  int32_t value_milli;  // unit/1000; of the evidence, in thousandths; cut where it does not fit
+  int32_t threshold_milli;  // unit/1000; the model's first one for it, likewise
+  int16_t motion_log2_um_q8;  // log2(um)/256; motion of the relief; 0: none
+  int16_t coarse_log2_um_q8;  // log2(um)/256; motion of what is smoother or finer; 0: none
+  int16_t growth_log2_q8;  // log2/256; of the relief since the picture that it is compared with
+} holdfast_evidence;
+
 static inline uint8_t holdfast_get_uint8(const uint8_t *p) { return p[0]; }
 
 static inline uint16_t holdfast_get_uint16(const uint8_t *p) {
@@ -245,6 +313,13 @@ static inline uint16_t holdfast_get_uint16(const uint8_t *p) {
 
 static inline uint32_t holdfast_get_uint32(const uint8_t *p) {
   return (uint32_t)p[0] | ((uint32_t)p[1] << 8) | ((uint32_t)p[2] << 16) | ((uint32_t)p[3] << 24);
+}
+
+static inline int16_t holdfast_get_int16(const uint8_t *p) {
+  const uint16_t bits = holdfast_get_uint16(p);
+  int16_t value;
+  memcpy(&value, &bits, sizeof value);
+  return value;
 }
 
 static inline int32_t holdfast_get_int32(const uint8_t *p) {
@@ -323,7 +398,8 @@ static inline int holdfast_link_push(holdfast_receiver *receiver, uint8_t byte) 
   if (bytes[0] != HOLDFAST_LINK_VERSION) return HOLDFAST_LINK_OTHER;
   if ((bytes[1] == HOLDFAST_KIND_STATUS && size == HOLDFAST_STATUS_PAYLOAD) ||
       (bytes[1] == HOLDFAST_KIND_COMMAND && size == HOLDFAST_COMMAND_PAYLOAD) ||
-      (bytes[1] == HOLDFAST_KIND_ANSWER && size == HOLDFAST_ANSWER_PAYLOAD)) {
+      (bytes[1] == HOLDFAST_KIND_ANSWER && size == HOLDFAST_ANSWER_PAYLOAD) ||
+      (bytes[1] == HOLDFAST_KIND_EVIDENCE && size == HOLDFAST_EVIDENCE_PAYLOAD)) {
     return bytes[1];
   }
   return HOLDFAST_LINK_OTHER;
@@ -352,6 +428,22 @@ static inline void holdfast_link_answer(const holdfast_receiver *receiver, holdf
   answer->sequence = holdfast_get_uint16(receiver->bytes + 2);
   answer->command = holdfast_get_uint8(receiver->bytes + 4);
   answer->result = holdfast_get_uint8(receiver->bytes + 5);
+}
+
+// After HOLDFAST_KIND_EVIDENCE, before the next push.
+static inline void holdfast_link_evidence(const holdfast_receiver *receiver, holdfast_evidence *evidence) {
+  evidence->sequence = holdfast_get_uint16(receiver->bytes + 2);
+  evidence->finger = holdfast_get_uint8(receiver->bytes + 4);
+  evidence->contact = holdfast_get_uint8(receiver->bytes + 5);
+  evidence->evidence = holdfast_get_uint8(receiver->bytes + 6);
+  evidence->unit = holdfast_get_uint8(receiver->bytes + 7);
+  evidence->run = holdfast_get_uint8(receiver->bytes + 8);
+  evidence->patches = holdfast_get_uint16(receiver->bytes + 9);
+  evidence->value_milli = holdfast_get_int32(receiver->bytes + 11);
+  evidence->threshold_milli = holdfast_get_int32(receiver->bytes + 15);
+  evidence->motion_log2_um_q8 = holdfast_get_int16(receiver->bytes + 19);
+  evidence->coarse_log2_um_q8 = holdfast_get_int16(receiver->bytes + 21);
+  evidence->growth_log2_q8 = holdfast_get_int16(receiver->bytes + 23);
 }
 
 // -------------------------------------------------------------------------------------------------- what is sent

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "base/crc32.hpp"
+#include "link/evidence_frame.hpp"
 #include "link/marker_frame.hpp"
 #include "params/mode_prices.gen.hpp"
 #include "store/slot_store.hpp"
@@ -35,6 +36,8 @@ namespace {
 // What the console sends, taken apart as LINK.md says.
 struct Heard {
   std::vector<status_frame::StatusFrame> statuses;
+  std::vector<evidence_frame::EvidenceFrame> evidences;
+  bool in_pairs = true;  // each evidence came directly behind the status frame of its number
   std::vector<marker_frame::MarkerFrame> displacements, rests;
   std::vector<command_frame::AnswerFrame> answers;
   std::string text;
@@ -44,6 +47,7 @@ struct Heard {
 Heard take_apart(const std::string& bytes) {
   Heard heard;
   link::Receiver receiver;
+  int before = -1;  // sequence, where the frame before is a status frame
   for (const char c : bytes) {
     switch (receiver.push(static_cast<std::uint8_t>(c))) {
       case link::Event::kText:
@@ -53,8 +57,14 @@ Heard take_apart(const std::string& bytes) {
         ++heard.damaged;
         break;
       case link::Event::kFrame:
+        if (const auto e = evidence_frame::read(receiver.payload()); e) {
+          heard.evidences.push_back(*e);
+          heard.in_pairs &= before == e->sequence;
+        }
+        before = -1;
         if (const auto status = status_frame::read(receiver.payload()); status.ok()) {
           heard.statuses.push_back(status.frame);
+          before = status.frame.sequence;
         }
         if (const auto d = marker_frame::read(link::Kind::kDisplacement, receiver.payload()); d) {
           heard.displacements.push_back(*d);
@@ -1400,6 +1410,8 @@ TEST(Console, StreamsFramesBetweenTheLines) {
   for (std::size_t k = 1; k < heard.statuses.size(); ++k) {
     LONGS_EQUAL(heard.statuses[k - 1].sequence + 1, heard.statuses[k].sequence);
   }
+  LONGS_EQUAL(heard.statuses.size(), heard.evidences.size());
+  CHECK(heard.in_pairs);
   LONGS_EQUAL(13, heard.rests.size());
   CHECK(heard.displacements.size() >= 5 * 13);
   LONGS_EQUAL(0, heard.displacements.size() % 13);
@@ -1425,7 +1437,63 @@ TEST(Console, StreamsStatusAloneWhileItLearns) {
   desk.run(150ms);
   const Heard heard = take_apart(desk.heard());
   CHECK(!heard.statuses.empty());
-  LONGS_EQUAL(0, heard.displacements.size() + heard.rests.size());
+  LONGS_EQUAL(0, heard.evidences.size() + heard.displacements.size() + heard.rests.size());
+}
+
+// What it says of a picture is what `status` says.
+TEST(Console, StreamsTheEvidenceThatStatusShows) {
+  desk.tree = &test::kSpreadTree;
+  desk.film(40, 12);
+  start();
+  check_ok("watch on");
+  const App& app = desk.daemon->app();
+  for (int k = 0; k < 5000 && !app.told().slip; ++k) desk.run(1ms);
+  CHECK(app.told().slip);
+  (void)desk.heard();
+  const std::uint16_t before = app.told().sequence;
+  for (int k = 0; k < 100 && app.told().sequence == before; ++k) desk.run(1ms);
+  desk.run(5ms);
+  const Heard heard = take_apart(desk.heard());
+  LONGS_EQUAL(1, heard.evidences.size());
+  const evidence_frame::EvidenceFrame& last = heard.evidences.back();
+  const pipeline::Result& result = app.result();
+  const ImprintFeatures& imprint = result.features.imprint;
+  LONGS_EQUAL(imprint.motion.raw(), last.motion_log2_um_q8);
+  LONGS_EQUAL(imprint.coarse.raw(), last.coarse_log2_um_q8);
+  LONGS_EQUAL(imprint.growth.raw(), last.growth_log2_q8);
+  LONGS_EQUAL(imprint.patches.raw(), last.patches);
+  LONGS_EQUAL(result.run, last.run);
+  LONGS_EQUAL(0, last.finger);
+  const std::string status = desk.say("status json");
+  LONGS_EQUAL(app.told().sequence, last.sequence);  // of no later picture
+  const auto says = [&](const std::string& key, const std::string& value) {
+    STRCMP_CONTAINS(("\"" + key + "\":" + value + ",").c_str(), status.c_str());
+  };
+  const auto quoted = [](std::string_view text) { return "\"" + std::string(text) + "\""; };
+  const auto tenths = [](std::int32_t milli) {
+    const std::int64_t t = div_round(milli, 100);
+    return std::to_string(t / 10) + "." + std::to_string(t % 10);
+  };
+  LONGS_EQUAL(evidence_frame::kContactUnknown, last.contact);  // this tree does not read the picture
+  says("contact", "null");
+  CHECK(last.value_milli > last.threshold_milli);
+  says("evidence", quoted(evidence_frame::kEvidences[last.evidence].name));
+  says("evidence_value", tenths(last.value_milli));
+  says("evidence_threshold", tenths(last.threshold_milli));
+  says("evidence_unit", quoted(evidence_frame::kUnits[last.unit]));
+  says("evidence_frames", std::to_string(last.run));
+}
+
+// LINK.md, What `watch on` takes of a line: 25 * 35 of status, 25 * 30 of evidence, 5 * 13 * 33 of displacement and,
+// every five seconds, 13 * 33 of rest position; a picture more at either end.
+TEST(Console, StreamsNoMoreBytesThanALineCarries) {
+  start();
+  check_ok("watch on");
+  (void)desk.heard();
+  desk.run(10s);
+  const std::size_t bytes = desk.heard().size();
+  CHECK(bytes <= 10 * (875 + 750 + 2145) + 3 * 429 + 65 + 429);
+  CHECK(bytes >= 10 * (875 + 750 + 2145));
 }
 
 TEST(Console, TracesEveryFrameAndWatchesFiveTimesASecond) {

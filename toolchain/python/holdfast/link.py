@@ -9,6 +9,8 @@ from types import SimpleNamespace
 
 from .tables import (
     COMMANDS,
+    CONTACTS,
+    EVIDENCES,
     FLAGS,
     FRAMES,
     FRESH_MS,
@@ -17,6 +19,7 @@ from .tables import (
     REASONS,
     RESULTS,
     STATES,
+    UNITS,
     VERSION,
 )
 
@@ -86,6 +89,10 @@ def decode(payload):
             setattr(out, flag, bool(out.flags >> bit & 1))
     elif name == "answer":
         out.result_name = RESULTS[out.result][0] if out.result in RESULTS else "?"
+    elif name == "evidence":
+        out.contact_name = CONTACTS.get(out.contact, "?")
+        out.evidence_name = EVIDENCES.get(out.evidence, "?")
+        out.unit_name = UNITS[out.unit] if out.unit < len(UNITS) else "?"
     return out
 
 

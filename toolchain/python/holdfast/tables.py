@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Written by wire_doc from firmware/app/{link,status_frame,command_frame,marker_frame}.hpp and firmware/base/status.hpp; do not edit.
+# Written by wire_doc from firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame}.hpp and firmware/base/status.hpp; do not edit.
 """Numbers and layouts of the frames on serial."""
 
 VERSION = 1  # of what is sent
@@ -101,6 +101,27 @@ FRAMES = {
             ("crc16", 28, "u16"),  # -; CRC-16 over bytes 0 to 27
         ),
     ),
+    (1, 6): (
+        "evidence",
+        27,
+        (
+            ("version", 0, "u8"),  # -; layout of this table: 1
+            ("kind", 1, "u8"),  # -; 6: evidence frame
+            ("sequence", 2, "u16"),  # 1; of the status frame that came before it
+            ("finger", 4, "u8"),  # -; 0: left, or the only one; 1: right
+            ("contact", 5, "u8"),  # -; see Contact
+            ("evidence", 6, "u8"),  # -; what decided, or is the strongest while nothing slips; see Evidence
+            ("unit", 7, "u8"),  # -; of value and threshold; see Units
+            ("run", 8, "u8"),  # 1; frames in a row that said slip; counts up to the parameter `raise_frames`
+            ("patches", 9, "u16"),  # 1; patches of the gel into which something is pressed
+            ("value_milli", 11, "i32"),  # unit/1000; of the evidence, in thousandths; cut where it does not fit
+            ("threshold_milli", 15, "i32"),  # unit/1000; the model's first one for it, likewise
+            ("motion_log2_um_q8", 19, "i16"),  # log2(um)/256; motion of the relief; 0: none
+            ("coarse_log2_um_q8", 21, "i16"),  # log2(um)/256; motion of what is smoother or finer; 0: none
+            ("growth_log2_q8", 23, "i16"),  # log2/256; of the relief since the picture that it is compared with
+            ("crc16", 25, "u16"),  # -; CRC-16 over bytes 0 to 24
+        ),
+    ),
 }
 
 FLAGS = {  # name: bit
@@ -191,3 +212,30 @@ RESULTS = {
     5: ("locked", "refused: this is the console's port, and it is locked"),
     6: ("overdue", "refused: OPENING lasted for `opening_max_ms` and was not ended"),
 }
+
+CONTACTS = {
+    0: "EMPTY",  # nothing touches the gel
+    1: "TOUCHING",  # something touches the gel, and the contact grows
+    2: "HELD",  # something touches the gel, and the contact does not grow
+    255: "UNKNOWN",  # nobody can tell: the model does not read the picture between the markers
+}
+
+EVIDENCES = {
+    0: "none",  # there is none to show
+    1: "imprint",  # motion of the relief that the object presses into the gel
+    2: "coarse",  # motion of what is smoother or finer than the relief
+    3: "markers",  # a feature of the markers
+    4: "contact",  # the contact was lost: the patches of relief that are left
+}
+
+UNITS = (
+    "-",
+    "um",
+    "um/s",
+    "nat",
+    "nat/s",
+    "log2",
+    "1e-6/s",
+    "1",
+    "patches",
+)
