@@ -35,9 +35,10 @@ inline constexpr std::array<std::string_view, 4> kStrengthNames{"none", "weak", 
 struct Config {
   int fingers = 1;
   // Octaves of motion in Q8 by which a strong finger is above the model's threshold, and by which a weak one is below
-  // it. Chosen by `holdfast evaluate --recorded ... --pairs`.
+  // it; 0: none is weak. Chosen by `holdfast evaluate --recorded ... --pairs` with slip_v5: a weak finger detects no
+  // onset earlier there, and alarms.
   std::int32_t alone_q8 = 160;
-  std::int32_t together_q8 = 96;
+  std::int32_t together_q8 = 0;
   std::int32_t sight_patches = 5;  // from here on a picture shows a relief: contact::Config::begin_patches
   // Older evidence is not heard. A period at 15 frames a second and a fifth.
   Micros oldest{80'000};

@@ -193,11 +193,11 @@ TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
   int raised = 0;
   for (int k = 0; k < 20'000; ++k) {
     const auto in = [&](int from, int to) { return std::uniform_int_distribution(from, to)(random); };
-    Features features = moves(in(0, 2500));
+    Features features = moves(in(0, 1600));
     features.rates_valid = true;
     features.imprint.patches = Count::from_raw(in(0, 14));
     features.imprint.growth = Log2Q8::from_raw(in(-50, 120));
-    features.imprint.coarse = Log2Q8::from_raw(in(0, 2000));
+    features.imprint.coarse = Log2Q8::from_raw(in(0, 1600));
     features.field.flow_residual = MicrometresPerSec::from_raw(in(0, 3000));
     features.field.octave_entropy = NatsQ16::from_raw(in(90'000, 130'000));
     features.field.reach = Micrometres::from_raw(in(0, 600));
