@@ -77,7 +77,7 @@ TEST_GROUP(ImprintGrasps){};
 
 // Aim: none. Today four in two minutes, of the finest relief, whose shading is all that the coarse motion has, and of
 // ridges, shaken by more than 0.5 mm: fuse.hpp says what holds back more of them, and which slips that costs.
-TEST(ImprintGrasps, WhatSticksFastSeldomAlarmsWhenItIsShakenHard) {
+TEST(ImprintGrasps, WhatSticksFastIsSilentWhenItIsShakenHard) {
   const char* const asked = std::getenv("HOLDFAST_SHAKEN_MINUTES");
   const double minutes = asked != nullptr ? std::atof(asked) : 2.0;
   constexpr double kScene_s = 15.0;
@@ -91,7 +91,7 @@ TEST(ImprintGrasps, WhatSticksFastSeldomAlarmsWhenItIsShakenHard) {
     held_s += scene.duration_s - 1.0;
   }
   std::printf("\n%.1f minutes shaken: %d alarms\n", held_s / 60.0, alarms);
-  CHECK(alarms <= 2.4 * held_s / 60.0);
+  LONGS_EQUAL(0, alarms);
 }
 
 // Six frames: what a grasp can wait for. The finest relief is left out: it changes by no more than the threshold,
