@@ -771,7 +771,7 @@ void take_into(Empty& empty, std::int32_t first, const Lanes<bool>& in_view, con
   Eight<std::uint16_t>& mean_q4 = empty.samples_q4[idx(first / kLanes)];
   for (std::size_t lane = 0; lane < kLanes; ++lane) {
     bool& learned = empty.learned[idx(first) + lane];
-    if (!in_view[lane] || (learned && empty.frames > 1)) continue;
+    if (!in_view[lane] || learned) continue;
     for (std::size_t s = lane; s < now.size(); s += kLanes) mean_q4[s] = u16(static_cast<std::uint32_t>(now[s]) * 16);
     learned = true;
   }

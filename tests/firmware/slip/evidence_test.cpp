@@ -37,6 +37,11 @@ TEST_GROUP(Evidence) {
   }
 };
 
+TEST(Evidence, ANameThatIsNoFeatureHasTheIndexPastTheLast) {
+  LONGS_EQUAL(kFeatureCount, feature_index("nothing"));
+  LONGS_EQUAL(evidence::kContactFeature, feature_index("contact"));
+}
+
 TEST(Evidence, OfAGelAtRestDecidesNothingAndShowsTheImprint) {
   CHECK_TRUE(decisive() == Evidence::kNone);
   const Shown shown = evidence::show(kCompiled, features, Evidence::kNone, false);
