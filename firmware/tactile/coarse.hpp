@@ -9,8 +9,8 @@
 //   explained what is left and lies along the slopes: a shift along x or y, a turn about the middle, least squares
 //   noise   = what nothing explains, by degree of freedom, and 0.02 levels^2
 //   motion  = step sqrt((explained - 33 noise) / (sum |slope|^2 / 2 + 0.01 N)): 33 = 3 motions of 11 times the noise
-// less what being carried explains (imprint.hpp), so that growth of a contact, which no rigid motion explains, is noise
-// to it.
+// so that growth of a contact, which no rigid motion explains, is noise to it. What being carried explains is taken off
+// (imprint.hpp).
 //
 // The factor 11 and the two floors were chosen on simulated slides, closings and bonded shaking of seed 7 and on the
 // silence of 200 recordings (2026-11-24): at 8 bonded objects alarm when they are shaken, at 20 a quarter of the

@@ -34,13 +34,12 @@
 // mean do worse). 0.2 levels^2 is what a codec's noise shows as relief; the lag of 0.16 s and the floor were chosen on
 // 200 recordings of 17 objects (toolchain/learn/fuse.hpp has the thresholds, and what they are worth on objects that
 // did not choose them). Half of the way: on the recordings and on simulated grasps of seed 7 (2026-11-26) anything from
-// 0.4 to 0.6 of it takes two thirds of the alarms of smooth objects that are shaken while they stick (33 of 60 grasps
-// to 11), all of bonded ones, and a tenth of all alarms of recorded trials; one recorded onset of 82 comes later. The
-// way of each patch by itself takes too much: where an object slides the gel bends.
+// 0.4 to 0.6 of it takes two thirds of the alarms of smooth objects (33 in 60 grasps to 11 or 12), all of bonded ones
+// that are shaken, and a tenth of all alarms of recorded trials, for one recorded onset of 82. The way of each patch by
+// itself takes too much: where an object slides the gel bends.
 //
-// Limits. Slower than
-// about 0.05 mm in the lag is not known from noise. A worn gel looks like a relief that never slips. Exposure and white
-// balance of the camera must stand still.
+// Limits. Slower than about 0.05 mm in the lag is not known from noise. A worn gel looks like a relief that never
+// slips. Exposure and white balance of the camera must stand still.
 #pragma once
 
 #include <array>

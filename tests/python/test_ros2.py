@@ -115,7 +115,8 @@ class Heard(unittest.TestCase):
         def last():
             return (self.heard("rt/diagnostics") or [{}])[-1]
 
-        self.until("a warning", lambda: last().get("message") == "SLIP (slip)")
+        # Diagnostics come once a second, and a second of silence is stale: the board must go on speaking.
+        self.until("a warning", lambda: last().get("message") == "SLIP (slip)", board.say)
         self.assertEqual((last()["level"], last()["hardware_id"]), (1, "HF0001"))
         self.until("silence is stale", lambda: last()["level"] == 3)
         self.assertEqual(last()["values"]["lost"], "3")
