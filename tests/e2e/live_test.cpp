@@ -3,16 +3,15 @@
 // scenes. (The page in a browser: tests/npm/check_live.mjs.)
 #include <arpa/inet.h>
 #include <netinet/in.h>
-#include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <csignal>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
+#include "tests/support/deadline.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
@@ -26,21 +25,11 @@ using namespace holdfast;
 using test::Finished;
 using test::HostProcess;
 using test::read_file;
+using test::until;
 using Words = std::vector<std::string>;
 
 constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 constexpr const char* kFirmware = HOLDFAST_BIN_DIR "/holdfastd";
-// Whether `condition` came within 20 s.
-template <typename Condition>
-bool until(const Condition& condition) {
-  const auto limit = std::chrono::steady_clock::now() + std::chrono::seconds(20);
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() >= limit) return false;
-    (void)::poll(nullptr, 0, 5);
-  }
-  return true;
-}
-
 constexpr const char* kSlip = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
 
 }  // namespace

@@ -18,6 +18,7 @@
 #include "drivers/sim/serial_pty.hpp"
 #include "grip/hande.hpp"
 #include "grip/modbus_rtu.hpp"
+#include "tests/support/deadline.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -26,12 +27,11 @@ namespace rtu = holdfast::modbus_rtu;
 using holdfast::Micros;
 using holdfast::Reason;
 using holdfast::sim::SerialPty;
+using holdfast::test::kDeadline;
 using rtu::Progress;
 using namespace std::chrono_literals;
 
 namespace {
-
-constexpr auto kDeadline = 20s;
 
 Micros real_time() {
   return std::chrono::duration_cast<Micros>(std::chrono::steady_clock::now().time_since_epoch());

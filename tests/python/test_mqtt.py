@@ -21,12 +21,13 @@ import unittest
 import urllib.request
 from pathlib import Path
 
+from deadline import DEADLINE_S
+
 SOURCE = Path(__file__).resolve().parents[2]
 BIN = Path(os.environ["HOLDFAST_BIN"])
 FLEET = int(os.environ.get("HOLDFAST_FLEET", "5"))
 PER_PROCESS = 100
 QUEUE, IN_FLIGHT = 20, 10
-DEADLINE_S = 60 + FLEET / 5
 MOSQUITTO = shutil.which("mosquitto", path=os.environ["PATH"] + ":/usr/sbin")
 
 NEEDED = {

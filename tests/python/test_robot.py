@@ -14,9 +14,10 @@ import time
 import unittest
 from pathlib import Path
 
+from deadline import DEADLINE_S
+
 SOURCE = Path(__file__).resolve().parents[2]
 BIN = Path(os.environ["HOLDFAST_BIN"])
-DEADLINE_S = 60
 
 
 class Hold(unittest.TestCase):

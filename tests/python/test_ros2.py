@@ -17,12 +17,12 @@ import tty
 import unittest
 from pathlib import Path
 
+from deadline import DEADLINE_S
 from holdfast import link, logs
 
 SOURCE = Path(__file__).resolve().parents[2]
 BIN = Path(os.environ["HOLDFAST_BIN"])
 ROS2 = SOURCE / "toolchain/ros2"
-DEADLINE_S = 60
 OURS = ("SlipState", "MarkerField", "Command", "Answer")
 LOOPBACK = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
@@ -190,7 +190,7 @@ class Heard(unittest.TestCase):
         now = time.time()
         for topic, wanted in (("rt/holdfast/slip", slips), ("rt/holdfast/markers", fields)):
             for got in self.heard(topic):
-                self.assertLess(abs(got.pop("sec") - now), DEADLINE_S + 1)  # wall clock, not the recording's
+                self.assertLess(abs(got.pop("sec") - now), DEADLINE_S)  # wall clock, not the recording's
                 del got["nanosec"], got["frame_id"]
                 for name, value in got.items():
                     want = wanted[got["frame"]][name]

@@ -8,6 +8,7 @@
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -28,6 +29,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace {
@@ -251,6 +253,11 @@ int run(std::uint32_t domain) {
   if (writer == nullptr) return 1;
   int command = 0, argument = 0;
   while (std::cin >> command >> argument) {
+    // What is written before a reader is found is lost, and that a sample was heard says nothing of it.
+    dds::PublicationMatchedStatus matched;
+    while (writer->get_publication_matched_status(matched) == ReturnCode_t::RETCODE_OK && matched.current_count == 0) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
     Bytes bytes{0, 1, 0, 0, static_cast<char>(command), static_cast<char>(argument)};
     writer->write(&bytes);
   }

@@ -9,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "tests/support/deadline.hpp"
+
 namespace holdfast::test {
 
 struct Finished {
@@ -29,11 +31,11 @@ class HostProcess {
   HostProcess& operator=(const HostProcess&) = delete;
 
   // False: it ended, or the deadline passed, without having said so.
-  [[nodiscard]] bool err_says(std::string_view text, std::chrono::seconds deadline = std::chrono::seconds(300));
+  [[nodiscard]] bool err_says(std::string_view text, std::chrono::seconds deadline = kDeadline);
   void send(int signal) const;
   [[nodiscard]] pid_t pid() const { return pid_; }
   // Reads to the end; kills the program at the deadline.
-  [[nodiscard]] Finished finish(std::chrono::seconds deadline = std::chrono::seconds(300));
+  [[nodiscard]] Finished finish(std::chrono::seconds deadline = kDeadline);
 
  private:
   // Waits for output. False: none can come any more, or none came before `until`.
