@@ -65,6 +65,7 @@ test rosidl-cmake 3.3.1-1
 test rosidl-generator-c-cpp 3.3.1-1
 test rosidl-tools 3.3.1-1
 test openssl 3.0.19-1~deb12u2
+test curl 7.88.1-10+deb12u14
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3
