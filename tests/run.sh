@@ -286,6 +286,7 @@ part_web() {
   step "web logs" tests/npm/check_logs.sh || status=1
   sed 's/^/   /' "$logs/web-logs.log"
   count_one "web logs (tests/npm/check_logs.sh)" "$status"
+  node_check "web lerobot" tests/npm/check_lerobot.mjs
   node_check "web wire" tests/npm/check_wire.mjs
   node_check "web page" tests/npm/check_page.mjs
   node_check "web live" tests/npm/check_live.mjs
