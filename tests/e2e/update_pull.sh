@@ -111,7 +111,16 @@ on_board() { env PATH="$work/bin:$PATH" HOLDFAST_PULL_URL="${at:-$url}" HOLDFAST
 sed -i "s,/etc/rauc/system.conf,$work/etc/system.conf," "$work/usr/lib/holdfast/releases"
 fetch() { on_board fetch; }
 install_it() { on_board install; }
-holds_nothing() { touch "$work/run/empty"; }
+# over_empty: installs over an empty gel, whose mark is kept young as holdfastd keeps it.
+over_empty() {
+  local young status=0
+  while touch "$work/run/empty"; do sleep 0.5; done &
+  young=$!
+  install_it || status=$?
+  end "$young"
+  rm -f "$work/run/empty"
+  return "$status"
+}
 # fresh: a board that has heard of nothing, and an owner who has signed nothing.
 fresh() {
   rm -rf "$work/run/fetched" "$work/run/own" "$work/data" "$work/run/notes" "$work/installed" "$www" "$work/control/log" "$work/run/empty"
@@ -133,8 +142,7 @@ touch -d '-10 seconds' "$work/run/empty"
 says "nor by a mark of a process that has died" "waits until nothing is held" install_it
 touch -d '+1 hour' "$work/run/empty"
 says "nor by one of another time" "waits until nothing is held" install_it
-holds_nothing
-says "it is installed when nothing is held" "^installed holdfast-virt-0.2.0.raucb" install_it
+says "it is installed when nothing is held" "^installed holdfast-virt-0.2.0.raucb" over_empty
 is "the bytes" "$(sha256sum <"$work/second")" "$(sha256sum <"$work/installed/holdfast-virt-0.2.0.raucb")"
 is "the slot on trial" "BOOT_TRIAL=B" "$(grep BOOT_TRIAL "$work/words")"
 is "the console" "installed holdfast-virt-0.2.0.raucb. Next: start the machine anew when the gripper holds nothing; it is kept once enough frames were OK" "$(told)"
@@ -148,8 +156,7 @@ offer second 50
 says "nor by a newer channel" "was installed by this before" fetch
 offer third 100
 says "the release after it is" "^release 3 is fetched$" fetch
-holds_nothing
-says "and installed" "^installed holdfast-virt-0.3.0.raucb" install_it
+says "and installed" "^installed holdfast-virt-0.3.0.raucb" over_empty
 
 # ---- A channel that was changed, or that another signed.
 fresh
@@ -190,12 +197,10 @@ cp "$work/channel.good" "$www/channel"
 says "a good one" "is fetched" fetch
 cp "$work/run/fetched/channel" "$work/channel.kept"
 at_byte "$work/run/fetched/channel" "$(grep -abo 'share=100' "$work/run/fetched/channel" | cut -d : -f 1)"
-holds_nothing
-refuses "a channel that was changed after it was fetched" "not signed by this board's owner" install_it
+refuses "a channel that was changed after it was fetched" "not signed by this board's owner" over_empty
 cp "$work/channel.kept" "$work/run/fetched/channel"
 at_byte "$work/run/fetched/bundle-$(sha256sum <"$work/second" | cut -d ' ' -f 1)" 1000
-holds_nothing
-refuses "a bundle that was changed after it was fetched" "not the file that the channel names" install_it
+refuses "a bundle that was changed after it was fetched" "not the file that the channel names" over_empty
 is "what was installed" "" "$(installed)"
 # A revoked signer.
 fresh
@@ -221,14 +226,12 @@ offer second 0
 cp "$www/channel" "$work/channel.2"
 says "number 2 halts it" "for 0 of 100 boards" fetch
 is "what was fetched of it is gone" "" "$(fetched)"
-holds_nothing
-says "number 2 is remembered" "for 0 of 100 boards" install_it
+says "number 2 is remembered" "for 0 of 100 boards" over_empty
 cp "$work/channel.1" "$www/channel"
 refuses "number 1 again" "number 1, and number 2 was seen before" fetch
 cp "$work/channel.1" "$work/run/fetched/channel"
 cp "$work/second" "$work/run/fetched/bundle-$(sha256sum <"$work/second" | cut -d ' ' -f 1)"
-holds_nothing
-refuses "number 1 by a fetcher that lies" "number 1, and number 2 was seen before" install_it
+refuses "number 1 by a fetcher that lies" "number 1, and number 2 was seen before" over_empty
 is "what was installed" "" "$(installed)"
 cp "$work/channel.2" "$www/channel"
 says "number 2 again is no replay" "for 0 of 100 boards" fetch
@@ -261,20 +264,17 @@ sed "s/^size=.*/size=$(stat -c %s "$work/other")/; s/^sha256=.*/sha256=$(sha256s
 signed "$work/text"
 cp "$work/other" "$www/holdfast-virt-0.2.0.raucb"
 says "another owner's bundle behind a signed channel" "is fetched" fetch
-holds_nothing
-refuses "is not installed by RAUC" "was not installed: signature verification failed" install_it
+refuses "is not installed by RAUC" "was not installed: signature verification failed" over_empty
 is "what was installed" "" "$(installed)"
 # Any while one is on trial, as by a stick.
 fresh
 offer second 100
 says "a good one" "is fetched" fetch
 echo BOOT_TRIAL=A >"$work/words"
-holds_nothing
-refuses "waits while a release is on trial" "is on trial" install_it
+refuses "waits while a release is on trial" "is on trial" over_empty
 : >"$work/words"
 says "fetched again" "is fetched" fetch
-holds_nothing
-says "and is installed after it" "^installed" install_it
+says "and is installed after it" "^installed" over_empty
 
 # ---- The server goes away in the middle.
 fresh
@@ -282,14 +282,12 @@ offer second 100
 whole=$(stat -c %s "$work/second")
 echo 400000 >"$work/control/cut"
 refuses "a server that goes away" "^error: .*400000 of $whole bytes" fetch
-holds_nothing
-says "nothing is installed of it" "is not fetched yet" install_it
+says "nothing is installed of it" "is not fetched yet" over_empty
 echo 300000 >"$work/control/cut"
 refuses "and once more" "^error: .*700000 of $whole bytes" fetch
 says "the third time it is whole" "is fetched" fetch
 is "it went on from where it was" "0 400000 700000 " "$(requests | awk '/raucb/ { printf "%s ", $2 }')"
-holds_nothing
-says "and is installed" "^installed" install_it
+says "and is installed" "^installed" over_empty
 is "the bytes" "$(sha256sum <"$work/second")" "$(sha256sum <"$work/installed/holdfast-virt-0.2.0.raucb")"
 # What is there of a bundle that the channel names no more is no part of the next.
 fresh
@@ -371,7 +369,7 @@ if [[ -x $bin/holdfastd ]]; then
     "$bin/holdfastd" --real-time "$@" --empty-file "$work/run/empty" >"$work/daemon.out" 2>&1 &
     daemon=$!
   }
-  holds_nothing
+  touch "$work/run/empty"
   daemon
   until_mark gone || fails "the mark stays while something is held"
   says "nothing is installed while holdfastd has something in its grip" "waits until nothing is held" install_it
