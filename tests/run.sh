@@ -117,7 +117,7 @@ slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.
 not_sanitized='PowerCut'
 not_emulated='PowerCut|Render|Tracker|ModelFile|firmware_tests.Models|Imprint|HandE|PictureCheck$|JpegDc|JpegFast$'
 # What the run without options leaves to --all, as well.
-not_short='RealClips|firmware_tests.Simulation|PowerCut|GalleryTwice|FaultsSoak|host_tests.Grip|JpegCorruption|JpegFuzz|PictureCheckOnClips|ContactGridFine|e2e.flash_loop'
+not_short='RealClips|firmware_tests.Simulation|PowerCut|GalleryTwice|FaultsSoak|host_tests.Grip|JpegCorruption|JpegFuzz|PictureCheckOnClips|ContactGridFine|e2e.flash_loop|e2e.cluster'
 passed=0 failed=0 skipped=0
 failures=() skips=() times=()
 
@@ -200,7 +200,9 @@ read_report() {
 
 part_packages() {
   local status=0
-  ensure_packages build test cross system fuzz || status=1
+  local -a groups=(build test cross system fuzz)
+  ((all == 0 && long == 0)) || groups+=(cluster)
+  ensure_packages "${groups[@]}" || status=1
   count_one packages "$status"
 }
 part_format() {
@@ -284,6 +286,7 @@ part_web() {
   step "web logs" tests/npm/check_logs.sh || status=1
   sed 's/^/   /' "$logs/web-logs.log"
   count_one "web logs (tests/npm/check_logs.sh)" "$status"
+  node_check "web lerobot" tests/npm/check_lerobot.mjs
   node_check "web wire" tests/npm/check_wire.mjs
   node_check "web page" tests/npm/check_page.mjs
   node_check "web live" tests/npm/check_live.mjs

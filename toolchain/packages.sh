@@ -8,7 +8,7 @@
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
 # GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; system:
-# the cards, and the emulated machine that starts from one; bench: models of processors (tests/bench/board_time.sh); fuzz: libFuzzer; deb: the tool as a Debian package, tried in a fresh root; web: the browser that the page of a session is shown in.
+# the cards, and the emulated machine that starts from one; bench: models of processors (tests/bench/board_time.sh); fuzz: libFuzzer; deb: the tool as a Debian package, tried in a fresh root; cluster: a Slurm of one machine (tests/e2e/cluster.sh), only with --all or --long; web: the browser that the page of a session is shown in.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -65,6 +65,7 @@ test rosidl-cmake 3.3.1-1
 test rosidl-generator-c-cpp 3.3.1-1
 test rosidl-tools 3.3.1-1
 test openssl 3.0.19-1~deb12u2
+test curl 7.88.1-10+deb12u14
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3
@@ -92,6 +93,10 @@ deb lintian 2.116.3+deb12u1
 deb dpkg-dev 1.21.23
 deb fakeroot 1.31-1.2
 deb mmdebstrap 1.3.5-7
+cluster slurmctld 22.05.8-4+deb12u3
+cluster slurmd 22.05.8-4+deb12u3
+cluster slurm-client 22.05.8-4+deb12u3
+cluster munge 0.5.15-2+deb12u1
 web chromium 156.0.8078.79-1~deb12u1
 TABLE
 }

@@ -70,6 +70,10 @@ struct Settings {
 
 // The options --set, --settings, --models, --owner-key, --development and --notes.
 void add_settings(CLI::App& cli, Settings& settings);
+// Of --empty-file, which all boards have (drivers/common/empty_mark.hpp).
+[[nodiscard]] inline const char* empty_file_help() {
+  return "make this file, and keep its time young, while frames are OK and nothing touches the gel";
+}
 // After the command line was parsed. Empty, or what is wrong.
 [[nodiscard]] std::string read_settings(Settings& settings);
 

@@ -20,6 +20,7 @@
 #include "board/board.hpp"
 #include "board/common/process.hpp"
 #include "drivers/common/crew.hpp"
+#include "drivers/common/empty_mark.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/sysfs_supply.hpp"
@@ -43,7 +44,7 @@ struct Options {
   std::string gpio = "header";
   std::string host, link, gripper;
   bool host_commands = false;
-  std::filesystem::path keep, code_file, ok_file;
+  std::filesystem::path keep, code_file, ok_file, empty_file;
   std::uint64_t ok_frames = 250;  // 10 s at 25 fps
   std::string code;
   std::int32_t time_scale = hardware().time_scale;
@@ -91,6 +92,7 @@ class Appliance {
     tell_of_first_frame(app);
     tell_of_supply();
     kept_.tell();
+    empty_.tell(app.holds_nothing(), app.ok_frames());
   }
   // Whoever has to know that this release works on this board - an update is kept by it - looks for the file.
   void prove(const App& app) {
@@ -179,6 +181,7 @@ class Appliance {
   Port host_ = port_of(options.host, kWhenever);
   Port link_ = port_of(options.link, kFresh), gripper_ = port_of(options.gripper, kFresh);
   KeptFile kept_{options.keep};
+  drivers::EmptyMark empty_{options.empty_file};
   std::unique_ptr<drivers::SysfsSupply> supply_ = supply_of();
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
@@ -251,6 +254,7 @@ std::optional<int> make(int argc, char** argv) {
                  "the code that unlocks the console, one line; without it the console changes nothing");
   cli.add_option("--ok-file", options.ok_file, "make this file once so many frames were OK, without a FAULT between:");
   cli.add_option("--ok-frames", options.ok_frames)->check(CLI::PositiveNumber)->capture_default_str();
+  cli.add_option("--empty-file", options.empty_file, empty_file_help());
   add_settings(cli, options.settings);
   cli.add_flag("--lower", asked_to_lower,
                "drive the outputs of a holdfastd that is gone LOW, and end; of the other options --gpio counts");

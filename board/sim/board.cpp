@@ -25,6 +25,7 @@
 
 #include "board/common/process.hpp"
 #include "drivers/common/crew.hpp"
+#include "drivers/common/empty_mark.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/common/watchdog_thread.hpp"
@@ -58,7 +59,7 @@ struct Options {
   bool empty = false;
   double fps = 25.0;
   double seconds = 0.0;  // 0: until asked to end
-  std::filesystem::path tape, keep, link, gripper, host, code_file;
+  std::filesystem::path tape, keep, link, gripper, host, code_file, empty_file;
   bool host_commands = false;
   std::string code;
   Settings settings;
@@ -262,6 +263,7 @@ class Desk {
   Options options;
   std::string problem;  // the first of those that it was made with
   KeptFile kept{options.keep};
+  drivers::EmptyMark empty{options.empty_file};
 
  private:
   void note(const std::string& what) {
@@ -349,6 +351,7 @@ std::optional<int> make(int argc, char** argv) {
       ->check(CLI::Range(0.001, 1e7));
   cli.add_option("--tape", options.tape, "show the output lines in this file (drivers/sim/tape.hpp)");
   cli.add_option("--keep", options.keep, "keep the reference in this file, and go on with what it holds");
+  cli.add_option("--empty-file", options.empty_file, empty_file_help());
   cli.add_option("--link", options.link, "make this path a serial port with status and command frames");
   cli.add_option("--gripper", options.gripper,
                  "make this path the gripper's serial port; without it a simulated Hand-E answers");
@@ -413,8 +416,9 @@ bool watch(OutputWatchdog& watchdog) {
   return desk->watch(watchdog);
 }
 void started() {}
-void tell(const App&) {  // nothing of the first frame: virtual time begins with the program
+void tell(const App& app) {  // nothing of the first frame: virtual time begins with the program
   desk->kept.tell();
+  desk->empty.tell(app.holds_nothing(), app.ok_frames());
 }
 bool over() {
   return desk->over();

@@ -105,6 +105,10 @@ class App {
   [[nodiscard]] std::optional<Micros> first_confirmed() const { return lines_.first_confirmed; }
   // Accepted frames that the status frame called OK since start(), or since the last FAULT.
   [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
+  // By the last step(): its frame was accepted and OK, and nothing touches the gel.
+  [[nodiscard]] bool holds_nothing() const {
+    return outputs_.accepted && told_.state == DeviceState::kOk && !result_.contact.touching;
+  }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor() const { return supervisor_; }
   [[nodiscard]] const health::State& health() const { return health_; }

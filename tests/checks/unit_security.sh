@@ -13,6 +13,7 @@ source toolchain/say.sh
 thresholds() {
   cat <<'ROWS'
 holdfast-stick@.service 40 mounts a stick where RAUC, another process, sees it: no file system of its own
+holdfast-pull.service 12 fetches updates: the only unit with a network
 holdfast-shell.service 100 the root shell of the emulated machine, which no board has
 ROWS
 }

@@ -1009,6 +1009,27 @@ TEST(App, KnowsWhenItVouchedFirst) {
   CHECK_FALSE(app->first_confirmed().has_value());
 }
 
+// What an update waits for: not while the gel is learned, not by a frame that was refused, and not once it is dragged.
+TEST(App, HoldsNothingOnlyByAFrameOfAnEmptyGel) {
+  film(30, 12);
+  build({{22, 2, sim::CameraFault::kBad, {}}});
+  start();
+  int empty = 0, refused = 0, held = 0;
+  for (int k = 0; k < 42; ++k) {
+    const std::uint64_t edges = gpio.edges(Line::kAlive);
+    CHECK_TRUE(step());
+    const bool accepted = gpio.edges(Line::kAlive) > edges, ok = app->told().state == DeviceState::kOk;
+    if (k < 30) {
+      CHECK_EQUAL(accepted && ok, app->holds_nothing());
+      ++(app->holds_nothing() ? empty : refused);
+    } else if (k >= 36) {  // 1.8 px and more of 39 between markers
+      CHECK_FALSE(app->holds_nothing());
+      ++held;
+    }
+  }
+  CHECK_TRUE(empty > 10 && refused > 10 && held == 6);
+}
+
 // What an update is kept by. Frames while the empty gel is learned, the first after a fault, and those over which OK is
 // held are no proof.
 TEST(App, CountsOkFramesSinceTheLastFault) {
