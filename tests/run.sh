@@ -200,7 +200,9 @@ read_report() {
 
 part_packages() {
   local status=0
-  ensure_packages build test cross system fuzz || status=1
+  local -a groups=(build test)
+  [[ ${chosen[*]} == "${short_parts[*]}" ]] || groups+=(lint cross system fuzz)
+  ensure_packages "${groups[@]}" || status=1
   count_one packages "$status"
 }
 part_format() {
