@@ -213,7 +213,9 @@ part_format() {
 part_sim() {
   local -a which=()
   ((short == 0)) || which=(--exclude-regex "$not_short")
-  build sim && run_ctest "sim tests" sim "${which[@]}"
+  build sim || return 1
+  ((short)) || step "sim programs" cmake --build --preset sim --target programs || count_one "sim: programs that only measure" 1
+  run_ctest "sim tests" sim "${which[@]}"
 }
 # Begins here and goes on, with what the parts after it leave of the cores, until end_tidy.
 tidy_pid=''
@@ -319,7 +321,7 @@ part_long() {
   step "long trials" env HOLDFAST_TRIALS=500 build/sim/bin/host_tests -v -sg Trials
   count_one "HOLDFAST_TRIALS=500 host_tests -sg Trials" $?
   if step "long image" bash -c 'toolchain/sysroot.sh --newer && cmake --preset rpi4 && cmake --build --preset rpi4 &&
-    cmake --build --preset sim --target system_film_made && tests/system/prepare.sh'; then
+    cmake --build --preset sim --target system_film_made system_scenarios && tests/system/prepare.sh'; then
     step "long machine" env HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 build/sim/bin/system_scenarios -v \
       -sg Holdfastd -sg Card -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns \
       -sn OutlivesPowerCutsWhileItInstalls
@@ -360,7 +362,7 @@ part_system() {
     return 1
   }
   build rpi4 && build sim || return 1
-  step "system film" cmake --build --preset sim --target system_film_made || {
+  step "system film" cmake --build --preset sim --target system_film_made system_scenarios || {
     count_one "system: film" 1
     return 1
   }
