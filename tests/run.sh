@@ -117,7 +117,8 @@ slow_groups='ContactGridFine|GalleryTwice|FaultsSoak|host_tests.Grip|host_tests.
 not_sanitized='PowerCut'
 not_emulated='PowerCut|Render|Tracker|ModelFile|firmware_tests.Models|Imprint|HandE|PictureCheck$|JpegDc|JpegFast$'
 # What the run without options leaves to --all, as well.
-not_short='RealClips|firmware_tests.Simulation|PowerCut|GalleryTwice|FaultsSoak|host_tests.Grip|JpegCorruption|JpegFuzz|PictureCheckOnClips|ContactGridFine|e2e.flash_loop|e2e.cluster'
+not_short='RealClips|firmware_tests.Simulation|PowerCut|GalleryTwice|FaultsSoak|host_tests.Grip|JpegCorruption|JpegFuzz|PictureCheckOnClips|ContactGridFine|e2e.flash_loop'
+not_short+='|e2e.cluster|ConsoleFlood|EvaluateRecorded|host_tests.Paper|host_tests.Recordings|host_tests.Trade'
 passed=0 failed=0 skipped=0
 failures=() skips=() times=()
 
@@ -200,7 +201,8 @@ read_report() {
 
 part_packages() {
   local status=0
-  local -a groups=(build test cross system fuzz)
+  local -a groups=(build test)
+  [[ ${chosen[*]} == "${short_parts[*]}" ]] || groups+=(lint cross system fuzz)
   ((all == 0 && long == 0)) || groups+=(cluster)
   ensure_packages "${groups[@]}" || status=1
   count_one packages "$status"
@@ -213,7 +215,9 @@ part_format() {
 part_sim() {
   local -a which=()
   ((short == 0)) || which=(--exclude-regex "$not_short")
-  build sim && run_ctest "sim tests" sim "${which[@]}"
+  build sim || return 1
+  ((short)) || step "sim programs" cmake --build --preset sim --target programs || count_one "sim: programs that only measure" 1
+  run_ctest "sim tests" sim "${which[@]}"
 }
 # Begins here and goes on, with what the parts after it leave of the cores, until end_tidy.
 tidy_pid=''
@@ -320,7 +324,7 @@ part_long() {
   step "long trials" env HOLDFAST_TRIALS=500 build/sim/bin/host_tests -v -sg Trials
   count_one "HOLDFAST_TRIALS=500 host_tests -sg Trials" $?
   if step "long image" bash -c 'toolchain/sysroot.sh --newer && cmake --preset rpi4 && cmake --build --preset rpi4 &&
-    cmake --build --preset sim --target system_film_made && tests/system/prepare.sh'; then
+    cmake --build --preset sim --target system_film_made system_scenarios && tests/system/prepare.sh'; then
     step "long machine" env HOLDFAST_CYCLES=100 HOLDFAST_HEAP_FRAMES=10000 HOLDFAST_CUTS=50 build/sim/bin/system_scenarios -v \
       -sg Holdfastd -sg Card -sn LeaksNothingThroughKills -sn LeaksNothingThroughReplugs -sn TakesNoMemoryOnceItRuns \
       -sn OutlivesPowerCutsWhileItInstalls
@@ -361,7 +365,7 @@ part_system() {
     return 1
   }
   build rpi4 && build sim || return 1
-  step "system film" cmake --build --preset sim --target system_film_made || {
+  step "system film" cmake --build --preset sim --target system_film_made system_scenarios || {
     count_one "system: film" 1
     return 1
   }

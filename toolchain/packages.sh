@@ -7,8 +7,11 @@
 # shellcheck source=toolchain/say.sh
 source "$(dirname "${BASH_SOURCE[0]}")/say.sh"
 
-# GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks; cross: aarch64 and its emulator; system:
-# the cards, and the emulated machine that starts from one; bench: models of processors (tests/bench/board_time.sh); fuzz: libFuzzer; deb: the tool as a Debian package, tried in a fresh root; cluster: a Slurm of one machine (tests/e2e/cluster.sh), only with --all or --long; web: the browser that the page of a session is shown in.
+# GROUP PACKAGE VERSION. build: firmware, simulator and tool; test: tests and checks on the host; lint: clang-tidy and
+# coverage; cross: aarch64 and its emulator; system: the cards, and the emulated machine that starts from one; bench:
+# models of processors (tests/bench/board_time.sh); fuzz: libFuzzer; deb: the tool as a Debian package, tried in a fresh
+# root; cluster: a Slurm of one machine (tests/e2e/cluster.sh), only with --all or --long; web: the browser that the page
+# of a session is shown in.
 package_table() {
   cat <<'TABLE'
 build g++ 4:12.2.0-3
@@ -40,9 +43,7 @@ test libcpputest-dev 4.0-2
 test libmodbus-dev 3.1.6-2.1+deb12u1
 test librapidcheck-dev 0~1033-08b5058-3
 test clang-format 1:14.0-55.7~deb12u1
-test clang-tidy 1:14.0-55.7~deb12u1
 test valgrind 1:3.19.0-1
-test gcovr 5.2-1
 test tmux 3.3a-3
 test picocom 3.1-4
 test fdisk 2.38.1-5+deb12u3
@@ -66,6 +67,11 @@ test rosidl-generator-c-cpp 3.3.1-1
 test rosidl-tools 3.3.1-1
 test openssl 3.0.19-1~deb12u2
 test curl 7.88.1-10+deb12u14
+test rauc 1.8-2
+test squashfs-tools 1:4.5.1-1
+test jq 1.6-2.1+deb12u1
+lint clang-tidy 1:14.0-55.7~deb12u1
+lint gcovr 5.2-1
 fuzz clang-14 1:14.0.6-12
 fuzz libclang-rt-14-dev 1:14.0.6-12
 cross g++-aarch64-linux-gnu 4:12.2.0-3

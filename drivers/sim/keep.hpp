@@ -18,12 +18,11 @@ class Keep final : public hal::Keep {
 
   // What a fault does to it.
   [[nodiscard]] std::span<std::uint8_t> bytes() { return bytes_; }
-  void set_off(bool off) { off_ = off; }
   // The file system is full: so many more bytes are taken, and then no more.
   void set_room(std::size_t bytes) { room_ = bytes; }
 
  private:
-  [[nodiscard]] std::size_t do_size() const override { return off_ ? 0 : bytes_.size(); }
+  [[nodiscard]] std::size_t do_size() const override { return bytes_.size(); }
   [[nodiscard]] bool do_read(std::size_t at, std::span<std::uint8_t> bytes) override {
     std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(at), bytes.size(), bytes.begin());
     return true;
@@ -37,7 +36,6 @@ class Keep final : public hal::Keep {
 
   std::vector<std::uint8_t> bytes_;
   std::size_t room_ = SIZE_MAX;
-  bool off_ = false;
 };
 
 }  // namespace holdfast::sim

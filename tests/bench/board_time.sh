@@ -19,7 +19,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
 for program in build/{sim,rpi4}/bin/{setting_cost,jpeg_cost}; do
-  [[ -x $program ]] || { complain "no $program" "not built" "cmake --build --preset sim, and rpi4" && exit 2; }
+  [[ -x $program ]] || { complain "no $program" "not built" "cmake --build --preset sim --target programs, and preset rpi4" && exit 2; }
 done
 for program in qemu-aarch64 qemu-x86_64 llvm-mca-19 llvm-mc-19 gcc; do
   command -v "$program" >/dev/null || { complain "no $program" "not installed" "source toolchain/packages.sh; ensure_packages cross bench" && exit 2; }

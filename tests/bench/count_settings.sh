@@ -14,7 +14,7 @@ source toolchain/say.sh
 
 few=10 many=14
 for program in build/sim/bin/holdfast build/sim/bin/rival_cost build/rpi4/bin/setting_cost build/rpi4/tests/checks/insn.so; do
-  [[ -e $program ]] || { complain "no $program" "not built" "cmake --build --preset sim, and rpi4; see README.md" && exit 2; }
+  [[ -e $program ]] || { complain "no $program" "not built" "cmake --build --preset sim --target holdfast programs, and preset rpi4; see README.md" && exit 2; }
 done
 command -v valgrind >/dev/null || { complain "no valgrind" "not installed" "apt-get install valgrind" && exit 2; }
 work=$(mktemp -d)

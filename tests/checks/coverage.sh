@@ -18,7 +18,7 @@ build=build/coverage listed=tests/checks/uncovered.txt update=()
 [[ ${1:-} != --update ]] || update=(--update)
 
 command -v gcovr >/dev/null || {
-  complain "no gcovr" "not installed" "apt-get install gcovr, or run tests/run.sh"
+  complain "no gcovr" "not installed" "apt-get install gcovr, or run tests/run.sh --only packages"
   exit 1
 }
 export CCACHE_BASEDIR=  # the objects name the folder that they count in: another clone's are of no use

@@ -24,7 +24,7 @@ fi
 build=build/tidy
 quietly "$build.log" cmake --preset sim -B "$build" -DHOLDFAST_UNITY=OFF || exit 1
 tool=$(command -v clang-tidy-14 || command -v clang-tidy) || {
-  complain "no clang-tidy" "not installed" "apt-get install clang-tidy, or run tests/run.sh"
+  complain "no clang-tidy" "not installed" "apt-get install clang-tidy, or run tests/run.sh --only packages"
   exit 1
 }
 stamps=${HOLDFAST_TIDY_STAMPS:-$build/stamps}

@@ -3,7 +3,6 @@
 #include <gpiod.h>
 
 #include <cerrno>
-#include <filesystem>
 
 #include "tests/linux/gpio_kernel.hpp"
 
@@ -45,16 +44,8 @@ int fail(int error) {
 extern "C" {
 
 gpiod_chip* gpiod_chip_open(const char* path) {
-  if (GpioKernel::fails()) return nullptr;
-  GpioKernel& kernel = GpioKernel::get();
-  const std::string name = std::filesystem::path(path).filename();
-  ++kernel.calls;
-  if (kernel.unopenable.contains(name) || !kernel.chips.contains(name)) {
-    errno = kernel.unopenable.contains(name) ? kernel.unopenable[name] : ENOENT;
-    return nullptr;
-  }
-  ++kernel.opened;
-  return new gpiod_chip{&kernel.chips[name]};
+  Chip* const opened = GpioKernel::open(path);
+  return opened == nullptr ? nullptr : new gpiod_chip{opened};
 }
 
 void gpiod_chip_close(gpiod_chip* chip) {

@@ -10,6 +10,7 @@
 
 #include <cerrno>
 #include <cstddef>
+#include <filesystem>
 #include <map>
 #include <string>
 #include <vector>
@@ -56,6 +57,20 @@ struct GpioKernel {
     if (++kernel.asked != kernel.fails_at) return false;
     errno = kernel.error;
     return true;
+  }
+  // nullptr with errno.
+  static Chip* open(const std::filesystem::path& path) {
+    if (fails()) return nullptr;
+    GpioKernel& kernel = get();
+    ++kernel.calls;
+    const auto chip = kernel.chips.find(path.filename());
+    const auto refused = kernel.unopenable.find(path.filename());
+    if (refused != kernel.unopenable.end() || chip == kernel.chips.end()) {
+      errno = refused != kernel.unopenable.end() ? refused->second : ENOENT;
+      return nullptr;
+    }
+    ++kernel.opened;
+    return &chip->second;
   }
 };
 

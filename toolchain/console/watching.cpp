@@ -34,16 +34,6 @@ std::string gone_line(const Device& device) {
                  "plug it in again; this goes on then. Ctrl-C leaves");
 }
 
-bool wait_for_return(Device& device) {
-  device.port().close();
-  while (true) {
-    if (device.reopen() && device.attach(kToAttach)) return true;
-    device.port().close();
-    const Signals::What what = wait(-1, device.signals(), kTryEvery);
-    if (what == Signals::What::kInterrupt || what == Signals::What::kEnd) return false;
-  }
-}
-
 Watching::Watching(Device& device, std::function<void(const std::string&)> note)
     : device_(device), note_(std::move(note)), before_(device.heard) {
   device_.heard.status = [this](const status_frame::StatusFrame& status) {

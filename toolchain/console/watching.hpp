@@ -13,9 +13,6 @@
 
 namespace holdfast::console_tool {
 
-// Waits until the port is there again and a Holdfast answers on it. False: Ctrl-C, or the end.
-[[nodiscard]] bool wait_for_return(Device& device);
-
 [[nodiscard]] std::string gone_line(const Device& device);
 
 class Watching {

@@ -3,9 +3,9 @@
 #include "grip/modbus_rtu.hpp"
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <random>
 #include <string>
 #include <string_view>
@@ -55,79 +55,47 @@ Bytes with_crc(Bytes bytes) {
   return bytes;
 }
 
+using rtu::Read;
+using rtu::State;
+using Begin = std::function<void(State&, const rtu::Config&)>;
+
+Begin write(std::uint16_t at, const Words& values) {
+  return [=](State& s, const rtu::Config& c) { rtu::begin_write(s, c, at, values); };
+}
+Begin read(Read which, std::uint16_t at, std::uint16_t count) {
+  return [=](State& s, const rtu::Config& c) { rtu::begin_read(s, c, which, at, count); };
+}
+Begin read_write(std::uint16_t from, std::uint16_t count, std::uint16_t to, const Words& values) {
+  return [=](State& s, const rtu::Config& c) { rtu::begin_read_write(s, c, from, count, to, values); };
+}
+
 struct Golden {
   std::string_view request;
   std::string_view reply;
   Words registers;  // that the reply brings
-  void (*begin)(rtu::State&, const rtu::Config&);
+  Begin begin;
 };
 
-using rtu::Read;
-using rtu::State;
-using Cfg = rtu::Config;
-
-constexpr std::array<std::uint16_t, 3> kActivate{0x0100, 0, 0}, kClear{}, kClose{0x0900, 0x00FF, 0xFFFF},
-    kOpen{0x0900, 0, 0xFFFF};
-constexpr std::array<std::uint16_t, 2> kTwo{0x00E6, 0x3CC8}, kOtherTwo{0x60E6, 0x3CC8};
 constexpr std::string_view kAck = "09 10 03E8 0003 0130";
 
 const std::vector<Golden> kGoldens{
-    {"09 10 03E8 0003 06 0100 0000 0000 72E1",
-     kAck,
-     {},
-     [](State& s, const Cfg& c) { rtu::begin_write(s, c, 0x3E8, kActivate); }},
-    {"09 10 03E8 0003 06 0000 0000 0000 7330",
-     kAck,
-     {},
-     [](State& s, const Cfg& c) { rtu::begin_write(s, c, 0x3E8, kClear); }},
-    {"09 10 03E8 0003 06 0900 00FF FFFF 4229",
-     kAck,
-     {},
-     [](State& s, const Cfg& c) { rtu::begin_write(s, c, 0x3E8, kClose); }},
-    {"09 10 03E8 0003 06 0900 0000 FFFF 7219",
-     kAck,
-     {},
-     [](State& s, const Cfg& c) { rtu::begin_write(s, c, 0x3E8, kOpen); }},
-    {"09 10 03E9 0002 04 60E6 3CC8 EC7C",
-     "09 10 03E9 0002 9130",
-     {},
-     [](State& s, const Cfg& c) { rtu::begin_write(s, c, 0x3E9, kOtherTwo); }},
-    {"09 03 07D0 0001 85CF",
-     "09 03 02 1100 55D5",
-     {0x1100},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kHolding, 0x7D0, 1); }},
-    {"09 03 07D0 0001 85CF",
-     "09 03 02 3100 4C15",
-     {0x3100},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kHolding, 0x7D0, 1); }},
-    {"09 04 07D0 0001 300F",
-     "09 04 02 1100 54A1",
-     {0x1100},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kInput, 0x7D0, 1); }},
-    {"09 04 07D0 0001 300F",
-     "09 04 02 3100 4D61",
-     {0x3100},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kInput, 0x7D0, 1); }},
-    {"09 03 07D0 0003 040E",
-     "09 03 06 3900 00FF 0E0A F78B",
-     {0x3900, 0x00FF, 0x0E0A},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kHolding, 0x7D0, 3); }},
-    {"09 03 07D0 0003 040E",
-     "09 03 06 B900 00FF BD00 1D7C",
-     {0xB900, 0x00FF, 0xBD00},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kHolding, 0x7D0, 3); }},
-    {"09 04 07D0 0003 B1CE",
-     "09 04 06 F900 0000 0D00 17AA",
-     {0xF900, 0, 0x0D00},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kInput, 0x7D0, 3); }},
-    {"09 04 07D0 0003 B1CE",
-     "09 04 06 3900 0000 BB10 7106",
-     {0x3900, 0, 0xBB10},
-     [](State& s, const Cfg& c) { rtu::begin_read(s, c, Read::kInput, 0x7D0, 3); }},
+    {"09 10 03E8 0003 06 0100 0000 0000 72E1", kAck, {}, write(0x3E8, {0x0100, 0, 0})},
+    {"09 10 03E8 0003 06 0000 0000 0000 7330", kAck, {}, write(0x3E8, {0, 0, 0})},
+    {"09 10 03E8 0003 06 0900 00FF FFFF 4229", kAck, {}, write(0x3E8, {0x0900, 0x00FF, 0xFFFF})},
+    {"09 10 03E8 0003 06 0900 0000 FFFF 7219", kAck, {}, write(0x3E8, {0x0900, 0, 0xFFFF})},
+    {"09 10 03E9 0002 04 60E6 3CC8 EC7C", "09 10 03E9 0002 9130", {}, write(0x3E9, {0x60E6, 0x3CC8})},
+    {"09 03 07D0 0001 85CF", "09 03 02 1100 55D5", {0x1100}, read(Read::kHolding, 0x7D0, 1)},
+    {"09 03 07D0 0001 85CF", "09 03 02 3100 4C15", {0x3100}, read(Read::kHolding, 0x7D0, 1)},
+    {"09 04 07D0 0001 300F", "09 04 02 1100 54A1", {0x1100}, read(Read::kInput, 0x7D0, 1)},
+    {"09 04 07D0 0001 300F", "09 04 02 3100 4D61", {0x3100}, read(Read::kInput, 0x7D0, 1)},
+    {"09 03 07D0 0003 040E", "09 03 06 3900 00FF 0E0A F78B", {0x3900, 0xFF, 0x0E0A}, read(Read::kHolding, 0x7D0, 3)},
+    {"09 03 07D0 0003 040E", "09 03 06 B900 00FF BD00 1D7C", {0xB900, 0xFF, 0xBD00}, read(Read::kHolding, 0x7D0, 3)},
+    {"09 04 07D0 0003 B1CE", "09 04 06 F900 0000 0D00 17AA", {0xF900, 0, 0x0D00}, read(Read::kInput, 0x7D0, 3)},
+    {"09 04 07D0 0003 B1CE", "09 04 06 3900 0000 BB10 7106", {0x3900, 0, 0xBB10}, read(Read::kInput, 0x7D0, 3)},
     {"09 17 07D0 0002 03E9 0002 04 00E6 3CC8 2D0C",
      "09 17 04 0100 09E6 F6C1",
      {0x0100, 0x09E6},
-     [](State& s, const Cfg& c) { rtu::begin_read_write(s, c, 0x7D0, 2, 0x3E9, kTwo); }},
+     read_write(0x7D0, 2, 0x3E9, {0x00E6, 0x3CC8})},
 };
 
 // A port that counts what is asked of it.
