@@ -281,6 +281,10 @@ std::optional<int> make(int argc, char** argv) {
       options.code.clear();
     }
   }
+  if (!options.right.empty() && options.backend == "libcamera") {
+    return fail(2, "--right does not go with --backend libcamera", "that library serves one camera object in a process",
+                "leave --backend away: v4l2 serves both");
+  }
   if (!options.right.empty() && options.right == options.sensor) {
     return fail(2, "--sensor and --right are the same sensor", "a serial was copied twice",
                 "give each finger its own: holdfast doctor lists them");

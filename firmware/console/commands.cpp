@@ -988,7 +988,7 @@ constexpr std::array<CommandInfo, 26> kCommands{{
     {"frame", "[json]", "the markers of the last frame", false, frame},
     {"modes", "[json]", "speed settings with their measured prices", false, modes},
     {"tell", "tare|opening|release|arm|grip [NUMBER]", "what the robot may say on the link", true, tell},
-    {"fault", "[off|camera|gripper|link] [TYPE] [json]", "make something fail (simulated boards)", false, fault},
+    {"fault", "[off|camera|right|gripper|link] [TYPE] [json]", "make something fail (simulated boards)", false, fault},
     {"echo", "on|off", "off: no prompt and no echo, for programs", false, echo},
     {"unlock", "CODE", "allow changes, with the code of this device", false, unlock},
     {"lock", "", "allow no changes", false, lock},
