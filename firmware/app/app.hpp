@@ -6,6 +6,7 @@
 // asked of a finger is the left one's, or the only one's, where its number is left out.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -138,9 +139,10 @@ class App {
   [[nodiscard]] std::optional<Micros> first_confirmed() const { return lines_.first_confirmed; }
   // Accepted frames that the status frame called OK since start(), or since the last FAULT.
   [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
-  // By the last step(): its frame was accepted and OK, and nothing touches the gel.
+  // By the last step(): its frame was accepted and OK, and nothing touches any finger's gel.
   [[nodiscard]] bool holds_nothing() const {
-    return outputs_.accepted && told_.state == DeviceState::kOk && !result_.contact.touching;
+    const auto touched = [](const Finger* finger) { return finger->result.contact.touching; };
+    return accepted() && told_.state == DeviceState::kOk && std::ranges::none_of(each(), touched);
   }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor(int finger = 0) const { return hand_.supervisors[idx(finger)]; }
