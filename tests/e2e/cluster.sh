@@ -18,9 +18,13 @@ bin=$(realpath "${1:-build/sim/bin}")
 work=$(mktemp -d)
 chmod 711 "$work"  # munge wants its socket to be within everybody's reach
 daemons=()
-# Those behind first: slurmd ends what it runs.
+# Jobs first, which slurmd would leave running; then those behind before those in front.
 over() {
   local k
+  if ((${#daemons[@]} == 3)); then
+    timeout 20 scancel --user="$(id -un)" 2>/dev/null || true
+    until_true 20 no_jobs || true
+  fi
   for ((k = ${#daemons[@]} - 1; k >= 0; k--)); do
     kill "${daemons[k]}" 2>/dev/null || true
     wait "${daemons[k]}" 2>/dev/null || true
@@ -41,6 +45,7 @@ until_true() {
     sleep 0.2
   done
 }
+no_jobs() { [[ -z $(timeout 10 squeue -h 2>/dev/null) ]]; }
 # start NAME COMMAND...
 start() {
   "${@:2}" >"$work/$1.out" 2>&1 </dev/null &
