@@ -130,9 +130,11 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
   return status;
 }
 
-KeptFile::KeptFile(const std::filesystem::path& path)
+KeptFile::KeptFile(const std::filesystem::path& path, bool hand)
     : path_(path.string()),
-      file_(path.empty() ? nullptr : std::make_unique<drivers::FileKeep>(path, checkpoint::kBytes)) {}
+      file_(path.empty()
+                ? nullptr
+                : std::make_unique<drivers::FileKeep>(path, hand ? checkpoint::kHandBytes : checkpoint::kBytes)) {}
 
 hal::Keep& KeptFile::keep() {
   if (file_) return *file_;

@@ -33,7 +33,7 @@ void say(const std::string& line);
 class KeptFile {
  public:
   // Empty path: nothing is kept, and nothing said.
-  explicit KeptFile(const std::filesystem::path& path);
+  KeptFile(const std::filesystem::path& path, bool hand);
   [[nodiscard]] hal::Keep& keep();
   void tell();
 

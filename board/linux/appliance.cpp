@@ -38,7 +38,7 @@ namespace holdfast::board {
 namespace {
 
 struct Options {
-  std::string sensor;
+  std::string sensor, right;
   std::string backend = "v4l2";
   std::string gpio = "header";
   std::string host, link, gripper;
@@ -83,7 +83,8 @@ class Appliance {
   void started() { notify_.ready(); }
   [[nodiscard]] bool over() {
     notify_.alive(clock_.now());
-    tell_of_camera();
+    tell_of_camera(*camera_, right_ ? "left finger: " : "", told_);
+    if (right_) tell_of_camera(*right_camera_, "right finger: ", told_of_right_);
     return asked_to_end();
   }
   void tell(const App& app) {
@@ -139,9 +140,9 @@ class Appliance {
   [[nodiscard]] hal::Serial& port_or_none(const Port& port) {
     return port ? static_cast<hal::Serial&>(*port) : no_port_;
   }
-  [[nodiscard]] std::unique_ptr<hal::Camera> camera_of() const {
+  [[nodiscard]] std::unique_ptr<hal::Camera> camera_of(const std::string& serial) const {
     drivers::V4l2Camera::Config config;
-    config.serial = options.sensor;
+    config.serial = serial;
     config.time_scale = options.time_scale;
     if (options.backend == "libcamera") return std::make_unique<drivers::LibcameraCamera>(config);
     return std::make_unique<drivers::V4l2Camera>(config);
@@ -152,19 +153,21 @@ class Appliance {
         drivers::SysfsSupply::Config{.sensor = std::string(hardware().supply)});
   }
   // Into the log, once each, without memory. (A camera that is missing is looked for again several times a second.)
-  void tell_of_camera() {
-    const std::string_view now = camera_->problem().empty() ? camera_->unset() : camera_->problem();
-    if (now == told_.view()) return;
-    told_ = now;
+  static void tell_of_camera(const hal::Camera& camera, std::string_view whose, drivers::FixedText<511>& told) {
+    const std::string_view now = camera.problem().empty() ? camera.unset() : camera.problem();
+    if (now == told.view()) return;
+    told = now;
     drivers::FixedText<600> line;
-    line << "holdfastd: " << (now.empty() ? "the camera is there" : now) << "\n";
+    line << "holdfastd: " << whose << (now.empty() ? "the camera is there" : now) << "\n";
     (void)(::write(STDERR_FILENO, line.c_str(), line.view().size()) >= 0);
   }
 
   drivers::Notify notify_;
   drivers::MonotonicClock clock_{options.time_scale};
-  std::unique_ptr<hal::Camera> camera_ = camera_of();
-  drivers::FixedText<511> told_;  // of the camera
+  std::unique_ptr<hal::Camera> camera_ = camera_of(options.sensor);
+  std::unique_ptr<hal::Camera> right_camera_ = options.right.empty() ? nullptr : camera_of(options.right);
+  std::unique_ptr<Finger> right_ = right_camera_ ? std::make_unique<Finger>(*right_camera_) : nullptr;
+  drivers::FixedText<511> told_, told_of_right_;  // of the cameras
   bool told_first_ = false, proved_ = false, told_supply_ = false;
   drivers::GpiodGpio header_;
   drivers::HidapiPort usb_;
@@ -178,7 +181,7 @@ class Appliance {
   static constexpr std::chrono::microseconds kFresh{100'000}, kWhenever{0};
   Port host_ = port_of(options.host, kWhenever);
   Port link_ = port_of(options.link, kFresh), gripper_ = port_of(options.gripper, kFresh);
-  KeptFile kept_{options.keep};
+  KeptFile kept_{options.keep, right_ != nullptr};
   std::unique_ptr<drivers::SysfsSupply> supply_ = supply_of();
   drivers::TurboJpegDecoder other_scales_;
   std::array<jpeg_fast::Worker, hal::kMaxWorkers> workers_;
@@ -187,7 +190,7 @@ class Appliance {
   std::unique_ptr<drivers::WatchdogThread> watchdog_;
 
  public:
-  Devices devices{*camera_, gpio_, port_or_none(link_), clock_, jpeg_};
+  Devices devices{*camera_, gpio_, port_or_none(link_), clock_, jpeg_, false, right_.get()};
   Periphery periphery{port_or_none(gripper_), kept_.keep(), supply_.get()};
 };
 
@@ -227,7 +230,11 @@ std::optional<int> make(int argc, char** argv) {
   Options options;
   bool asked_to_lower = false;  // for the help alone
   CLI::App cli{"The firmware with real devices, board " + std::string(hardware().name), "holdfastd"};
-  cli.add_option("--sensor", options.sensor, "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one there");
+  auto* const sensor = cli.add_option("--sensor", options.sensor,
+                                      "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one there");
+  cli.add_option("--right", options.right,
+                 "serial of the right finger's GelSight Mini; then --sensor is the left finger's")
+      ->needs(sensor);
   cli.add_option("--backend", options.backend, "camera by v4l2 or libcamera")
       ->check(CLI::IsMember({"v4l2", "libcamera"}))
       ->capture_default_str();
@@ -273,6 +280,14 @@ std::optional<int> make(int argc, char** argv) {
       say(wrong + ": the console stays locked");
       options.code.clear();
     }
+  }
+  if (!options.right.empty() && options.backend == "libcamera") {
+    return fail(2, "--right does not go with --backend libcamera", "that library serves one camera object in a process",
+                "leave --backend away: v4l2 serves both");
+  }
+  if (!options.right.empty() && options.right == options.sensor) {
+    return fail(2, "--sensor and --right are the same sensor", "a serial was copied twice",
+                "give each finger its own: holdfast doctor lists them");
   }
   appliance = std::make_unique<Appliance>(std::move(options));
   if (!appliance->problem.empty()) {

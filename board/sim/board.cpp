@@ -6,6 +6,7 @@
 //   --real-time       a process as on a robot: this machine's clock, a camera with its own rate, an output watchdog,
 //                     lines that another process can look at, and memory that outlives it
 //   --play            likewise, with a recording or a scene before the camera
+//   --hand, --right   with a second finger: the same gel beside --real-time, a recording beside --play
 //   --sensor          likewise, with the real sensor on this computer's USB
 #include "board/board.hpp"
 
@@ -52,7 +53,8 @@ constexpr const char* kDeskCode = "desk";
 
 struct Options {
   bool real_time = false;
-  std::filesystem::path play;
+  bool hand = false;
+  std::filesystem::path play, right;
   std::string sensor;  // any, or a serial number
   bool held = false;
   bool empty = false;
@@ -68,11 +70,12 @@ struct Options {
 // What the console's `fault` can do here.
 class DeskFaults final : public hal::Faults {
  public:
-  DeskFaults(sim::SwitchedCamera& camera, sim::HandE& hand, sim::Serial& link)
-      : camera_(camera), hand_(hand), link_(link) {}
+  // `right`: a second finger's camera; null: there is none.
+  DeskFaults(sim::SwitchedCamera& camera, sim::SwitchedCamera* right, sim::HandE& hand, sim::Serial& link)
+      : camera_(camera), right_(right), hand_(hand), link_(link) {}
 
  private:
-  static constexpr std::array<hal::Faults::Row, 11> kRows{{
+  static constexpr std::array<hal::Faults::Row, 13> kRows{{
       {"camera", "off", "no frames come"},
       {"camera", "stuck", "the same picture again and again"},
       {"camera", "bad", "every transfer is damaged"},
@@ -84,8 +87,12 @@ class DeskFaults final : public hal::Faults {
       {"gripper", "garbage", "noise for an answer"},
       {"gripper", "wrong", "answers with a wrong check sum"},
       {"link", "full", "nobody reads the status frames"},
+      {"right", "off", "of the right finger no frames come"},
+      {"right", "gone", "the right finger's camera is unplugged"},
   }};
-  [[nodiscard]] std::span<const Row> do_rows() const override { return kRows; }
+  [[nodiscard]] std::span<const Row> do_rows() const override {
+    return std::span(kRows).first(right_ == nullptr ? kRows.size() - 2 : kRows.size());
+  }
   void do_begin(std::size_t index) override {
     using Camera = sim::CameraSwitch;
     using Hand = sim::LineTrouble;
@@ -94,15 +101,19 @@ class DeskFaults final : public hal::Faults {
     constexpr std::array<Hand, 4> kHand{Hand::kDeaf, Hand::kMute, Hand::kGarbage, Hand::kWrongCrc};
     if (index < kCamera.size()) return camera_.set(kCamera[index]);
     if (index < kCamera.size() + kHand.size()) return hand_.trouble(kHand[index - kCamera.size()]);
+    if (index == kRows.size() - 2) return right_->set(Camera::kOff);
+    if (index == kRows.size() - 1) return right_->set(Camera::kGone);
     link_.set_full(true);
   }
   void do_end_all() override {
     camera_.set(sim::CameraSwitch::kNone);
+    if (right_ != nullptr) right_->set(sim::CameraSwitch::kNone);
     hand_.trouble(sim::LineTrouble::kNone);
     link_.set_full(false);
   }
 
   sim::SwitchedCamera& camera_;
+  sim::SwitchedCamera* right_;
   sim::HandE& hand_;
   sim::Serial& link_;
 };
@@ -116,6 +127,8 @@ class World {
   World& operator=(const World&) = delete;
   [[nodiscard]] virtual hal::Clock& clock() = 0;
   [[nodiscard]] virtual hal::Camera& camera() = 0;
+  // Of the right finger of a hand; null: there is one finger.
+  [[nodiscard]] virtual hal::Camera* right() { return nullptr; }
   [[nodiscard]] virtual bool over() const = 0;
 };
 
@@ -131,8 +144,9 @@ class Scene final : public World {
   std::uint32_t last_ = static_cast<std::uint32_t>(scene::frame_count(scene::sphere_slip())) - 1;
 };
 
-sim::PacedCamera::Config paced(const Options& options) {
+sim::PacedCamera::Config paced(const Options& options, std::string identity) {
   sim::PacedCamera::Config config;
+  config.identity = std::move(identity);
   config.period = std::chrono::microseconds(std::llround(1e6 / options.fps));
   if (options.held) config.touch = {};
   if (options.empty) config.touch = std::chrono::microseconds::max();
@@ -141,9 +155,12 @@ sim::PacedCamera::Config paced(const Options& options) {
 
 class RealTime final : public World {
  public:
-  explicit RealTime(const Options& options) : camera_(film_, clock_, paced(options)) {}
+  explicit RealTime(const Options& options) : camera_(film_, clock_, paced(options, "28D1-D7C6")) {
+    if (options.hand) right_.emplace(film_, clock_, paced(options, "28D3-K2R9"));
+  }
   [[nodiscard]] hal::Clock& clock() override { return clock_; }
   [[nodiscard]] hal::Camera& camera() override { return camera_; }
+  [[nodiscard]] hal::Camera* right() override { return right_ ? &*right_ : nullptr; }
   [[nodiscard]] bool over() const override { return false; }
 
  private:
@@ -152,23 +169,32 @@ class RealTime final : public World {
   drivers::MonotonicClock clock_;
   sim::Film film_ = sim::shoot(hal::PixelFormat::kLuma8, kPictures);
   sim::PacedCamera camera_;
+  std::optional<sim::PacedCamera> right_;
 };
 
 class Played final : public World {
  public:
-  explicit Played(const Options& options) : opened_(sim::PlayedCamera::open(options.play, clock_, {})) {}
+  explicit Played(const Options& options) : opened_(sim::PlayedCamera::open(options.play, clock_, {})) {
+    if (!options.right.empty()) right_.emplace(sim::PlayedCamera::open(options.right, clock_, {}));
+  }
   // Why there is no camera; empty: there is.
   [[nodiscard]] std::string problem() const {
-    const auto* error = std::get_if<sim::Error>(&opened_);
-    return error == nullptr ? std::string() : error->line;
+    for (const Opened* const one : {&opened_, right_ ? &*right_ : nullptr}) {
+      const auto* error = one == nullptr ? nullptr : std::get_if<sim::Error>(one);
+      if (error != nullptr) return error->line;
+    }
+    return {};
   }
   [[nodiscard]] hal::Clock& clock() override { return clock_; }
   [[nodiscard]] hal::Camera& camera() override { return *std::get<0>(opened_); }
+  [[nodiscard]] hal::Camera* right() override { return right_ ? std::get<0>(*right_).get() : nullptr; }
   [[nodiscard]] bool over() const override { return false; }
 
  private:
+  using Opened = sim::Result<std::unique_ptr<sim::PlayedCamera>>;
   drivers::MonotonicClock clock_;
-  sim::Result<std::unique_ptr<sim::PlayedCamera>> opened_;
+  Opened opened_;
+  std::optional<Opened> right_;
 };
 
 // The sensor on this computer's USB.
@@ -261,7 +287,7 @@ class Desk {
 
   Options options;
   std::string problem;  // the first of those that it was made with
-  KeptFile kept{options.keep};
+  KeptFile kept{options.keep, options.hand || !options.right.empty()};
 
  private:
   void note(const std::string& what) {
@@ -300,11 +326,15 @@ class Desk {
   std::unique_ptr<NamedPty> host_ = pty_of(options.host);
   static constexpr std::size_t kLongestFrame = 4'000'000;  // a raw picture of mode precise; JPEG is far below
   sim::SwitchedCamera camera_{world_->camera(), kLongestFrame};
-  DeskFaults faults_{camera_, hand_, recorded_};
+  std::unique_ptr<sim::SwitchedCamera> right_camera_ =
+      world_->right() == nullptr ? nullptr : std::make_unique<sim::SwitchedCamera>(*world_->right(), kLongestFrame);
+  std::unique_ptr<Finger> right_ = right_camera_ ? std::make_unique<Finger>(*right_camera_) : nullptr;
+  DeskFaults faults_{camera_, right_camera_.get(), hand_, recorded_};
 
  public:
   hal::Serial& host = port_or(host_, standard_output_);
-  Devices devices{camera_, gpio_, port_or(link_, recorded_), world_->clock(), jpeg_, !options.play.empty()};
+  Devices devices{camera_,     gpio_, port_or(link_, recorded_), world_->clock(), jpeg_, !options.play.empty(),
+                  right_.get()};
   Periphery periphery{port_or(gripper_, hand_), kept.keep()};
   console::Place place{.board = "sim",
                        .code = options.code,
@@ -335,11 +365,17 @@ std::optional<int> make(int argc, char** argv) {
   auto* const held =
       cli.add_flag("--held", options.held, "the object is held from the first frame on")->needs(real_time);
   cli.add_flag("--empty", options.empty, "the gel stays empty")->needs(real_time)->excludes(held);
-  cli.add_option("--play", options.play,
-                 "run in real time with this recording or scene before the camera, again and again. It begins with an "
-                 "empty gel; where it begins anew, what was held is gone: SLIP (contact_lost)")
+  cli.add_flag("--hand", options.hand, "two fingers, each with its own sensor")->needs(real_time);
+  auto* const play =
+      cli.add_option(
+             "--play", options.play,
+             "run in real time with this recording or scene before the camera, again and again. It begins with an "
+             "empty gel; where it begins anew, what was held is gone: SLIP (contact_lost)")
+          ->check(CLI::ExistingPath)
+          ->excludes(real_time);
+  cli.add_option("--right", options.right, "of a second finger, what --play is of the first: the right one's")
       ->check(CLI::ExistingPath)
-      ->excludes(real_time);
+      ->needs(play);
   cli.add_option("--sensor", options.sensor,
                  "run in real time with the GelSight Mini on this computer's USB: its serial, as 2BNN4ZE7, or any. "
                  "The lines are simulated: nothing is driven")

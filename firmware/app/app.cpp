@@ -50,35 +50,46 @@ Status App::start(const Params& params, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
   auto_size_ = auto_size;
   configure(params);
-  state_.stopwatch.use(devices_.clock);
+  for (Finger* const finger : each()) finger->state.stopwatch.use(devices_.clock);
   if (!outputs::start(lines_, devices_.gpio)) return {Reason::kGpioFailed};
   ok_frames_ = 0;
-  last_rejection_ = Reason::kNone;
-  supervisor_ = {};  // what held before the restart confirms nothing now
+  hand_ = {};  // what held before the restart confirms nothing now
   outputs_ = {};
-  health_ = {};
-  inputs_ = {};
-  other_stream();
-  waiting_since_ = devices_.clock.now();
-  return {camera_keeper::start(camera_, camera_config_, devices_.camera, waiting_since_)};
+  latest_ = turn_ = 0;
+  Reason why = Reason::kNone;
+  for (Finger* const finger : each()) {
+    finger->last_rejection = Reason::kNone;
+    finger->health = {};
+    finger->inputs = {};
+    other_stream(*finger);
+    finger->waiting_since = devices_.clock.now();
+    const Reason its = camera_keeper::start(finger->keeper, finger->keeping, finger->camera, finger->waiting_since);
+    if (why == Reason::kNone) why = its;
+  }
+  return {why};
 }
 
 // Another stream may count its time and its pictures from another start.
-void App::other_stream() {
-  health::restart(health_);
-  freshness::restart(state_.freshness);
-  state_.any_frame = false;
+void App::other_stream(Finger& finger) {
+  health::restart(finger.health);
+  freshness::restart(finger.state.freshness);
+  finger.state.any_frame = false;
 }
 
 void App::configure(const Params& params) {
-  config_ = pipeline_config(params, auto_size_, tree_);
-  const bool live = devices_.camera.live();
-  config_.must_be_fresh = live;
-  config_.follow_drift = live || devices_.as_device;
-  supervisor_config_ = supervisor_config(params);
+  config_ = fingers::config_of(fingers(), pipeline_config(params, auto_size_, tree_), supervisor_config(params));
+  config_.one_may_be_lost = params.lost_finger != 0;
+  config_.oldest_frame = lines_config_.oldest_frame;
+  if (fingers() > 1) config_.supervisor.hold -= kHandMargin;
+  tells_fingers_ = fingers() > 1 && params.status_version == 2;
+  left_.keeping.sensor = params.left_sensor;
+  if (devices_.right != nullptr) devices_.right->keeping.sensor = params.right_sensor;
+  const bool live = std::ranges::all_of(each(), [](const Finger* finger) { return finger->camera.live(); });
+  config_.pipeline.must_be_fresh = live;
+  config_.pipeline.follow_drift = live || devices_.as_device;
   if (!live && !devices_.as_device) {
-    supervisor_config_.recover_frames = 1;
-    supervisor_config_.lost_for = Micros{0};
+    config_.supervisor.recover_frames = 1;
+    config_.supervisor.lost_for = Micros{0};
   }
   health_config_ = {};
   if (!live) {
@@ -90,214 +101,282 @@ void App::configure(const Params& params) {
 }
 
 void App::reconfigure(const Params& params) {
-  const pipeline::Config before = config_;
+  const pipeline::Config before = config_.pipeline;
   configure(params);
-  const bool same = before.luma.scale == config_.luma.scale && before.tracker.grid.size == config_.tracker.grid.size &&
-                    before.displacement.pitch_um == config_.displacement.pitch_um;
+  const pipeline::Config& now = config_.pipeline;
+  const bool same = before.luma.scale == now.luma.scale && before.tracker.grid.size == now.tracker.grid.size &&
+                    before.displacement.pitch_um == now.displacement.pitch_um;
   if (same) return;
-  tracker::reset(state_.tracker);
-  pipeline::tare(state_);
+  for (Finger* const finger : each()) tracker::reset(finger->state.tracker);
+  tare();
+}
+
+void App::tare() {
+  for (Finger* const finger : each()) pipeline::tare(finger->state);
+}
+
+void App::arm() {
+  for (int i = 0; i < fingers(); ++i) supervisor::arm(hand_.supervisors[idx(i)]);
+}
+
+void App::opening(bool is_opening) {
+  for (Finger* const finger : each()) pipeline::opening(finger->state, finger->inputs.opening = is_opening);
+}
+
+void App::force_limit(bool at_limit) {
+  for (Finger* const finger : each()) finger->inputs.force_limit = at_limit;
 }
 
 Status App::learn(const Params& params, const hal::Frame& frame, bool auto_size) {
   if (const Status s = validate(params); !s.ok()) return s;
-  return pipeline::learn(state_, pipeline_config(params, auto_size, tree_), devices_.jpeg, frame);
+  return pipeline::learn(left_.state, pipeline_config(params, auto_size, tree_), devices_.jpeg, frame);
 }
 
 bool App::step() {
   while (true) {
-    const Micros left = waiting_since_ + kFrameWait - devices_.clock.now();
+    const Micros left = of(turn_).waiting_since + kFrameWait - devices_.clock.now();
     const Polled polled = poll(std::max(left, Micros{0}));
     if (polled != Polled::kWaiting) return polled == Polled::kSignalled;
   }
 }
 
 App::Polled App::poll(Micros wait) {
-  if (!camera_.streaming) {
-    devices_.clock.wait(wait);
-    if (devices_.clock.now() - waiting_since_ < kFrameWait) return Polled::kWaiting;
-    nothing_came(camera_.why);
+  const int finger = turn_;
+  turn_ = (turn_ + 1) % fingers();
+  return poll(finger, fingers() == 1 ? wait : std::min(wait, kTurn));
+}
+
+App::Polled App::poll(int finger, Micros wait) {
+  Finger& its = of(finger);
+  if (!its.keeper.streaming) {
+    const bool any = std::ranges::any_of(each(), [](const Finger* one) { return one->keeper.streaming; });
+    if (!any) devices_.clock.wait(wait);
+    if (devices_.clock.now() - its.waiting_since < kFrameWait) return Polled::kWaiting;
+    nothing_came(finger, its.keeper.why);
     return Polled::kSignalled;
   }
   hal::Frame frame;
-  switch (devices_.camera.next(frame, wait)) {
+  switch (its.camera.next(frame, wait)) {
     case hal::Capture::kFrame:
       arrived_ = devices_.clock.now();
-      take(frame);
-      devices_.camera.release(frame);
-      conclude();
-      time_frame();
+      take(its, frame);
+      its.camera.release(frame);
+      conclude(finger);
+      time_frame(its);
       return Polled::kSignalled;
     case hal::Capture::kBad:
-      nothing_came(Reason::kJpegDamaged);
+      nothing_came(finger, Reason::kJpegDamaged);
       return Polled::kSignalled;
     case hal::Capture::kGone:
-      camera_keeper::lost(camera_, Reason::kCameraGone, camera_config_.first_retry, devices_.clock.now());
-      nothing_came(Reason::kCameraGone);
+      camera_keeper::lost(its.keeper, Reason::kCameraGone, its.keeping.first_retry, devices_.clock.now());
+      nothing_came(finger, Reason::kCameraGone);
       return Polled::kGone;
     case hal::Capture::kTimeout:
       break;
   }
   const Micros now = devices_.clock.now();
-  const bool overdue = supervisor_.any_accepted && supervisor_.device != DeviceState::kFault &&
-                       supervisor::is_silent(supervisor_, supervisor_config_, now);
-  if (!overdue && now - waiting_since_ < kFrameWait) return Polled::kWaiting;
-  nothing_came(Reason::kNoFrame);
+  const supervisor::State& supervisor = hand_.supervisors[idx(finger)];
+  const bool overdue = supervisor.any_accepted && supervisor.device != DeviceState::kFault &&
+                       supervisor::is_silent(supervisor, config_.supervisor, now);
+  if (!overdue && now - its.waiting_since < kFrameWait) return Polled::kWaiting;
+  nothing_came(finger, Reason::kNoFrame);
   return Polled::kSignalled;
 }
 
-void App::time_frame() {
+void App::time_frame(Finger& finger) {
   const Micros now = devices_.clock.now();
-  state_.stopwatch.add(Task::kFrame, now - arrived_);
-  if (outputs_.accepted) state_.stopwatch.add(Task::kAge, now - result_.timestamp);
+  finger.state.stopwatch.add(Task::kFrame, now - arrived_);
+  if (finger.result.quality.ok()) finger.state.stopwatch.add(Task::kAge, now - finger.result.timestamp);
 }
 
 // Frames that were refused say more than the silence after them.
-void App::nothing_came(Reason why) {
-  if (why == Reason::kNoFrame && last_rejection_ != Reason::kNone) why = last_rejection_;
-  if (why != Reason::kNoFrame) last_rejection_ = why;
-  result_.quality = {why};
-  signal(supervisor::reject(supervisor_, supervisor_config_, why, result_.request, devices_.clock.now(), inputs_));
+void App::nothing_came(int finger, Reason why) {
+  Finger& its = of(finger);
+  if (why == Reason::kNoFrame && its.last_rejection != Reason::kNone) why = its.last_rejection;
+  if (why != Reason::kNoFrame) its.last_rejection = why;
+  its.result.quality = {why};
+  decide(finger);
   tell();
 }
 
-bool App::keep_camera() {
+bool App::keep_camera(int finger) {
   using camera_keeper::Kept;
-  const Kept kept = camera_keeper::keep(camera_, camera_config_, devices_.camera, devices_.clock);
+  Finger& its = of(finger);
+  const Kept kept = camera_keeper::keep(its.keeper, its.keeping, its.camera, devices_.clock);
   if (kept == Kept::kAsItWas) return false;
-  other_stream();
-  if (kept == Kept::kFailed && devices_.clock.now() - waiting_since_ >= kFrameWait) nothing_came(camera_.why);
+  other_stream(its);
+  const bool due = devices_.clock.now() - its.waiting_since >= kFrameWait;
+  if (kept == Kept::kFailed && due) nothing_came(finger, its.keeper.why);
   return kept == Kept::kCame;
 }
 
 void App::clock_stepped_back() {
-  waiting_since_ = camera_.try_at = camera_.stalled_since = devices_.clock.now();
+  for (Finger* const finger : each()) {
+    finger->waiting_since = finger->keeper.try_at = finger->keeper.stalled_since = devices_.clock.now();
+  }
 }
 
 void App::report(supervisor::Source source, Reason reason) {
-  const Reason before = supervisor::first(inputs_, DeviceState::kFault);
-  inputs_.of(source) = reason;
-  const Reason fault = supervisor::first(inputs_, DeviceState::kFault);
+  const Reason before = supervisor::first(left_.inputs, DeviceState::kFault);
+  for (Finger* const finger : each()) finger->inputs.of(source) = reason;
+  const Reason fault = supervisor::first(left_.inputs, DeviceState::kFault);
   if (fault == Reason::kNone || before != Reason::kNone) return;
-  supervisor::fail(supervisor_, fault);
-  signal(supervisor::outputs_of(supervisor_, outputs_.slip, false));
+  for (Finger* const finger : each()) finger->waiting_since = devices_.clock.now();
+  signal(fail(fault), {});
 }
 
-bool App::resume(const checkpoint::Contents& contents) {
-  if (contents.sensor != camera_.sensor || camera_.sensor == checkpoint::Identity{}) return false;
-  if (contents.pitch_um != config_.displacement.pitch_um) return false;
+// Until frames say otherwise, whatever each finger sees.
+supervisor::Outputs App::fail(Reason why) {
+  for (int i = 0; i < fingers(); ++i) supervisor::fail(hand_.supervisors[idx(i)], why);
+  return {.state = DeviceState::kFault, .reason = why, .slip = outputs_.slip};
+}
+
+bool App::resume(const checkpoint::Contents& contents, int finger) {
+  Finger& its = of(finger);
+  const checkpoint::Identity& sensor = its.keeper.sensor;
+  if (contents.sensor != sensor || sensor == checkpoint::Identity{}) return false;
+  if (contents.pitch_um != config_.pipeline.displacement.pitch_um) return false;
   // Of a process whose model did not read the picture: what the gripper holds now would be learned as the empty gel.
-  if (config_.with_imprint && contents.empty.frames == 0) return false;
-  pipeline::resume(state_, contents);
-  supervisor::resume(supervisor_);
+  if (config_.pipeline.with_imprint && contents.empty.frames == 0) return false;
+  pipeline::resume(its.state, contents);
+  supervisor::resume(hand_.supervisors[idx(finger)]);
   return true;
 }
 
-void App::remember(checkpoint::Contents& contents) const {
-  contents.sensor = camera_.sensor;
-  pipeline::remember(state_, config_, contents);
+void App::remember(checkpoint::Contents& contents, int finger) const {
+  contents.sensor = of(finger).keeper.sensor;
+  pipeline::remember(of(finger).state, config_.pipeline, contents);
 }
 
-bool App::is_stale() const {
-  return outputs::is_stale(lines_config_, result_.timestamp, devices_.clock.now());
+bool App::is_stale(const Finger& finger) const {
+  return outputs::is_stale(lines_config_, finger.result.timestamp, devices_.clock.now());
 }
 
 // A frame that tells of long ago confirms nothing, nor does one that may; one from the future would lock out all
 // that follow it. Range: any stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
-void App::take(const hal::Frame& frame) {
+void App::take(Finger& finger, const hal::Frame& frame) {
   constexpr Micros kFarthest{std::int64_t{1} << 62};
   const Micros timestamp = std::clamp(frame.timestamp, -kFarthest, kFarthest);
   const Micros age = devices_.clock.now() - timestamp;
-  const Status news = devices_.camera.live() && !frame.stamped ? Status{Reason::kFrameUnstamped}
-                      : age > lines_config_.oldest_frame       ? Status{Reason::kFrameStale}
-                      : age < -kClockSlack                     ? Status{Reason::kTimeNotForward}
-                                                               : kOkStatus;
+  const Status news = finger.camera.live() && !frame.stamped ? Status{Reason::kFrameUnstamped}
+                      : age > lines_config_.oldest_frame     ? Status{Reason::kFrameStale}
+                      : age < -kClockSlack                   ? Status{Reason::kTimeNotForward}
+                                                             : kOkStatus;
   if (news.ok()) {
-    result_ = pipeline::update(state_, config_, devices_.jpeg, frame);
-    if (result_.quality.ok() && is_stale()) result_.quality = {Reason::kFrameStale};  // decided too late
+    finger.result = pipeline::update(finger.state, config_.pipeline, devices_.jpeg, frame);
+    if (finger.result.quality.ok() && is_stale(finger)) {
+      finger.result.quality = {Reason::kFrameStale};  // decided too late
+    }
   } else {
-    result_.timestamp = timestamp;
-    result_.sequence = frame.sequence;
-    result_.quality = news;
+    finger.result.timestamp = timestamp;
+    finger.result.sequence = frame.sequence;
+    finger.result.quality = news;
   }
 }
 
 void App::step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence) {
-  result_ = pipeline::update_markers(state_, config_, field, timestamp, sequence);
-  conclude();
+  left_.result = pipeline::update_markers(left_.state, config_.pipeline, field, timestamp, sequence);
+  conclude(0);
 }
 
 void App::step_features(const Features& features, GridSize grid, Micros timestamp, std::uint32_t sequence) {
-  result_ = pipeline::update_features(state_, config_, features, grid, timestamp, sequence);
-  conclude();
+  left_.result = pipeline::update_features(left_.state, config_.pipeline, features, grid, timestamp, sequence);
+  conclude(0);
 }
 
-void App::conclude() {
+void App::conclude(int finger) {
+  Finger& its = of(finger);
   if (outputs::lowered_meanwhile(lines_, watchdog_)) {  // this thread was away for long
-    supervisor::fail(supervisor_, Reason::kCaptureHung);
-    outputs_ = supervisor::outputs_of(supervisor_, outputs_.slip, false);
+    outputs_ = fail(Reason::kCaptureHung);
     tell();
   }
-  last_rejection_ = result_.quality.reason;
+  its.last_rejection = its.result.quality.reason;
   const Micros now = devices_.clock.now();
-  if (result_.quality.ok()) {
-    camera_keeper::accepted(camera_, camera_config_, now);
-    inputs_.of(supervisor::Source::kStream) =
-        health::strain(health_, health_config_, result_.timestamp, result_.sequence, now - result_.timestamp);
+  if (its.result.quality.ok()) {
+    camera_keeper::accepted(its.keeper, its.keeping, now);
+    its.inputs.of(supervisor::Source::kStream) = health::strain(its.health, health_config_, its.result.timestamp,
+                                                                its.result.sequence, now - its.result.timestamp);
   }
-  inputs_.of(supervisor::Source::kCameraSettings) = devices_.camera.steady() ? Reason::kNone : Reason::kCameraControls;
-  state_.stopwatch.begin();
-  signal(supervisor::update(supervisor_, supervisor_config_, result_, devices_.clock.now(), inputs_));
+  its.inputs.of(supervisor::Source::kCameraSettings) = its.camera.steady() ? Reason::kNone : Reason::kCameraControls;
+  its.state.stopwatch.begin();
+  decide(finger);
   tell();
-  state_.stopwatch.lap(Task::kSignal);
+  its.state.stopwatch.lap(Task::kSignal);
+}
+
+// What the finger's last result comes to, for the hand and on the lines.
+void App::decide(int finger) {
+  Finger& its = of(finger);
+  const fingers::Result decided = fingers::decide(hand_, config_, finger, its.result, devices_.clock.now(), its.inputs);
+  its.result.request = decided.fused.request;
+  its.result.verdict = decided.fused.verdict;
+  latest_ = finger;
+  its.waiting_since = devices_.clock.now();
+  signal(decided.hand, fingers() == 1 ? its.result.timestamp : decided.oldest);
 }
 
 void App::stop() {
-  devices_.camera.stop();
-  camera_keeper::stopped(camera_);
+  for (Finger* const finger : each()) {
+    finger->camera.stop();
+    camera_keeper::stopped(finger->keeper);
+  }
   outputs_.grip_ok = false;
   outputs::stop(lines_, devices_.gpio, watchdog_);
 }
 
-void App::signal(const supervisor::Outputs& outputs) {
-  waiting_since_ = devices_.clock.now();
+// `timestamp`: of the oldest frame that this follows from.
+void App::signal(const supervisor::Outputs& outputs, Micros timestamp) {
   const Reason failed =
       outputs::update(lines_, lines_config_, devices_.gpio, devices_.clock, watchdog_,
-                      {.grip_ok = outputs.grip_ok, .accepted = outputs.accepted, .timestamp = result_.timestamp});
+                      {.grip_ok = outputs.grip_ok, .accepted = outputs.accepted, .timestamp = timestamp});
   outputs_ = outputs;
   if (failed == Reason::kNone) return;
-  supervisor::fail(supervisor_, failed);
-  outputs_ = {.state = DeviceState::kFault, .reason = failed, .slip = outputs.slip, .accepted = outputs.accepted};
+  outputs_ = fail(failed);
+  outputs_.accepted = outputs.accepted;
 }
 
+// The hand's state; of pictures the left finger's, also when the right one's frame was decided.
 void App::tell() {
+  const pipeline::Result& result = left_.result;
   status_frame::StatusFrame frame{};
   frame.sequence = report_sequence_;
   report_sequence_ = static_cast<std::uint16_t>(report_sequence_ + 1);  // wraps
-  frame.timestamp_us = status_frame::low_timestamp_us(result_.timestamp);
-  frame.age_100us = status_frame::age_100us(devices_.clock.now() - result_.timestamp);
+  frame.timestamp_us = status_frame::low_timestamp_us(result.timestamp);
+  frame.age_100us = status_frame::age_100us(devices_.clock.now() - result.timestamp);
   frame.state = outputs_.state;
   frame.reason = outputs_.reason;
   frame.slip = outputs_.slip;
   frame.grip_ok = outputs_.grip_ok;
   frame.alive = lines_.alive;
-  if (result_.quality.ok() && result_.referenced) {
+  if (result.quality.ok() && result.referenced) {
     frame.features_valid = true;
-    frame.markers = static_cast<std::uint8_t>(result_.features.markers);
-    frame.vx_um_s = result_.features.vx.raw();
-    frame.vy_um_s = result_.features.vy.raw();
-    frame.entropy_nat_q16 = result_.features.entropy.raw();
-    frame.entropy_rate_nat_s_q8 = result_.features.entropy_rate.raw();
+    frame.markers = static_cast<std::uint8_t>(result.features.markers);
+    frame.vx_um_s = result.features.vx.raw();
+    frame.vy_um_s = result.features.vy.raw();
+    frame.entropy_nat_q16 = result.features.entropy.raw();
+    frame.entropy_rate_nat_s_q8 = result.features.entropy_rate.raw();
   }
+  if (tells_fingers_) tell_fingers(frame);
   told_ = frame;
   if (frame.state == DeviceState::kFault) {
     ok_frames_ = 0;
   } else if (frame.state == DeviceState::kOk && outputs_.accepted) {
     ++ok_frames_;
   }
-  std::array<std::uint8_t, status_frame::kWireBytes> wire{};
+  std::array<std::uint8_t, status_frame::kMostWireBytes> wire{};
   const std::size_t size = status_frame::encode(frame, wire);
   if (!devices_.link.write(std::span(wire).first(size))) count_up(link_refused_);
+}
+
+void App::tell_fingers(status_frame::StatusFrame& frame) const {
+  for (int i = 0; i < fingers(); ++i) {
+    const auto bit = static_cast<std::uint8_t>(1U << i);
+    const DeviceState state = fingers::condition_of(hand_, config_, i, devices_.clock.now()).state;
+    const pipeline::Result& result = of(i).result;
+    frame.fingers |= bit;
+    if (state == DeviceState::kOk || state == DeviceState::kSlip) frame.healthy |= bit;
+    if (result.quality.ok() && result.contact.judged && result.contact.touching) frame.contact |= bit;
+  }
 }
 
 }  // namespace holdfast

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The camera's life: started, lost, started again with back-off, and never another sensor than the first.
+// The camera's life: started, lost, started again with back-off, and never another sensor than the one that was stored
+// for it, or the first.
 //
 // A camera that is gone is tried again after 0.1 s, then after twice that, up to 0.5 s. A stream without an accepted
 // frame is started anew after 0.5 s, then after twice that, up to 4 s: some drivers resume on their own, and a restart
@@ -8,12 +9,15 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <string_view>
 
+#include "base/crc32.hpp"
 #include "base/math.hpp"
 #include "base/status.hpp"
 #include "base/units.hpp"
 #include "hal/camera.hpp"
 #include "hal/clock.hpp"
+#include "params/params.hpp"
 #include "store/checkpoint.hpp"
 
 namespace holdfast::camera_keeper {
@@ -24,7 +28,14 @@ struct Config {
   Micros longest_retry{500'000};
   Micros first_stall{500'000};
   Micros longest_stall{4'000'000};
+  std::int32_t sensor = 0;  // number_of() the one that was stored for this finger; 0: the first that comes
 };
+
+// A serial number as a parameter, which is an integer: the low 30 bits of its CRC-32. 0: the driver cannot tell.
+[[nodiscard]] inline std::int32_t number_of(std::string_view serial) {
+  const auto* const bytes = reinterpret_cast<const std::uint8_t*>(serial.data());
+  return static_cast<std::int32_t>(crc32({bytes, serial.size()}) & kMostSensor);
+}
 
 struct State {
   bool streaming = false;
@@ -58,12 +69,13 @@ inline void stopped(State& state) {
 }
 
 // Starts the stream, or starts it anew. kNone; kCameraGone; kCameraWrong: another sensor, whose gel is another one.
-[[nodiscard]] inline Reason open(State& state, hal::Camera& camera) {
+[[nodiscard]] inline Reason open(State& state, const Config& config, hal::Camera& camera) {
   camera.stop();
   if (!camera.start()) return Reason::kCameraGone;
   const checkpoint::Identity sensor = checkpoint::identity_of(camera.identity());
-  if (state.sensor == checkpoint::Identity{}) state.sensor = sensor;
-  if (sensor == state.sensor) return Reason::kNone;
+  const bool expected = config.sensor == 0 || number_of(camera.identity()) == config.sensor;
+  if (expected && state.sensor == checkpoint::Identity{}) state.sensor = sensor;
+  if (expected && sensor == state.sensor) return Reason::kNone;
   camera.stop();
   return Reason::kCameraWrong;
 }
@@ -73,7 +85,7 @@ inline void stopped(State& state) {
   state = {};
   state.stall_limit = config.first_stall;
   state.stalled_since = now;
-  const Reason why = open(state, camera);
+  const Reason why = open(state, config, camera);
   if (why != Reason::kNone) {
     lost(state, why, config.first_retry, now);
     return why;
@@ -99,7 +111,7 @@ inline void accepted(State& state, const Config& config, Micros now) {
     state.stall_limit = std::min(state.stall_limit * 2, config.longest_stall);
     state.stalled_since = now;
   }
-  const Reason why = open(state, camera);
+  const Reason why = open(state, config, camera);
   if (why != Reason::kNone) {
     lost(state, why, was_gone ? std::min(state.retry_after * 2, config.longest_retry) : config.first_retry,
          clock.now());

@@ -48,13 +48,16 @@ Status Daemon::start(const Params& params, bool auto_size) {
   regulator_config_ = regulator_config(params);
   hande_config_ = hande_config();
   const Status status = app_.start(params, auto_size);
-  if (!status.ok() && status.reason != Reason::kCameraGone) return status;
+  const bool camera = status.reason == Reason::kCameraGone || status.reason == Reason::kCameraWrong;
+  if (!status.ok() && !camera) return status;
   if (const Status s = regulator::validate(regulator_config_); !s.ok()) return s;
   if (static_cast<Gripper>(params.gripper) == Gripper::kStepLines) {
     if (const Status s = step_lines::start(lines_, devices_.gpio, 0); !s.ok()) return s;
   }
-  kept_ = looked_for_kept_ = resumed_ = false;
-  if (status.ok()) camera_started();
+  kept_ = {};
+  for (int i = 0; i < app_.fingers(); ++i) {
+    if (streaming(i)) camera_started(i);
+  }
   resume_grip();
   return kOkStatus;
 }
@@ -62,17 +65,23 @@ Status Daemon::start(const Params& params, bool auto_size) {
 void Daemon::poll() {
   mind_the_clock();
   mind_the_supply();
-  const bool streamed = streaming();
+  for (int i = 0; i < app_.fingers(); ++i) kept_[idx(i)].streamed = streaming(i);
   take_frame();
-  if (app_.keep_camera()) camera_started();
-  if (streamed && !streaming()) {
-    recorder_.note(EventKind::kCameraGone, devices_.clock.now(), static_cast<std::int32_t>(app_.camera().why));
-  }
+  mind_the_cameras();
   const Micros begun = devices_.clock.now();
   serve_link();
   read_inputs();
   move_gripper();
   app_.stopwatch().add(Task::kServe, devices_.clock.now() - begun);
+}
+
+// Each is started (anew) when it is time for that, and what came or went is noted.
+void Daemon::mind_the_cameras() {
+  for (int i = 0; i < app_.fingers(); ++i) {
+    if (app_.keep_camera(i)) camera_started(i);
+    if (!kept_[idx(i)].streamed || streaming(i)) continue;
+    recorder_.note(EventKind::kCameraGone, devices_.clock.now(), static_cast<std::int32_t>(app_.camera(i).why), i);
+  }
 }
 
 void Daemon::reconfigure(const Params& params) {
@@ -90,7 +99,8 @@ void Daemon::reconfigure(const Params& params) {
 void Daemon::mind_the_clock() {
   const Micros now = devices_.clock.now();
   if (now < seen_now_) {
-    kept_at_ = regulator_.last_step = now;
+    for (Kept& one : kept_) one.at = now;
+    regulator_.last_step = now;
     opening_until_ = std::min(opening_until_, now + Micros{std::int64_t{params_.opening_max_ms} * 1000});
     hande_ = {};
     lines_.since = now;
@@ -116,27 +126,31 @@ void Daemon::stop() {
 void Daemon::take_frame() {
   const App::Polled polled = app_.poll(kSlice);
   if (polled != App::Polled::kWaiting) {
-    recorder_.take(app_.result(), app_.state().displacement, app_.outputs(), devices_.clock.now());
+    const int finger = app_.latest();
+    recorder_.take(app_.result(finger), app_.state(finger).displacement, app_.outputs(), devices_.clock.now());
   }
-  if (polled == App::Polled::kSignalled || !app_.camera().streaming) regulate();
-  if (polled != App::Polled::kSignalled || !app_.outputs().accepted) return;
-  if (app_.result().contact.event == contact::Event::kTouched) may_open_ = true;
-  keep_reference();
+  if (polled == App::Polled::kSignalled || !streaming(app_.latest())) regulate();
+  if (polled != App::Polled::kSignalled || !app_.accepted()) return;
+  if (app_.result(app_.latest()).contact.event == contact::Event::kTouched) may_open_ = true;
+  keep_reference(app_.latest());
 }
 
 // The first time the sensor has said which one it is: what was kept may be its own.
-void Daemon::camera_started() {
-  recorder_.note(EventKind::kCameraStarted, devices_.clock.now(), static_cast<std::int32_t>(camera_starts()));
-  if (looked_for_kept_) return;
-  looked_for_kept_ = true;
-  if (checkpoint::load(checkpoint_, periphery_.keep)) resumed_ = app_.resume(checkpoint_.slot.contents);
+void Daemon::camera_started(int finger) {
+  recorder_.note(EventKind::kCameraStarted, devices_.clock.now(), static_cast<std::int32_t>(camera_starts(finger)),
+                 finger);
+  Kept& its = kept_[idx(finger)];
+  if (its.looked_for) return;
+  its.looked_for = true;
+  if (!checkpoint::load(checkpoint_, periphery_.keep, idx(finger))) return;
+  its.resumed = app_.resume(checkpoint_.slot.contents, finger);
 }
 
 // What follows from a frame for the grip. Without a camera, too: GRIP and RELEASE are obeyed all the same.
 void Daemon::regulate() {
-  const pipeline::Result& result = app_.result();
+  const pipeline::Result& result = app_.result(app_.latest());
   const supervisor::Outputs& outputs = app_.outputs();
-  const bool trusted = outputs.accepted && (outputs.state == DeviceState::kOk || outputs.state == DeviceState::kSlip);
+  const bool trusted = app_.accepted() && (outputs.state == DeviceState::kOk || outputs.state == DeviceState::kSlip);
   grip_ = regulator::update(regulator_, regulator_config_,
                             {.trusted = trusted,
                              .request = result.request,
@@ -151,18 +165,19 @@ void Daemon::regulate() {
   grip_asked_ = release_asked_ = false;
 }
 
-void Daemon::keep_reference() {
-  const pipeline::Result& result = app_.result();
+void Daemon::keep_reference(int finger) {
+  const pipeline::Result& result = app_.result(finger);
+  Kept& its = kept_[idx(finger)];
   const Micros now = devices_.clock.now();
   if (!result.referenced) {
-    kept_ = false;
+    its.kept = false;
     return;
   }
-  if (kept_ && (!result.empty || now - kept_at_ < kKeepEvery)) return;
-  app_.remember(checkpoint_.slot.contents);
-  kept_ = true;
-  kept_at_ = now;
-  (void)checkpoint::save(checkpoint_, periphery_.keep);  // a board without keeps nothing
+  if (its.kept && (!result.empty || now - its.at < kKeepEvery)) return;
+  app_.remember(checkpoint_.slot.contents, finger);
+  its.kept = true;
+  its.at = now;
+  (void)checkpoint::save(checkpoint_, periphery_.keep, idx(finger));  // a board without keeps nothing
 }
 
 // The gripper holds on while no process runs; the next one goes on tightening from where this one was.
@@ -233,13 +248,15 @@ Outcome Daemon::execute(const CommandFrame& frame) {
 }
 
 Outcome Daemon::tare(bool even_if_touched) {
-  const pipeline::Result& result = app_.result();
-  if (!even_if_touched && result.referenced && result.contact.judged && result.contact.touching) {
-    return Outcome::kTouching;
+  for (int i = 0; i < app_.fingers() && !even_if_touched; ++i) {
+    const pipeline::Result& result = app_.result(i);
+    if (result.referenced && result.contact.judged && result.contact.touching) return Outcome::kTouching;
   }
   app_.tare();
-  kept_ = false;
-  checkpoint::forget(checkpoint_, periphery_.keep);
+  for (int i = 0; i < app_.fingers(); ++i) {
+    kept_[idx(i)].kept = false;
+    checkpoint::forget(checkpoint_, periphery_.keep, idx(i));
+  }
   return Outcome::kDone;
 }
 

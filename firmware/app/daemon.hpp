@@ -47,7 +47,7 @@ class Daemon {
   Daemon(const Devices& devices, const Periphery& periphery, const model::Tree* tree = nullptr)
       : devices_(devices), periphery_(periphery), app_(devices, tree) {}
 
-  // As App::start(), but a camera that is not there yet is waited for: kConfig, kGpioFailed.
+  // As App::start(), but a camera that is not there yet, or is another finger's, is waited for: kConfig, kGpioFailed.
   [[nodiscard]] Status start(const Params& params, bool auto_size = false);
   // Other parameters while it runs; those that are made with the board (Applies::kAtRestart) stay as they are.
   // Range: validate(params) is ok.
@@ -62,10 +62,10 @@ class Daemon {
   [[nodiscard]] const App& app() const { return app_; }
   [[nodiscard]] const regulator::Command& grip() const { return grip_; }
   [[nodiscard]] const hande::Feedback& gripper() const { return seen_; }
-  [[nodiscard]] std::uint32_t camera_starts() const { return app_.camera().starts; }
+  [[nodiscard]] std::uint32_t camera_starts(int finger = 0) const { return app_.camera(finger).starts; }
   [[nodiscard]] const link::Receiver& commands() const { return receiver_; }
-  [[nodiscard]] bool streaming() const { return app_.camera().streaming; }
-  [[nodiscard]] bool resumed() const { return resumed_; }
+  [[nodiscard]] bool streaming(int finger = 0) const { return app_.camera(finger).streaming; }
+  [[nodiscard]] bool resumed(int finger = 0) const { return kept_[idx(finger)].resumed; }
   [[nodiscard]] Recorder& recorder() { return recorder_; }
   [[nodiscard]] const Devices& devices() const { return devices_; }
   [[nodiscard]] const Params& params() const { return params_; }
@@ -80,12 +80,13 @@ class Daemon {
   void mind_the_clock();
   void take_frame();
   void mind_the_supply();
-  void camera_started();
+  void mind_the_cameras();
+  void camera_started(int finger);
   void regulate();
   void serve_link();
   void read_inputs();
   void move_gripper();
-  void keep_reference();
+  void keep_reference(int finger);
   void keep_grip();
   void resume_grip();
   [[nodiscard]] command_frame::Outcome execute(const command_frame::CommandFrame& frame);
@@ -99,8 +100,6 @@ class Daemon {
   Periphery periphery_;
   App app_;
   Params params_{};
-  bool looked_for_kept_ = false;  // a reference, once a camera said which sensor it is
-  bool resumed_ = false;
   Micros seen_now_{};
   hal::Supply::State supply_ = hal::Supply::State::kUnknown;
 
@@ -131,8 +130,14 @@ class Daemon {
 
   checkpoint::State checkpoint_;
   checkpoint::GripState kept_grip_;
-  bool kept_ = false;
-  Micros kept_at_{};
+  struct Kept {               // of a finger's reference
+    bool looked_for = false;  // once its camera said which sensor it is
+    bool resumed = false;
+    bool kept = false;
+    Micros at{};
+    bool streamed = false;  // when it was looked at last
+  };
+  std::array<Kept, fingers::kMaxFingers> kept_{};
   Recorder recorder_;
 };
 

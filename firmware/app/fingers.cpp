@@ -3,18 +3,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cstddef>
 
-#include "app/app.hpp"
 #include "base/math.hpp"
-#include "vision/jpeg_decoder.hpp"
 
 namespace holdfast::fingers {
-
-// Beside a device of one finger a hand has another pipeline and its own few bytes; the decoder is shared.
-constexpr std::size_t kOneFinger = sizeof(App) + sizeof(EighthDecoder) + sizeof(jpeg_fast::Worker);
-static_assert((kOneFinger + sizeof(State) - sizeof(pipeline::State)) * 10 <= kOneFinger * 19, "1.9 of one finger");
-
 namespace {
 
 // The hand's state is the last of these that a finger has: what a robot has to act on comes late.
@@ -25,22 +17,40 @@ bool is_worse(DeviceState one, DeviceState than) {
   return std::ranges::find(kOrder, one) > std::ranges::find(kOrder, than);
 }
 
-supervisor::Outputs worst_of(const Hand& hand, const Config& config, Micros now) {
-  supervisor::Outputs out{.state = DeviceState::kOk};
+// The fingers that the lines speak for, finger 0 in bit 0.
+std::uint32_t counted(const Hand& hand, const Config& config, Micros now) {
+  const std::uint32_t all = (1U << config.fusion.fingers) - 1;
+  if (!config.one_may_be_lost) return all;
+  std::uint32_t well = 0;
   for (int i = 0; i < config.fusion.fingers; ++i) {
-    const supervisor::State& one = hand.supervisors[idx(i)];
-    // Nobody calls for a finger whose camera is silent.
-    const bool silent =
-        one.started && one.device != DeviceState::kFault && supervisor::is_silent(one, config.supervisor, now);
-    const DeviceState state = silent ? DeviceState::kFault : one.device;
-    if (i > 0 && !is_worse(state, out.state)) continue;
-    out.state = state;
-    out.reason = silent ? Reason::kNoFrame : one.reason;
+    if (condition_of(hand, config, i, now).state != DeviceState::kFault) well |= 1U << i;
   }
-  return out;
+  return well == 0 ? all : well;
+}
+
+void join(const Hand& hand, const Config& config, std::uint32_t of, Micros now, Result& out) {
+  bool any = false;
+  for (int i = 0; i < config.fusion.fingers; ++i) {
+    if ((of >> i & 1U) == 0) continue;
+    const Condition one = condition_of(hand, config, i, now);
+    if (!any || is_worse(one.state, out.hand.state)) {
+      out.hand.state = one.state;
+      out.hand.reason = one.reason;
+    }
+    const Micros seen_at = hand.seen_at[idx(i)];
+    out.oldest = any ? std::min(out.oldest, seen_at) : seen_at;
+    any = true;
+  }
 }
 
 }  // namespace
+
+Condition condition_of(const Hand& hand, const Config& config, int finger, Micros now) {
+  const supervisor::State& one = hand.supervisors[idx(finger)];
+  const bool silent =
+      one.started && one.device != DeviceState::kFault && supervisor::is_silent(one, config.supervisor, now);
+  return silent ? Condition{DeviceState::kFault, Reason::kNoFrame} : Condition{one.device, one.reason};
+}
 
 Config config_of(int fingers, const pipeline::Config& pipeline, const supervisor::Config& supervisor) {
   Config config{.pipeline = pipeline, .fusion = {}, .supervisor = supervisor};
@@ -59,18 +69,26 @@ Result update(State& state, const Config& config, int finger, JpegDecoder& jpeg,
 Result decide(Hand& hand, const Config& config, int finger, pipeline::Result seen, Micros now,
               const supervisor::Inputs& inputs) {
   Result out;
-  if (seen.quality.ok()) {
+  if (config.fusion.fingers == 1) {
+    hand.request = seen.request;
+    out.fused.verdict = seen.verdict;
+  } else if (seen.quality.ok()) {
     out.fused = fusion::update(hand.fusion, config.fusion, finger, seen.referenced, seen.features, seen.timestamp);
     hand.request = out.fused.request;
   }
   out.fused.request = seen.request = hand.request;
   out.finger = supervisor::update(hand.supervisors[idx(finger)], config.supervisor, seen, now, inputs);
-  out.hand = worst_of(hand, config, now);
+  if (out.finger.accepted) {
+    hand.accepted |= 1U << finger;
+    hand.seen_at[idx(finger)] = seen.timestamp;
+  }
+  const std::uint32_t of = counted(hand, config, now);
+  join(hand, config, of, now, out);
   out.hand.slip = hand.request == GripRequest::kTighten;
   out.hand.grip_ok = out.hand.state == DeviceState::kOk;  // who raised slip is in SLIP
-  if (out.finger.accepted) hand.accepted |= 1U << finger;
-  const std::uint32_t all = (1U << config.fusion.fingers) - 1;
-  out.hand.accepted = hand.accepted == all;
+  // Of one finger the lines look at the age themselves; of two, the other's last frame may have grown old meanwhile.
+  const bool young = config.fusion.fingers == 1 || now - out.oldest <= config.oldest_frame;
+  out.hand.accepted = out.finger.accepted && (hand.accepted & of) == of && young;
   if (out.hand.accepted) hand.accepted = 0;
   return out;
 }

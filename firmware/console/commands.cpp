@@ -343,18 +343,39 @@ struct DeviceRow {
   void (*write)(Console&, Page&);
 };
 
-constexpr std::array<DeviceRow, 5> kDevices{{
-    {"camera",
-     [](Console& console, Page& page) {
-       const hal::Camera& camera = console.daemon().devices().camera;
-       const std::string_view identity = camera.identity();
-       const bool well = console.daemon().streaming() && camera.problem().empty();
-       page.cell(identity.empty() ? "unnamed" : identity);
-       page.cell(well ? "yes" : "no");
-       Text<40> more;
-       more << "started " << console.daemon().camera_starts() << " times";
-       page.cell(camera.problem().empty() ? more.view() : camera.problem());
-     }},
+// A sensor's number is what left_sensor and right_sensor store.
+void camera_row(Console& console, Page& page, int finger) {
+  const Daemon& daemon = console.daemon();
+  const Devices& devices = daemon.devices();
+  const hal::Camera& camera = finger == 0 ? devices.camera : devices.right->camera;
+  const std::string_view identity = camera.identity();
+  const bool well = daemon.streaming(finger) && camera.problem().empty();
+  page.cell(devices.right == nullptr ? "camera" : fingers::kNames[idx(finger)]);
+  page.cell(identity.empty() ? "unnamed" : identity);
+  page.cell(well ? "yes" : "no");
+  Text<200> more;
+  const std::int32_t number = camera_keeper::number_of(identity);
+  const std::int32_t expected = daemon.app().expected(finger);
+  if (!camera.problem().empty()) {
+    more << camera.problem();
+  } else if (daemon.app().camera(finger).why == Reason::kCameraWrong && expected != 0 && number != expected) {
+    const bool swapped = devices.right != nullptr && number == daemon.app().expected(1 - finger);
+    more << "this is "
+         << (swapped ? "the other finger's sensor: plug each into its own place" : "not the stored sensor");
+    more << ", or store number " << number << " for it";
+  } else {
+    more << "started " << daemon.camera_starts(finger) << " times";
+    if (devices.right != nullptr) {
+      const supervisor::State& state = daemon.app().supervisor(finger);
+      more << ", " << info(state.device).name << ' ' << info(state.reason).name << ", "
+           << div_round(measured_fps_milli(daemon.app().health(finger)), 1000) << " fps, "
+           << (console.now() - daemon.app().result(finger).timestamp).count() / 1000 << " ms old, number " << number;
+    }
+  }
+  page.cell(more.view());
+}
+
+constexpr std::array<DeviceRow, 4> kDevices{{
     {"lines",
      [](Console& console, Page& page) {
        const bool failed = console.daemon().app().outputs().reason == Reason::kGpioFailed;
@@ -411,11 +432,13 @@ Answer devices(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
   Page& page = console.page();
   if (step == 0) page.open(words.json);
-  return list_step(page, "devices", kDeviceColumns, step, static_cast<std::int32_t>(kDevices.size()),
-                   [&](std::int32_t k) {
-                     page.cell(kDevices[idx(k)].name);
-                     kDevices[idx(k)].write(console, page);
-                   });
+  const std::int32_t cameras = console.daemon().app().fingers();
+  const std::int32_t count = cameras + static_cast<std::int32_t>(kDevices.size());
+  return list_step(page, "devices", kDeviceColumns, step, count, [&](std::int32_t k) {
+    if (k < cameras) return camera_row(console, page, k);
+    page.cell(kDevices[idx(k - cameras)].name);
+    kDevices[idx(k - cameras)].write(console, page);
+  });
 }
 
 constexpr std::array<Column, 9> kModeColumns{{{"mode", 10},
@@ -965,7 +988,7 @@ constexpr std::array<CommandInfo, 26> kCommands{{
     {"frame", "[json]", "the markers of the last frame", false, frame},
     {"modes", "[json]", "speed settings with their measured prices", false, modes},
     {"tell", "tare|opening|release|arm|grip [NUMBER]", "what the robot may say on the link", true, tell},
-    {"fault", "[off|camera|gripper|link] [TYPE] [json]", "make something fail (simulated boards)", false, fault},
+    {"fault", "[off|camera|right|gripper|link] [TYPE] [json]", "make something fail (simulated boards)", false, fault},
     {"echo", "on|off", "off: no prompt and no echo, for programs", false, echo},
     {"unlock", "CODE", "allow changes, with the code of this device", false, unlock},
     {"lock", "", "allow no changes", false, lock},

@@ -428,24 +428,28 @@ void Console::telemetry() {
     screen_at_ = clock_.now();
     return trace_line();
   }
-  std::array<std::uint8_t, status_frame::kWireBytes> wire{};
-  status_frame::encode(told, wire);
-  send_frame(wire);
-  if (!told.features_valid) return;
-  send_evidence(told.reason);
-  send_markers();
+  std::array<std::uint8_t, status_frame::kMostWireBytes> wire{};
+  send_frame(std::span(wire).first(status_frame::encode(told, wire)));
+  const int finger = daemon_.app().latest();
+  const pipeline::Result& result = daemon_.app().result(finger);
+  if (!result.quality.ok() || !result.referenced) return;
+  send_evidence(told.reason, finger);
+  if (finger == 0) send_markers();
 }
 
-evidence::Shown Console::shown(Reason reason) const {
+evidence::Shown Console::shown(Reason reason, int finger) const {
   const App& app = daemon_.app();
-  return evidence::show({app.tree()}, app.result().features, app.result().evidence, reason == Reason::kContactLost);
+  const pipeline::Result& result = app.result(finger);
+  return evidence::show({app.tree()}, result.features, result.evidence, reason == Reason::kContactLost);
 }
 
-void Console::send_evidence(Reason reason) {
-  const pipeline::Result& result = daemon_.app().result();
+void Console::send_evidence(Reason reason, int finger) {
+  const pipeline::Result& result = daemon_.app().result(finger);
+  evidence_frame::EvidenceFrame frame =
+      evidence_frame::frame_of(seen_, shown(reason, finger), result.contact, result.features.imprint, result.run);
+  frame.finger = static_cast<std::uint8_t>(finger);
   std::array<std::uint8_t, evidence_frame::kWireBytes> wire{};
-  evidence_frame::encode(
-      evidence_frame::frame_of(seen_, shown(reason), result.contact, result.features.imprint, result.run), wire);
+  evidence_frame::encode(frame, wire);
   send_frame(wire);
 }
 

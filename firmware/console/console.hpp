@@ -149,7 +149,7 @@ class Console {
   void ask_to_restart() { restart_ = true; }
   [[nodiscard]] std::uint32_t frames_lost() const { return frames_lost_; }
   // Of the last picture; `reason`: of the device's state.
-  [[nodiscard]] evidence::Shown shown(Reason reason) const;
+  [[nodiscard]] evidence::Shown shown(Reason reason, int finger = 0) const;
   // Command frames, for want of authority.
   [[nodiscard]] std::uint32_t refused() const { return refused_; }
 
@@ -170,7 +170,7 @@ class Console {
   void say_state();
   void telemetry();
   void send_frame(std::span<const std::uint8_t> wire);
-  void send_evidence(Reason reason);
+  void send_evidence(Reason reason, int finger);
   void send_markers();
   void trace_line();
   void go_on_with_settings();

@@ -75,7 +75,7 @@ static_assert(std::ranges::all_of(kFeatures,
                                   }),
               "evidence::show() may name it");
 
-// Of the only finger. `run`: pipeline::Result::run. What does not fit its field is cut.
+// Of finger 0. `run`: pipeline::Result::run. What does not fit its field is cut.
 [[nodiscard]] EvidenceFrame frame_of(std::uint16_t sequence, const evidence::Shown& shown,
                                      const contact::Contact& contact, const ImprintFeatures& imprint, std::int32_t run);
 

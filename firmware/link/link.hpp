@@ -24,7 +24,7 @@ inline constexpr std::uint8_t kVersion = 1;
 inline constexpr std::uint8_t kLastVersion = 8;  // TAB is 9
 enum class Kind : std::uint8_t { kStatus = 1, kCommand = 2, kAnswer = 3, kDisplacement = 4, kRest = 5, kEvidence = 6 };
 
-inline constexpr std::size_t kMaxPayloadBytes = 32;
+inline constexpr std::size_t kMaxPayloadBytes = 35;
 inline constexpr std::size_t kMinPayloadBytes = 4;  // version, kind, CRC
 // COBS adds one byte, whatever the payload: it has no block of 254 bytes.
 [[nodiscard]] constexpr std::size_t wire_bytes(std::size_t payload_bytes) {

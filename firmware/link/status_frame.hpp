@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The status frame: one message per camera frame for whoever holds the other end of the serial line.
-// How it goes on the wire: link.hpp. The layout of version 1 is frozen; another layout is another version.
+// How it goes on the wire: link.hpp. The layouts are frozen; another layout is another version. A device of one finger
+// sends version 1. One of two sends version 1 with the hand's state, or, where it is told so, version 2: the same
+// fields at the same places, and behind them what each finger says.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -38,6 +41,10 @@ struct StatusFrame {
   std::int32_t vy_um_s = 0;
   std::int32_t entropy_nat_q16 = 0;
   std::int32_t entropy_rate_nat_s_q8 = 0;
+  // Version 2: the left finger in bit 0, the right one in bit 1. `fingers` 0: version 1, which does not tell.
+  std::uint8_t fingers = 0;
+  std::uint8_t healthy = 0;
+  std::uint8_t contact = 0;
   friend constexpr bool operator==(const StatusFrame&, const StatusFrame&) = default;
 };
 
@@ -121,8 +128,48 @@ inline constexpr std::size_t kWireBytes = link::wire_bytes(kPayloadBytes);
 static_assert(link::is_layout(kFields));
 static_assert(kPayloadBytes == 32 && kWireBytes == 34, "version 1 is frozen");
 
-// Returns kWireBytes: every status frame has the same length on the wire.
-std::size_t encode(const StatusFrame& frame, std::span<std::uint8_t, kWireBytes> wire);
+inline constexpr std::uint8_t kHandVersion = 2;
+
+// Version 2: the fields of version 1, and three more before the CRC.
+inline constexpr std::array<Field, 17> kHandFields = [] {
+  std::array<Field, 17> fields{};
+  std::copy(kFields.begin(), kFields.end() - 1, fields.begin());
+  fields[0] = {"version", 0, link::WireType::kU8, "-", "layout of this table: 2", link::get_constant<kHandVersion>,
+               nullptr};
+  fields[13] = {"fingers",
+                30,
+                link::WireType::kU8,
+                "bits",
+                "fingers that there are: bit 0 left, bit 1 right",
+                link::get<&StatusFrame::fingers>,
+                link::put<&StatusFrame::fingers>};
+  fields[14] = {"healthy",
+                31,
+                link::WireType::kU8,
+                "bits",
+                "of these, in state OK or SLIP by what each sees alone",
+                link::get<&StatusFrame::healthy>,
+                link::put<&StatusFrame::healthy>};
+  fields[15] = {"contact",
+                32,
+                link::WireType::kU8,
+                "bits",
+                "of these, with something that touches the gel",
+                link::get<&StatusFrame::contact>,
+                link::put<&StatusFrame::contact>};
+  fields[16] = {"crc16", 33, link::WireType::kU16, "-", "CRC-16 over bytes 0 to 32", nullptr, nullptr};
+  return fields;
+}();
+
+inline constexpr std::size_t kHandPayloadBytes = link::payload_bytes(kHandFields);
+inline constexpr std::size_t kMostWireBytes = link::wire_bytes(kHandPayloadBytes);
+
+static_assert(link::is_layout(kHandFields));
+static_assert(kHandPayloadBytes == 35 && kMostWireBytes == 37, "version 2 is frozen");
+
+// Version 2 where the frame tells of fingers. Returns kWireBytes or kMostWireBytes: every status frame of a version has
+// the same length on the wire. Range: so much room.
+std::size_t encode(const StatusFrame& frame, std::span<std::uint8_t> wire);
 
 struct [[nodiscard]] Decoded {
   DecodeError error = DecodeError::kNone;

@@ -48,6 +48,10 @@ struct Params {
   std::int32_t position_step = 0;
   std::int32_t release_step = 6;
   std::int32_t grip_speed = 128;
+  std::int32_t left_sensor = 0;
+  std::int32_t right_sensor = 0;
+  std::int32_t lost_finger = 0;
+  std::int32_t status_version = 1;
   friend constexpr bool operator==(const Params&, const Params&) = default;
 };
 
@@ -67,6 +71,8 @@ enum class ParamClass : std::uint8_t {
 };
 inline constexpr std::array<std::string_view, 3> kParamClassNames{"safety", "tuning", "display"};
 
+inline constexpr std::int32_t kMostSensor = 0x3FFFFFFF;  // a number is 30 bits of a check sum (camera_keeper.hpp)
+
 struct ParamInfo {
   std::int32_t Params::*member;
   std::string_view name;
@@ -81,7 +87,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 24> kParams{{
+inline constexpr std::array<ParamInfo, 28> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000, ParamClass::kSafety,
      "larger: a slip stays in one bin, and its entropy shows nothing",
      "displacement at which the last of the 15 histogram bins begins to overflow",
@@ -149,6 +155,20 @@ inline constexpr std::array<ParamInfo, 24> kParams{{
      "force taken off per 40 ms by RELEASE", "larger: lets go sooner, and less gently"},
     {&Params::grip_speed, "grip_speed", "counts", 0, 255, ParamClass::kTuning, "as start_force",
      "speed of the fingers (Hand-E's rSP)", "higher: hits the object harder"},
+    {&Params::left_sensor, "left_sensor", "", 0, kMostSensor, ParamClass::kSafety,
+     "another number: the sensor of another finger, or gel, is taken for this one",
+     "number of the sensor on the left or only finger, as `devices` says it; 0: any",
+     "0: swapped sensors are not noticed", Applies::kAtRestart},
+    {&Params::right_sensor, "right_sensor", "", 0, kMostSensor, ParamClass::kSafety, "as left_sensor",
+     "number of the sensor on the right finger; 0: any", "as left_sensor", Applies::kAtRestart},
+    {&Params::lost_finger, "lost_finger", "", 0, 1, ParamClass::kSafety,
+     "1: GRIP_OK is HIGH though one side of the object is not watched",
+     "of two fingers one is at FAULT: 0 that is the hand's FAULT, 1 go on with the other",
+     "1: a slip that only the lost finger would have seen is not told"},
+    {&Params::status_version, "status_version", "", 1, 2, ParamClass::kDisplay,
+     "a receiver that does not know the version hears nothing, and takes nothing for fine",
+     "of the status frames of a device of two fingers: 1, or 2, which tells of each finger",
+     "2: 3 bytes more a frame, and a receiver that knows it"},
 }};
 
 static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");
@@ -186,6 +206,9 @@ constexpr Status validate(const Params& params, ParamProblem* problem = nullptr)
   }
   if (params.start_force > params.max_force) {
     return refuse(problem, find_param("start_force"), "above max_force");
+  }
+  if (params.left_sensor != 0 && params.left_sensor == params.right_sensor) {
+    return refuse(problem, find_param("right_sensor"), "the same sensor as left_sensor");
   }
   if (params.grid_rows * params.grid_cols > kMaxMarkers) {
     return refuse(problem, find_param("grid_cols"), "times grid_rows is more than the 128 markers of the fixed memory");

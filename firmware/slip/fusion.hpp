@@ -9,6 +9,8 @@
 //            or where one slips whose picture shows a relief and the other's shows none: that one cannot see it;
 //            slip that needs a second frame (markers) needs the other finger as well
 // So one finger's light or a knock at its cable is outvoted by one that can see and sees nothing.
+// As compiled, with slip_v5: strong is 160/256 octave above the model's threshold, and no finger is ever weak
+// (`together_q8` 0). So two fingers raise together only where each slips by the model's own threshold.
 //
 // The cameras are not synchronous. A verdict is given with each frame of any finger and the latest of the others, by
 // the frames' own times; nothing waits. Range: frames of one finger come in order; those of two fingers in any order.

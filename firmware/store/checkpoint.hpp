@@ -73,9 +73,12 @@ struct SlotOf {
 // In the process, because what lies outside may change under the reader's eyes.
 template <typename Kept>
 struct StateOf {
-  SlotOf<Kept> slot;            // read last, or being written
-  std::uint64_t sequence = 0;   // of the newest slot outside
-  std::size_t next = 0;         // that save() writes
+  SlotOf<Kept> slot;  // read last, or being written
+  struct Pair {
+    std::uint64_t sequence = 0;  // of the newer slot outside
+    std::size_t next = 0;        // that save() writes
+  };
+  std::array<Pair, 2> pairs;    // of each finger
   std::uint32_t discarded = 0;  // slots that held something and were not believed
 };
 
@@ -88,6 +91,7 @@ static_assert(std::is_trivially_copyable_v<Slot> && std::is_trivially_copyable_v
 // Two slots of each, one after the other.
 inline constexpr std::size_t kReferenceBytes = 2 * sizeof(Slot);
 inline constexpr std::size_t kBytes = kReferenceBytes + 2 * sizeof(GripSlot);
+inline constexpr std::size_t kHandBytes = kBytes + kReferenceBytes;  // and a right finger's reference
 
 namespace detail {
 
@@ -115,23 +119,27 @@ template <typename Kept>
   return {reinterpret_cast<std::uint8_t*>(&slot), sizeof slot};
 }
 
-[[nodiscard]] inline std::size_t place_of(const State& /*reference*/) {
-  return 0;
+[[nodiscard]] inline std::size_t place_of(const State& /*reference*/, std::size_t finger) {
+  return finger == 0 ? 0 : kBytes;
 }
-[[nodiscard]] inline std::size_t place_of(const GripState& /*grip*/) {
+[[nodiscard]] inline std::size_t place_of(const GripState& /*grip*/, std::size_t /*finger*/) {
   return kReferenceBytes;
+}
+[[nodiscard]] constexpr std::size_t needs(std::size_t finger) {
+  return finger == 0 ? kBytes : kHandBytes;
 }
 
 }  // namespace detail
 
-// Looks at both slots and leaves the newer sound one in state.slot. False: there is none. Range: any bytes.
+// Looks at both slots and leaves the newer sound one in state.slot. False: there is none. Range: any bytes; `finger` 0
+// or 1, and 0 for the grip, which is the hand's.
 template <typename Kept>
-[[nodiscard]] bool load(StateOf<Kept>& state, hal::Keep& keep) {
+[[nodiscard]] bool load(StateOf<Kept>& state, hal::Keep& keep, std::size_t finger = 0) {
   constexpr std::size_t kSlot = sizeof(SlotOf<Kept>);
-  state.sequence = 0;
-  state.next = 0;
-  if (keep.size() < kBytes) return false;
-  const std::size_t from = detail::place_of(state);
+  auto& pair = state.pairs[finger];
+  pair = {};
+  if (keep.size() < detail::needs(finger)) return false;
+  const std::size_t from = detail::place_of(state, finger);
   std::size_t best = 2;
   for (const std::size_t k : {std::size_t{0}, std::size_t{1}}) {
     if (!keep.read(from + k * kSlot, detail::bytes_of(state.slot))) continue;
@@ -139,12 +147,12 @@ template <typename Kept>
     const bool sound = state.slot.magic == kMagic && state.slot.version == kVersion && state.slot.bytes == kSlot &&
                        state.slot.crc == detail::crc_of(state.slot) && detail::is_sane(state.slot.contents);
     if (!sound && !blank) count_up(state.discarded);
-    if (!sound || (best < 2 && state.slot.sequence <= state.sequence)) continue;
+    if (!sound || (best < 2 && state.slot.sequence <= pair.sequence)) continue;
     best = k;
-    state.sequence = state.slot.sequence;
+    pair.sequence = state.slot.sequence;
   }
   if (best == 2) return false;
-  state.next = 1 - best;
+  pair.next = 1 - best;
   return keep.read(from + best * kSlot, detail::bytes_of(state.slot)) && state.slot.crc == detail::crc_of(state.slot);
 }
 
@@ -153,26 +161,29 @@ template <typename Kept>
 // Cost: a CRC over the slot, 19 kB for a reference: 0.6 M instructions. Once per rest position, and every few seconds
 // on an empty gel.
 template <typename Kept>
-[[nodiscard]] bool save(StateOf<Kept>& state, hal::Keep& keep) {
+[[nodiscard]] bool save(StateOf<Kept>& state, hal::Keep& keep, std::size_t finger = 0) {
   constexpr std::size_t kSlot = sizeof(SlotOf<Kept>);
-  if (keep.size() < kBytes) return false;
+  auto& pair = state.pairs[finger];
+  if (keep.size() < detail::needs(finger)) return false;
   state.slot.magic = kMagic;
   state.slot.version = kVersion;
   state.slot.bytes = kSlot;
-  state.slot.sequence = ++state.sequence;
+  state.slot.sequence = ++pair.sequence;
   state.slot.crc = detail::crc_of(state.slot);
-  if (!keep.write(detail::place_of(state) + state.next * kSlot, detail::bytes_of(state.slot))) return false;
-  state.next = 1 - state.next;
+  const std::size_t at = detail::place_of(state, finger) + pair.next * kSlot;
+  if (!keep.write(at, detail::bytes_of(state.slot))) return false;
+  pair.next = 1 - pair.next;
   return true;
 }
 
 // The rest position that is kept is no longer true: another process must not go on with it.
 // Range: of each slot so much is wiped that it is not believed. What takes no byte (full) holds none either.
-inline void forget(State& state, hal::Keep& keep) {
+inline void forget(State& state, hal::Keep& keep, std::size_t finger = 0) {
   constexpr std::array<std::uint8_t, offsetof(Slot, contents)> kBlank{};
-  if (keep.size() < kBytes) return;
-  for (const std::size_t at : {std::size_t{0}, sizeof(Slot)}) (void)keep.write(at, kBlank);
-  state.next = 0;
+  if (keep.size() < detail::needs(finger)) return;
+  const std::size_t from = detail::place_of(state, finger);
+  for (const std::size_t at : {from, from + sizeof(Slot)}) (void)keep.write(at, kBlank);
+  state.pairs[finger].next = 0;
 }
 
 }  // namespace holdfast::checkpoint

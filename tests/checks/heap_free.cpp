@@ -116,29 +116,32 @@ int run_crew(const test::HeapMarks& marks, long runs) {
   return judge(counts);
 }
 
+// The whole device with two cameras, whose frames come 17 ms apart.
 int run_hand(const test::HeapMarks& marks, const test::ScenePictures& film, long pairs) {
-  const auto state = std::make_unique<fingers::State>();
-  const fingers::Config config = fingers::config_of(2, pipeline_config(Params{}), supervisor_config(Params{}));
+  sim::Clock clock;
+  sim::Gpio gpio(clock);
+  sim::Serial link;
   test::NoJpeg jpeg;
-  pipeline::Result seen;
-  long accepted = 0;
+  sim::CameraMemory::Config config{};
+  config.cycles = static_cast<std::uint64_t>(pairs) / film.views.size() + 1;
+  sim::CameraMemory left(clock, film.views, config);
+  config.latency += Micros{17'000};
+  sim::CameraMemory right(clock, film.views, config);
+  const auto finger = std::make_unique<Finger>(right);
+  const auto app = std::make_unique<App>(Devices{left, gpio, link, clock, jpeg, false, finger.get()});
+  Params params{};
+  params.status_version = 2;
+  const std::uint64_t edges = gpio.edges(hal::Line::kAlive);
+  long frames = 0;
   long slips = 0;
   marks.begin();
-  for (long pair = 0; pair < pairs; ++pair) {
-    const LumaView& view = film.views[static_cast<std::size_t>(pair) % film.views.size()];
-    hal::Frame frame{};
-    frame.bytes = {view.data, static_cast<std::size_t>(view.stride) * static_cast<std::size_t>(view.height)};
-    frame.format = hal::PixelFormat::kLuma8;
-    frame.width = view.width;
-    frame.height = view.height;
-    frame.stride = view.stride;
-    for (int finger = 0; finger < fingers::kMaxFingers; ++finger) {
-      frame.timestamp = Micros{(pair + 1) * 40'000 + finger * 17'000};
-      const fingers::Result result = fingers::update(*state, config, finger, jpeg, frame, frame.timestamp, seen);
-      accepted += result.hand.accepted ? 1 : 0;
-      slips += result.hand.slip ? 1 : 0;
-    }
+  const bool started = app->start(params).ok();
+  while (started && frames < 2 * pairs && app->step()) {
+    frames += app->accepted() ? 1 : 0;
+    slips += app->outputs().slip ? 1 : 0;
   }
+  app->stop();
+  const auto accepted = static_cast<long>(gpio.edges(hal::Line::kAlive) - edges);
   const HeapCounts counts = marks.end();
   std::printf(
       "hand: %ld pairs of frames, ALIVE toggled %ld times, %ld frames with slip: %lu allocations, %lu releases\n",

@@ -119,6 +119,44 @@ TEST(Faults, AHealthySensorRaisesNone) {
   }
 }
 
+// Two fingers: each fault of a camera on either, and every other fault once.
+TEST(Faults, OfAHandAreSafeInTimeAndEndWell) {
+  for (int k = 0; k < kTroubles; ++k) {
+    const auto trouble = static_cast<Trouble>(k);
+    for (int finger = 0; finger < (is_camera(trouble) ? 2 : 1); ++finger) {
+      const Run run = play_hand(trouble, finger, (k + finger) % 2 == 0);
+      check(run);
+      check_was_fine(run);
+    }
+  }
+}
+
+// Every ninth pair of a fault of the left finger's camera with one of the right one's, both beginning with either; the
+// others are the command's.
+TEST(Faults, OnBothFingersAtOnceAreSafe) {
+  int pair = 0;
+  for (const Row& a : rows()) {
+    for (const Row& b : rows()) {
+      if (!a.trouble || !b.trouble || !is_camera(*a.trouble) || !is_camera(*b.trouble) || ++pair % 9 != 0) continue;
+      check(play_hand(*a.trouble, *b.trouble, pair % 2 == 0));
+    }
+  }
+}
+
+TEST(Faults, TwoHealthySensorsRaiseNone) {
+  for (const Micros period : {66'667us, 40'000us, 37'037us}) {
+    Setup setup;
+    setup.hand = true;
+    setup.period = period;
+    setup.drop_every = 20;
+    setup.end = 60s;
+    const Run run = play("healthy hand", setup, true);
+    check(run);
+    LONGS_EQUAL(0, run.judgement.faults);
+    CHECK_TRUE(run.judgement.fine > 57s);
+  }
+}
+
 // What is stored and what the board says: the trouble happens, is met, and is told.
 TEST(Faults, OfCardAndBoardAreMetAndTold) {
   struct Case {

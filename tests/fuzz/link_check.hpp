@@ -72,7 +72,7 @@ inline std::optional<LinkBytes> payload_of(const LinkBytes& piece) {
     if (end < piece.size()) out.push_back(0);
     at = end;
   }
-  if (out.size() < 4 || out.size() > 32) return std::nullopt;
+  if (out.size() < 4 || out.size() > 35) return std::nullopt;
   const std::size_t body = out.size() - 2;
   const int crc = out[body] + 256 * out[body + 1];
   return crc == slow_crc16(std::span(out).first(body)) ? std::optional(out) : std::nullopt;
@@ -97,10 +97,10 @@ inline LinkHeard oracle_hears(std::span<const std::uint8_t> stream) {
     LinkBytes text;
     if (size < 2 || piece[1] > 8) {
       if (size >= 2 || ended) text = piece;
-    } else if (size >= 34) {
+    } else if (size >= 37) {
       ++heard.damaged;
       const auto line_end =
-          std::find_if(piece.begin() + 34, piece.end(), [](std::uint8_t byte) { return byte == '\n' || byte == '\r'; });
+          std::find_if(piece.begin() + 37, piece.end(), [](std::uint8_t byte) { return byte == '\n' || byte == '\r'; });
       if (line_end != piece.end()) text.assign(line_end + 1, piece.end());
     } else if (ended) {
       const auto payload = payload_of(piece);
@@ -119,7 +119,8 @@ inline bool same(const status_frame::StatusFrame& a, const holdfast_status& b) {
          static_cast<int>(a.state) == b.state && static_cast<int>(a.reason) == b.reason && a.slip == flag(0) &&
          a.grip_ok == flag(1) && a.features_valid == flag(2) && a.alive == flag(3) && a.markers == b.markers &&
          a.vx_um_s == b.vx_um_s && a.vy_um_s == b.vy_um_s && a.entropy_nat_q16 == b.entropy_nat_q16 &&
-         a.entropy_rate_nat_s_q8 == b.entropy_rate_nat_s_q8;
+         a.entropy_rate_nat_s_q8 == b.entropy_rate_nat_s_q8 && a.fingers == b.fingers && a.healthy == b.healthy &&
+         a.contact == b.contact;
 }
 
 inline bool same(const command_frame::AnswerFrame& a, const holdfast_answer& b) {
@@ -227,8 +228,10 @@ inline LinkBytes link_stream(std::span<const std::uint8_t> script) {
     constexpr std::array<int, 8> kKind{0, 1, 2, 3, 0, 6, 2, 3};
     constexpr std::array<int, 7> kBody{0, 30, 6, 6, 0, 0, 25};
     const int kind = kKind[op % 8U];
-    const int size = kind == 0 ? 2 + op / 4 % 16 * 2 : kBody[static_cast<std::size_t>(kind)];
-    LinkBytes body{(op & 0x40) != 0 ? next() : std::uint8_t{1}, static_cast<std::uint8_t>(kind)};
+    const bool of_hand = kind == 1 && (op & 0x20) != 0;
+    const int size = kind == 0 ? 2 + op / 4 % 16 * 2 : of_hand ? 33 : kBody[static_cast<std::size_t>(kind)];
+    const std::uint8_t version = of_hand ? 2 : 1;
+    LinkBytes body{(op & 0x40) != 0 ? next() : version, static_cast<std::uint8_t>(kind)};
     while (body.size() < static_cast<std::size_t>(size)) body.push_back(next());
     stream = stream + frame_around(body);
   }
@@ -239,6 +242,8 @@ inline LinkBytes link_stream(std::span<const std::uint8_t> script) {
 inline std::vector<LinkBytes> link_seeds() {
   const LinkBytes status = frame_around(
       {1, 1, 1, 2, 4, 3, 2, 1, 0x9C, 1, 3, 98, 13, 63, 0x24, 0xFA, 0xFF, 0xFF, 0xFA, 0, 0, 0, 0, 0, 2, 0, 0, 4, 0, 0});
+  const LinkBytes of_hand = frame_around({2,    1,    1, 2, 4, 3, 2, 1, 0x9C, 1, 3, 98, 13, 63, 0x24, 0xFA, 0xFF,
+                                          0xFF, 0xFA, 0, 0, 0, 0, 0, 2, 0,    0, 4, 0,  0,  3,  2,    3});
   const LinkBytes command = frame_around({1, 2, 7, 0, 5, 1});
   const LinkBytes answer = frame_around({1, 3, 7, 0, 5, 0});
   const LinkBytes evidence =
@@ -259,6 +264,7 @@ inline std::vector<LinkBytes> link_seeds() {
           bytes_of("ta") + zero + bytes_of("re\n") + zero + status,
           zero + bytes_of("\n") + zero + bytes_of("x") + zero,
           LinkBytes(40, 3) + line + line + zero + status,
+          status + of_hand + zero + line + zero + of_hand,
           frame_around({1, 4, 0, 0}) + frame_around({2, 1, 9, 9}) + frame_around({1, 2}) + status,
           frame_around({1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0})};
 }

@@ -163,6 +163,19 @@ check("an unknown kind, version or state is passed over", () => {
     assert.equal(readEvidence(other), null);
   }
 });
+check("version 2 of a status tells of each finger, version 1 of none", () => {
+  // Packed from the byte table of LINK.md, given its CRC and split at its zeros by a few lines of Python.
+  const hex = "1402010102040302019c0103620d3f24fafffffa" + "0101010102020102040106030203975f00";
+  const wire = Uint8Array.from(hex.match(/../g), (byte) => parseInt(byte, 16));
+  assert.equal(wire.length, WIRE.maxWireBytes);
+  const frame = readStatus(openFrame(wire));
+  assert.deepEqual([frame.version, frame.fingers, frame.healthy, frame.contact], [2, 3, 2, 3]);
+  assert.deepEqual([frame.sequence, frame.slip, frame.vx_um_s, frame.entropy_rate_nat_s_q8], [513, true, -1500, 1024]);
+  const status = new Uint8Array(WIRE.statusBytes);
+  status[0] = WIRE.version;
+  status[1] = WIRE.kinds.status;
+  assert.equal(readStatus(status).fingers, 0);
+});
 check("evidence of newer firmware is not taken for another, and where nobody can tell there is no contact", () => {
   const payload = new Uint8Array(WIRE.evidenceBytes);
   payload[0] = WIRE.version;

@@ -132,6 +132,13 @@ class Frames(unittest.TestCase):
         self.assertEqual((why.evidence_name, why.value_milli, why.threshold_milli), ("imprint", 61440, 34000))
         self.assertEqual((why.unit_name, why.patches, why.growth_log2_q8), ("um", 45, -12))
 
+    def test_the_example_of_a_hand(self):
+        hand, status = hear(example(4))[1][0], hear(example(0))[1][0]
+        self.assertEqual((hand.version, hand.fingers, hand.healthy, hand.contact), (2, 3, 2, 3))
+        self.assertEqual((status.fingers, status.healthy, status.contact), (0, 0, 0))
+        for name in ("sequence", "timestamp_us", "state_name", "slip", "alive", "markers", "vx_um_s", "entropy_nat_q16"):
+            self.assertEqual(getattr(hand, name), getattr(status, name), name)
+
     def test_what_it_does_not_know_is_counted_and_passed_over(self):
         def wire(body):
             return link.cobs_encode(bytes(body) + link.crc16(bytes(body)).to_bytes(2, "little")) + b"\0"

@@ -86,6 +86,7 @@ TEST(Inventory, TwoSensorsHaveToBeTold) {
   const auto items = devices::cameras(places);
   STRCMP_CONTAINS("--sensor 2BNN4ZE7", items[0].fix.c_str());
   STRCMP_CONTAINS("--sensor 28LGGZD8", items[2].fix.c_str());
+  STRCMP_CONTAINS("--sensor LEFT --right RIGHT", items[2].fix.c_str());
 }
 
 TEST(Inventory, ASensorWithoutItsDriver) {

@@ -55,12 +55,17 @@ sf::StatusFrame any_status(std::mt19937& random) {
   frame.vy_um_s = any<std::int32_t>(random);
   frame.entropy_nat_q16 = any<std::int32_t>(random);
   frame.entropy_rate_nat_s_q8 = any<std::int32_t>(random);
+  if (random() % 2 != 0) {  // version 2
+    frame.fingers = static_cast<std::uint8_t>(1 + random() % 255);
+    frame.healthy = any<std::uint8_t>(random);
+    frame.contact = any<std::uint8_t>(random);
+  }
   return frame;
 }
 
-std::array<std::uint8_t, sf::kWireBytes> wire_of(const sf::StatusFrame& frame) {
-  std::array<std::uint8_t, sf::kWireBytes> wire{};
-  sf::encode(frame, wire);
+LinkBytes wire_of(const sf::StatusFrame& frame) {
+  LinkBytes wire(sf::kMostWireBytes);
+  wire.resize(sf::encode(frame, wire));
   return wire;
 }
 

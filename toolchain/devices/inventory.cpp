@@ -98,6 +98,7 @@ std::vector<Item> cameras(const Places& places) {
   drivers::take_census(places.sys.c_str(), *census);
   std::vector<Item> items;
   std::size_t sensors = 0;
+  std::vector<std::string> buses;  // of the sensors
   for (const drivers::VideoNode& node : std::span(census->nodes).first(census->node_count)) {
     const auto devices = std::span(census->devices).first(census->device_count);
     const auto device = std::ranges::find_if(
@@ -117,7 +118,10 @@ std::vector<Item> cameras(const Places& places) {
     } else {
       ++sensors;
       const std::string serial(serial_of(*device).view());
-      item.facts = {{"serial", serial}, {"speed_mbit_s", fmt::format("{}", device->speed_mbit)}};
+      item.facts = {{"serial", serial},
+                    {"speed_mbit_s", fmt::format("{}", device->speed_mbit)},
+                    {"usb_bus", fmt::format("{}", device->bus)}};
+      buses.push_back(item.facts[2].second);
       judge(item, Verdict::kGood, fmt::format("serial {}, {} Mb/s", serial, device->speed_mbit));
       if (device->speed_mbit < drivers::kHighSpeed_mbit) {
         judge(item, Verdict::kWrong, fmt::format("runs at {} Mb/s: too slow for its pictures", device->speed_mbit),
@@ -131,8 +135,14 @@ std::vector<Item> cameras(const Places& places) {
   if (sensors > 1) {
     for (Item& item : items) {
       if (item.verdict != Verdict::kGood) continue;
+      const std::string& serial = item.facts[0].second;
       item.what += "; it is not the only one";
-      item.fix = fmt::format("say which: holdfastd --sensor {}", item.facts[0].second);
+      item.fix =
+          fmt::format("say which: holdfastd --sensor {0}, or of two fingers --sensor LEFT --right RIGHT", serial);
+      const std::string& bus = item.facts[2].second;
+      if (std::ranges::count(buses, bus) < 2) continue;
+      item.what += fmt::format("; on USB bus {} with another", bus);
+      item.fix += "; if the second one does not start, give it a USB controller of its own";
     }
   }
   if (sensors > 0) return items;

@@ -164,6 +164,14 @@ Setup setup_of(Trouble first, Trouble second, bool held) {
   return finished(std::move(setup));
 }
 
+Setup on_hand(Setup setup, int finger, int second_finger) {
+  setup.hand = true;
+  for (std::size_t k = 0; k < setup.windows.size(); ++k) {
+    if (is_camera(setup.windows[k].trouble)) setup.windows[k].finger = k == 0 ? finger : second_finger;
+  }
+  return setup;
+}
+
 Setup soak_setup(std::uint64_t frames, std::uint64_t seed) {
   Setup setup;
   setup.seed = seed;
@@ -252,6 +260,24 @@ Run play(Trouble trouble, bool held) {
 Run play(Trouble first, Trouble second, bool held) {
   return play(std::string(info(first).name) + " + " + std::string(info(second).name) + situation_name(held),
               setup_of(first, second, held));
+}
+
+namespace {
+
+std::string name_on(Trouble trouble, int finger) {
+  return std::string(info(trouble).name) + (!is_camera(trouble) ? "" : finger == 0 ? " left" : " right");
+}
+
+}  // namespace
+
+Run play_hand(Trouble trouble, int finger, bool held) {
+  return play("hand: " + name_on(trouble, finger) + situation_name(held), on_hand(setup_of(trouble, held), finger),
+              must_stay_fine(trouble));
+}
+
+Run play_hand(Trouble first, Trouble second, bool held) {
+  return play("hand: " + name_on(first, 0) + " + " + name_on(second, 1) + situation_name(held),
+              on_hand(setup_of(first, second, held), 0, 1));
 }
 
 }  // namespace holdfast::faults

@@ -68,6 +68,15 @@ struct Run {
 [[nodiscard]] Setup setup_of(Trouble trouble, bool held);
 [[nodiscard]] Setup setup_of(Trouble first, Trouble second, bool held);
 
+// The same of a hand of two fingers: faults of a camera are those of this finger's, and of a pair the second one's.
+[[nodiscard]] Setup on_hand(Setup setup, int finger, int second_finger = 1);
+[[nodiscard]] constexpr bool is_camera(Trouble trouble) {
+  return trouble <= Trouble::kLostMarkers;
+}
+[[nodiscard]] Run play_hand(Trouble trouble, int finger, bool held);
+// `first` on the left finger, `second` on the right one.
+[[nodiscard]] Run play_hand(Trouble first, Trouble second, bool held);
+
 // Random rows about every 500 frames, for a long run.
 [[nodiscard]] Setup soak_setup(std::uint64_t frames, std::uint64_t seed);
 

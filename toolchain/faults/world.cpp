@@ -185,10 +185,10 @@ class Situation {
   sim::Clock clock;
   std::function<void()> watch;  // the second thread's turn
 
-  [[nodiscard]] const Window* open(Trouble trouble, Micros at) const {
+  [[nodiscard]] const Window* open(Trouble trouble, Micros at, int finger = Window::kEveryFinger) const {
     for (std::size_t k = past(); k < setup_.windows.size() && setup_.windows[k].from <= at; ++k) {
       const Window& window = setup_.windows[k];
-      if (window.trouble == trouble && at < window.to) return &window;
+      if (window.trouble == trouble && at < window.to && meets(window, finger)) return &window;
     }
     return nullptr;
   }
@@ -196,10 +196,10 @@ class Situation {
   [[nodiscard]] bool was(Trouble trouble, Micros at) const { return open(trouble, at) != nullptr; }
 
   // The next moment at which a window of this kind begins; far away without one.
-  [[nodiscard]] Micros next(Trouble trouble) const {
+  [[nodiscard]] Micros next(Trouble trouble, int finger = Window::kEveryFinger) const {
     for (std::size_t k = past(); k < setup_.windows.size(); ++k) {
       const Window& window = setup_.windows[k];
-      if (window.trouble == trouble && window.from > clock.now()) return window.from;
+      if (window.trouble == trouble && window.from > clock.now() && meets(window, finger)) return window.from;
     }
     return Micros::max();
   }
@@ -220,6 +220,9 @@ class Situation {
   void stand_until(Micros time) { clock.advance_to(time); }
 
  private:
+  [[nodiscard]] static bool meets(const Window& window, int finger) {
+    return finger == Window::kEveryFinger || window.finger == Window::kEveryFinger || window.finger == finger;
+  }
   // A run of a day has thousands of windows; those that ended more than a second ago, before any frame that is still
   // under way, are asked about no more.
   [[nodiscard]] std::size_t past() const {
@@ -255,14 +258,26 @@ class WorldClock final : public hal::Clock {
 // A fault of the camera takes the frames that would arrive while it lasts: what is under way is hit as well.
 class WorldCamera final : public hal::Camera {
  public:
-  WorldCamera(Situation& situation, const Setup& setup) : situation_(situation), setup_(setup), random_(setup.seed) {}
+  WorldCamera(Situation& situation, const Setup& setup, int finger)
+      : situation_(situation),
+        setup_(setup),
+        finger_(finger),
+        random_(setup.seed + static_cast<std::uint64_t>(finger)) {}
 
  private:
+  static constexpr Micros kPhase = 17ms;  // of the right finger's
+
+  [[nodiscard]] const Window* open(Trouble trouble, Micros at) const { return situation_.open(trouble, at, finger_); }
+  [[nodiscard]] bool was(Trouble trouble, Micros at) const { return open(trouble, at) != nullptr; }
+  [[nodiscard]] bool is(Trouble trouble) const { return was(trouble, situation_.clock.now()); }
+  [[nodiscard]] Micros next_of(Trouble trouble) const { return situation_.next(trouble, finger_); }
+  [[nodiscard]] Micros phase() const { return finger_ * kPhase; }
+
   [[nodiscard]] bool do_start() override {
     const Micros now = situation_.clock.now();
     if (is_absent()) return false;
-    identity_ = situation_.is(Trouble::kCameraOther) ? "ABCD-1234" : "28D1-D7C6";
-    next_ = (now + setup_.period - 1us) / setup_.period;
+    identity_ = is(Trouble::kCameraOther) ? "ABCD-1234" : finger_ == 0 ? "28D1-D7C6" : "28D3-K2R9";
+    next_ = (now - phase() + setup_.period - 1us) / setup_.period;
     return true;
   }
   [[nodiscard]] std::string_view do_identity() const override { return identity_; }
@@ -274,11 +289,11 @@ class WorldCamera final : public hal::Camera {
     const Micros deadline = situation_.clock.now() + timeout;
     while (true) {
       if (is_unplugged()) return hal::Capture::kGone;
-      if (const Window* w = situation_.open(Trouble::kCameraHangs, situation_.clock.now())) {
+      if (const Window* w = open(Trouble::kCameraHangs, situation_.clock.now())) {
         situation_.pass_until(w->to);
         return hal::Capture::kTimeout;
       }
-      const Micros exposure = next_ * setup_.period;
+      const Micros exposure = next_ * setup_.period + phase();
       const Micros arrival = exposure + kLatency;
       if (is_missing(arrival)) {
         ++next_;
@@ -287,9 +302,8 @@ class WorldCamera final : public hal::Camera {
       }
       const Micros due = arrival + lateness(arrival);
       const Micros unplugged =
-          std::min({situation_.next(Trouble::kCameraGone), situation_.next(Trouble::kCameraRefused),
-                    situation_.next(Trouble::kUsbDead), situation_.next(Trouble::kCameraOther),
-                    situation_.next(Trouble::kCameraHangs)});
+          std::min({next_of(Trouble::kCameraGone), next_of(Trouble::kCameraRefused), next_of(Trouble::kUsbDead),
+                    next_of(Trouble::kCameraOther), next_of(Trouble::kCameraHangs)});
       if (unplugged < std::min(due, deadline)) {
         situation_.pass_until(unplugged);
         continue;
@@ -305,19 +319,18 @@ class WorldCamera final : public hal::Camera {
 
   // Another sensor in its place is a replug: this stream ends when the window opens, and when it closes.
   [[nodiscard]] bool is_unplugged() const {
-    const bool other = situation_.is(Trouble::kCameraOther);
+    const bool other = is(Trouble::kCameraOther);
     return is_absent() || other != (identity_ == "ABCD-1234");
   }
   [[nodiscard]] bool is_absent() const {
-    return situation_.is(Trouble::kCameraGone) || situation_.is(Trouble::kCameraRefused) ||
-           situation_.is(Trouble::kUsbDead);
+    return is(Trouble::kCameraGone) || is(Trouble::kCameraRefused) || is(Trouble::kUsbDead);
   }
 
   [[nodiscard]] bool is_missing(Micros arrival) {
     dropped_ = setup_.drop_every > 0 && next_ % setup_.drop_every == setup_.drop_every - 1;
-    if (dropped_ || situation_.was(Trouble::kCameraOff, arrival)) return true;
+    if (dropped_ || was(Trouble::kCameraOff, arrival)) return true;
     const auto since = [&](Trouble trouble) {
-      const Window* const w = situation_.open(trouble, arrival);
+      const Window* const w = open(trouble, arrival);
       return w == nullptr ? Micros{-1} : arrival - w->from;
     };
     if (since(Trouble::kCameraSlow) % 200ms >= setup_.period) return true;
@@ -326,24 +339,24 @@ class WorldCamera final : public hal::Camera {
   }
 
   [[nodiscard]] Micros lateness(Micros arrival) const {
-    if (situation_.was(Trouble::kCameraStale, arrival)) return 200ms;
-    return situation_.was(Trouble::kCameraLate, arrival) ? Micros{60ms} : Micros{0};
+    if (was(Trouble::kCameraStale, arrival)) return 200ms;
+    return was(Trouble::kCameraLate, arrival) ? Micros{60ms} : Micros{0};
   }
 
   [[nodiscard]] hal::Capture hand_out(hal::Frame& frame, Micros exposure) {
     const Micros arrival = exposure + kLatency;
     const auto index = static_cast<std::size_t>(next_++);
     const auto sequence = static_cast<std::uint32_t>(index - never_sent_);
-    if (situation_.was(Trouble::kCameraBad, arrival)) return hal::Capture::kBad;
-    if (situation_.was(Trouble::kCameraTwoOfThree, arrival) && index % 3 != 0) return hal::Capture::kBad;
+    if (was(Trouble::kCameraBad, arrival)) return hal::Capture::kBad;
+    if (was(Trouble::kCameraTwoOfThree, arrival) && index % 3 != 0) return hal::Capture::kBad;
     const bool fell = setup_.falls_at != Micros{} && exposure >= setup_.falls_at;
     const bool held = setup_.held && exposure >= kTouch && !fell;
     const sim::Film& film = setup_.jpeg ? films().jpeg : films().luma;
     const auto& pictures = held ? film.held : film.empty;
     frame = film.frame(held, in_ring(index, arrival), room_);
-    if (situation_.was(Trouble::kCameraStuck, arrival) && !shown_.empty()) {
+    if (was(Trouble::kCameraStuck, arrival) && !shown_.empty()) {
       frame.bytes = shown_;
-    } else if (situation_.was(Trouble::kCameraComment, arrival) && !shown_.empty()) {
+    } else if (was(Trouble::kCameraComment, arrival) && !shown_.empty()) {
       frame.bytes = comment(index);
     } else {
       frame.bytes = spoil(frame.bytes, pictures[(index + 1) % pictures.size()], arrival);
@@ -351,9 +364,9 @@ class WorldCamera final : public hal::Camera {
     }
     frame.sequence = sequence;
     frame.timestamp = exposure;
-    if (situation_.was(Trouble::kStampsBack, arrival)) frame.timestamp -= 5s;
-    if (situation_.was(Trouble::kStampsAhead, arrival)) frame.timestamp += 10s;
-    if (const Window* w = situation_.open(Trouble::kStampsEqual, arrival)) frame.timestamp = w->from;
+    if (was(Trouble::kStampsBack, arrival)) frame.timestamp -= 5s;
+    if (was(Trouble::kStampsAhead, arrival)) frame.timestamp += 10s;
+    if (const Window* w = open(Trouble::kStampsEqual, arrival)) frame.timestamp = w->from;
     return hal::Capture::kFrame;
   }
 
@@ -362,7 +375,7 @@ class WorldCamera final : public hal::Camera {
     for (const auto& [trouble, size] : {std::pair{Trouble::kCameraRing2, std::size_t{2}},
                                         {Trouble::kCameraRing3, std::size_t{3}},
                                         {Trouble::kCameraRing32, std::size_t{32}}}) {
-      const Window* const w = situation_.open(trouble, arrival);
+      const Window* const w = open(trouble, arrival);
       if (w == nullptr) continue;
       if (std::exchange(ring_, w) != w) ring_from_ = index;
       return ring_from_ - size + (index - ring_from_) % size;
@@ -391,7 +404,7 @@ class WorldCamera final : public hal::Camera {
     made_.assign(bytes.begin(), bytes.end());
     bool changed = false;
     const auto when = [&](Trouble trouble, auto&& change) {
-      if (!situation_.was(trouble, arrival)) return;
+      if (!was(trouble, arrival)) return;
       change();
       changed = true;
     };
@@ -429,7 +442,7 @@ class WorldCamera final : public hal::Camera {
     if (!setup_.jpeg) {
       when(Trouble::kFewMarkers, [&] { hide(1, 5); });
       when(Trouble::kLostMarkers, [&] { hide(3, 7); });
-    } else if (situation_.was(Trouble::kLostMarkers, arrival)) {
+    } else if (was(Trouble::kLostMarkers, arrival)) {
       made_.resize(made_.size() / 2);
       changed = true;
     }
@@ -438,6 +451,7 @@ class WorldCamera final : public hal::Camera {
 
   Situation& situation_;
   const Setup& setup_;
+  int finger_;
   scene::Random random_;
   std::string_view identity_;
   std::int64_t next_ = 0;
@@ -597,8 +611,8 @@ class WorldLink final : public hal::Serial {
 
 class WorldKeep final : public hal::Keep {
  public:
-  explicit WorldKeep(Situation& situation)
-      : situation_(situation), bytes_(checkpoint::kBytes), lost_(checkpoint::kBytes) {}
+  WorldKeep(Situation& situation, bool hand)
+      : situation_(situation), bytes_(hand ? checkpoint::kHandBytes : checkpoint::kBytes), lost_(bytes_.size()) {}
 
   // What the process that starts now will find.
   void before_start(std::uint64_t seed) {
@@ -783,10 +797,11 @@ struct World::Parts {
         tape(out),
         situation(setup),
         clock(situation),
-        camera(situation, setup),
+        camera(situation, setup, 0),
+        right_camera(situation, setup, 1),
         gpio(situation, out, setup.seed + 1),
         link(situation, setup.seed + 2),
-        keep(situation),
+        keep(situation, setup.hand),
         supply(situation),
         hand(situation.clock),
         jpeg(Params{}) {
@@ -828,11 +843,15 @@ struct World::Parts {
     tape.write({to.count(), sim::TapeKind::kUnsafe, which, 0});
   }
 
-  [[nodiscard]] Devices devices() { return {camera, gpio, link, clock, jpeg.get()}; }
+  [[nodiscard]] Devices devices() {
+    right = setup.hand ? std::make_unique<Finger>(right_camera) : nullptr;  // a process begins with nothing
+    return {camera, gpio, link, clock, jpeg.get(), false, right.get()};
+  }
 
   void start() {
     keep.before_start(setup.seed + static_cast<std::uint64_t>(situation.clock.now().count()));
     camera.stop();
+    right_camera.stop();
     meet_records();
     if (!gpio.open()) return;
     settings_store.emplace(situation, settings_card);
@@ -1038,7 +1057,7 @@ struct World::Parts {
   sim::Tape& tape;
   Situation situation;
   WorldClock clock;
-  WorldCamera camera;
+  WorldCamera camera, right_camera;
   WorldGpio gpio;
   WorldLink link;
   WorldKeep keep;
@@ -1049,6 +1068,7 @@ struct World::Parts {
   tool::OneThreadDecoder jpeg;
   std::optional<WorldStore> settings_store, models_store;
   model::Tree loaded_tree;
+  std::unique_ptr<Finger> right;
   std::unique_ptr<Daemon> daemon;
   std::unique_ptr<console::Console> console;
   bool gripped = false;

@@ -108,6 +108,8 @@ struct Window {
   Trouble trouble = Trouble::kCameraOff;
   Micros from{};
   Micros to{};
+  int finger = kEveryFinger;  // whose camera
+  static constexpr int kEveryFinger = -1;
 };
 
 enum class Component : std::uint8_t { kCamera, kGpio, kSerial, kGripper, kClock, kStorage, kModel, kProcess, kBoard };
@@ -129,6 +131,7 @@ struct TroubleInfo {
 inline constexpr int kTroubles = static_cast<int>(Trouble::kUsbDead) + 1;
 
 struct Setup {
+  bool hand = false;    // two fingers; the right one's pictures come 17 ms behind the left one's
   bool held = true;     // an object is between the fingers from 1.2 s on; false: the gel stays empty
   Micros falls_at{};    // and falls then; 0: it stays
   bool gripper = true;  // a Hand-E holds it

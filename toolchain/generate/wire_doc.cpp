@@ -114,6 +114,12 @@ std::string examples() {
   cf::encode(kAnswer, answer);
   std::array<std::uint8_t, ef::kWireBytes> why{};
   ef::encode(kWhy, why);
+  sf::StatusFrame of_hand = kStatus;
+  of_hand.fingers = 3;
+  of_hand.healthy = 2;
+  of_hand.contact = 3;
+  std::array<std::uint8_t, sf::kMostWireBytes> hand{};
+  sf::encode(of_hand, hand);
   return hex(status) + "Status: sequence " + text(kStatus.sequence) + ", timestamp " + text(kStatus.timestamp_us) +
          " us, age " + text(kStatus.age_100us) + " x 0.1 ms, state " + std::string(info(kStatus.state).name) +
          ", reason " + std::string(info(kStatus.reason).name) + ", flags slip + features_valid + alive, " +
@@ -125,7 +131,9 @@ std::string examples() {
          ", finger 0, HELD, imprint " + text(kWhy.value_milli) + " of " + text(kWhy.threshold_milli) + " um/1000, " +
          text(kWhy.run) + " frames in a row, " + text(kWhy.patches) + " patches, motion " +
          text(kWhy.motion_log2_um_q8) + " / 256, coarse " + text(kWhy.coarse_log2_um_q8) + " / 256, growth " +
-         text(kWhy.growth_log2_q8) + " / 256.\n";
+         text(kWhy.growth_log2_q8) + " / 256.\n\n" + hex(hand) +
+         "Status, version 2: the first one, of a hand with two fingers, of which the right one is healthy and both are "
+         "in contact.\n";
 }
 
 std::string framing() {
@@ -134,7 +142,8 @@ std::string framing() {
          text(link::kMaxPayloadBytes) +
          " bytes, so that COBS adds exactly one byte and every frame of a kind has the same length.\n\n" +
          head({"kind", "frame", "from", "bytes on the wire"}) +
-         row({text(link::Kind::kStatus), "status", "holdfastd, once per camera frame", text(sf::kWireBytes)}) +
+         row({text(link::Kind::kStatus), "status", "holdfastd, once per camera frame",
+              text(sf::kWireBytes) + "; version 2: " + text(sf::kMostWireBytes)}) +
          row({text(link::Kind::kCommand), "command", "robot", text(cf::kCommandBytes)}) +
          row({text(link::Kind::kAnswer), "answer", "holdfastd, one for each command", text(cf::kAnswerBytes)}) +
          row({text(link::Kind::kDisplacement), "displacement", "holdfastd, where `watch on` was said",
@@ -198,7 +207,8 @@ std::string commands() {
 std::string why() {
   std::string out = "\n## Evidence frame, version " + text(link::kVersion) + "\n\n" +
                     "On the port `host`, after the console's command `watch on`: behind every status frame whose "
-                    "features are valid, what its verdict stands on. The status frame decides, this one explains: "
+                    "features are valid, what its verdict stands on; of a hand, what that of the finger says whose "
+                    "picture it was. The status frame decides, this one explains: "
                     "do not act on it.\n\n" +
                     layout(ef::kFields);
   out += "\n### Contact\n\n" + head({"number", "name", "meaning"});
@@ -268,6 +278,19 @@ std::string link_markdown() {
   for (const ReasonInfo& reason : kReasons) {
     out += row({text(reason.reason), code(reason.name), reason.what, reason.cause, reason.next});
   }
+  out +=
+      "\n## Status frame, version " + text(sf::kHandVersion) + "\n\n" +
+      "From a device of two fingers whose parameter `status_version` is 2. A device of one finger sends version 1 "
+      "for ever, and one of two as well where nobody asked for version 2.\n\n" +
+      layout(sf::kHandFields) +
+      "\nOne frame for each picture of either finger. In both versions `state`, `reason`, `flags` and the receiver's "
+      "rule are the hand's: `grip_ok` is HIGH only while every finger is OK, and `alive` toggles when every finger "
+      "had an accepted frame since it last did. Where the parameter `lost_finger` is 1, both leave out a finger that "
+      "is at FAULT while the other is not. `timestamp_us`, `age_100us`, `markers` and the four features are the left "
+      "finger's last picture, repeated with the right one's. Why a finger is not healthy is said by the console's "
+      "`devices`.\n\n"
+      "**Compatibility:** a receiver of version 1 hears nothing of version 2, and by its rule takes nothing for "
+      "fine. One that is older than version 2 takes the longer frame for a damaged one.\n";
   out += "\n## Command frame, version " + text(link::kVersion) + "\n\n" + layout(cf::kCommandFields) + commands();
   out += "\n## Marker frames, version " + text(link::kVersion) + "\n\n" +
          "On the port `host`, after the console's command `watch on`: the displacements of every fifth picture, " +

@@ -80,6 +80,9 @@ std::string page_tables() {
   entry("kinds", kinds.dump());
   entry("statusBytes", std::to_string(sf::kPayloadBytes));
   entry("status", places(sf::kFields).dump());
+  entry("handVersion", std::to_string(sf::kHandVersion));
+  entry("handStatusBytes", std::to_string(sf::kHandPayloadBytes));
+  entry("handStatus", places(sf::kHandFields).dump());
   entry("flags", flags.dump());
   entry("oldestAge", std::to_string(sf::kOldestAge));
   entry("markerBytes", std::to_string(link::payload_bytes(mf::kDisplacementFields)));

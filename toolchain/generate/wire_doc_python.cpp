@@ -65,6 +65,7 @@ std::string python_tables() {
   out += "FRESH_MS = " + std::to_string(sf::kFreshFor.count() / 1000) + "  # the receiver's rule\n\n";
   out += "# (version, kind): name, bytes of the payload, fields as (name, byte, type)\nFRAMES = {\n";
   out += python_frame(link::kVersion, link::Kind::kStatus, "status", sf::kFields);
+  out += python_frame(sf::kHandVersion, link::Kind::kStatus, "status", sf::kHandFields);
   out += python_frame(link::kVersion, link::Kind::kCommand, "command", cf::kCommandFields);
   out += python_frame(link::kVersion, link::Kind::kAnswer, "answer", cf::kAnswerFields);
   out += python_frame(link::kVersion, link::Kind::kDisplacement, "displacement", mf::kDisplacementFields);

@@ -23,6 +23,7 @@ using faults::Trouble;
 
 struct FaultsOptions {
   bool pairs = false;
+  bool hand = false;
   std::uint64_t soak = 0;
   std::uint64_t seed = 1;
   std::string csv;
@@ -161,7 +162,47 @@ void print_pairs(const std::vector<Run>& runs) {
       pairs, pairs / 2, faults_from_the_field(), failed, ms(safe), ms(back));
 }
 
+// Two fingers: each fault of a camera on either and every other fault, and for a pair each fault of the left one's
+// camera with each of the right one's.
+bool play_hand(Suite& suite, const FaultsOptions& options) {
+  for (int k = 0; k < 2 * faults::kTroubles; ++k) {
+    const auto trouble = static_cast<Trouble>(k / 2);
+    if (k % 2 == 1 && !faults::is_camera(trouble)) continue;
+    for (const bool held : {true, false}) {
+      if (!suite.add(faults::play_hand(trouble, k % 2, held))) return false;
+    }
+  }
+  for (const faults::Row& a : faults::rows()) {
+    for (const faults::Row& b : faults::rows()) {
+      const bool both = options.pairs && a.trouble && b.trouble;
+      if (!both || !faults::is_camera(*a.trouble) || !faults::is_camera(*b.trouble)) continue;
+      for (const bool held : {true, false}) {
+        if (!suite.add(faults::play_hand(*a.trouble, *b.trouble, held))) return false;
+      }
+    }
+  }
+  return true;
+}
+
+void print_hand(const std::vector<Run>& runs) {
+  Micros unsafe{}, safe{}, back{};
+  long single = 0;
+  for (const Run& run : runs) {
+    unsafe += run.judgement.unsafe_fine;
+    safe = std::max(safe, run.judgement.to_safe);
+    back = std::max(back, run.judgement.to_recover.value_or(Micros{0}));
+    const bool is_single = run.setup.windows.size() == 1;
+    single += is_single ? 1 : 0;
+    if (is_single || !run.passed()) print_row(run);
+  }
+  fmt::print(
+      "two fingers: {} runs of one fault, {} of one on each finger; told \"fine\" against the rule: {:.3f} ms; longest "
+      "time to safe {:.0f} ms, to recover {:.0f} ms\n",
+      single, static_cast<long>(runs.size()) - single, ms(unsafe), ms(safe), ms(back));
+}
+
 bool play_all(Suite& suite, const FaultsOptions& options) {
+  if (options.hand) return play_hand(suite, options);
   for (int k = 0; k < faults::kTroubles; ++k) {
     for (const bool held : {true, false}) {
       if (!suite.add(faults::play(static_cast<Trouble>(k), held))) return false;
@@ -245,11 +286,19 @@ int run_faults(const FaultsOptions& options) {
   if (!options.csv.empty()) csv.emplace(options.csv);
   if (csv && !csv->error().empty()) return fail(csv->error());
   const long active = faults_from_the_field();
-  Suite suite(2L * faults::kTroubles + (options.pairs ? active * (active + 1) : 0));
+  const auto cameras = std::count_if(faults::rows().begin(), faults::rows().end(), [](const faults::Row& row) {
+    return row.trouble && faults::is_camera(*row.trouble);
+  });
+  constexpr long kOfCamera = static_cast<long>(Trouble::kLostMarkers) + 1;
+  Suite suite(options.hand ? 2 * (faults::kTroubles + kOfCamera) + (options.pairs ? 2 * cameras * cameras : 0)
+                           : 2L * faults::kTroubles + (options.pairs ? active * (active + 1) : 0));
   if (!play_all(suite, options)) return fail(interrupted_line());
   suite.done();
   if (options.json) {
     print_json(suite.runs());
+  } else if (options.hand) {
+    print_hand(suite.runs());
+    fmt::print("{} runs, {} failed\n", suite.runs().size(), suite.failed());
   } else {
     print_matrix(suite.runs());
     print_rows(suite.runs());
@@ -279,6 +328,10 @@ void add_faults(CLI::App& app, std::vector<Command>& commands) {
       "faults", "let everything around the firmware fail, and measure the time to safe and to recover");
   command->add_flag("--pairs", options->pairs,
                     "also every two of the faults from the field at once, and each of them twice");
+  command->add_flag(
+      "--hand", options->hand,
+      "of a device of two fingers: each fault of a camera on either finger; with --pairs also each of the "
+      "left one's camera with each of the right one's");
   command
       ->add_option("--soak", options->soak,
                    "instead: so many frames with a random fault about every 500; the soak of a release is 2160000")

@@ -54,11 +54,14 @@ function reader(payload, fields) {
 
 // Null: of another kind, version or length than this page knows.
 export function readStatus(payload) {
-  if (payload[0] !== WIRE.version || payload[1] !== WIRE.kinds.status) return null;
-  if (payload.length !== WIRE.statusBytes) return null;
-  const at = reader(payload, WIRE.status);
-  const frame = {};
-  for (const name of Object.keys(WIRE.status)) frame[name] = at(name);
+  if (payload[1] !== WIRE.kinds.status) return null;
+  const ofHand = payload[0] === WIRE.handVersion;
+  if (!ofHand && payload[0] !== WIRE.version) return null;
+  if (payload.length !== (ofHand ? WIRE.handStatusBytes : WIRE.statusBytes)) return null;
+  const fields = ofHand ? WIRE.handStatus : WIRE.status;
+  const at = reader(payload, fields);
+  const frame = { fingers: 0, healthy: 0, contact: 0 }; // version 1 does not tell
+  for (const name of Object.keys(fields)) frame[name] = at(name);
   for (const [name, bit] of Object.entries(WIRE.flags)) frame[name] = ((frame.flags >> bit) & 1) === 1;
   // A state that this version does not know cannot be shown as one of the others.
   return frame.state < WIRE.states.length ? frame : null;

@@ -14,8 +14,10 @@
 
 enum {
   HOLDFAST_LINK_VERSION = 1,
-  HOLDFAST_LINK_MAX_WIRE = 34,
+  HOLDFAST_LINK_HAND_VERSION = 2,  // of a status frame that tells of each finger
+  HOLDFAST_LINK_MAX_WIRE = 37,
   HOLDFAST_STATUS_PAYLOAD = 32,
+  HOLDFAST_HAND_STATUS_PAYLOAD = 35,
   HOLDFAST_COMMAND_PAYLOAD = 8,
   HOLDFAST_ANSWER_PAYLOAD = 8,
   HOLDFAST_EVIDENCE_PAYLOAD = 27,
@@ -276,6 +278,9 @@ typedef struct {
   int32_t vy_um_s;  // um/s; mean speed of the markers, +y down
   int32_t entropy_nat_q16;  // nat/65536; entropy of the displacements' lengths, 0 to ln 15
   int32_t entropy_rate_nat_s_q8;  // nat/s/256; change of the entropy per second
+  uint8_t fingers;  // bits; fingers that there are: bit 0 left, bit 1 right (0: version 1, which does not tell)
+  uint8_t healthy;  // bits; of these, in state OK or SLIP by what each sees alone
+  uint8_t contact;  // bits; of these, with something that touches the gel
 } holdfast_status;
 
 typedef struct {
@@ -395,6 +400,10 @@ static inline int holdfast_link_push(holdfast_receiver *receiver, uint8_t byte) 
     return HOLDFAST_LINK_DAMAGED;
   }
   ++receiver->frames;
+  if (bytes[0] == HOLDFAST_LINK_HAND_VERSION && bytes[1] == HOLDFAST_KIND_STATUS &&
+      size == HOLDFAST_HAND_STATUS_PAYLOAD) {
+    return HOLDFAST_KIND_STATUS;
+  }
   if (bytes[0] != HOLDFAST_LINK_VERSION) return HOLDFAST_LINK_OTHER;
   if ((bytes[1] == HOLDFAST_KIND_STATUS && size == HOLDFAST_STATUS_PAYLOAD) ||
       (bytes[1] == HOLDFAST_KIND_COMMAND && size == HOLDFAST_COMMAND_PAYLOAD) ||
@@ -408,6 +417,7 @@ static inline int holdfast_link_push(holdfast_receiver *receiver, uint8_t byte) 
 // After HOLDFAST_KIND_STATUS, before the next push. 0: the state is one that this header does not know, and `status`
 // is not filled; the frame counts as not heard.
 static inline int holdfast_link_status(const holdfast_receiver *receiver, holdfast_status *status) {
+  const int hand = receiver->bytes[0] == HOLDFAST_LINK_HAND_VERSION;
   if (receiver->bytes[10] > 5) return 0;
   status->sequence = holdfast_get_uint16(receiver->bytes + 2);
   status->timestamp_us = holdfast_get_uint32(receiver->bytes + 4);
@@ -420,6 +430,9 @@ static inline int holdfast_link_status(const holdfast_receiver *receiver, holdfa
   status->vy_um_s = holdfast_get_int32(receiver->bytes + 18);
   status->entropy_nat_q16 = holdfast_get_int32(receiver->bytes + 22);
   status->entropy_rate_nat_s_q8 = holdfast_get_int32(receiver->bytes + 26);
+  status->fingers = hand ? holdfast_get_uint8(receiver->bytes + 30) : 0;
+  status->healthy = hand ? holdfast_get_uint8(receiver->bytes + 31) : 0;
+  status->contact = hand ? holdfast_get_uint8(receiver->bytes + 32) : 0;
   return 1;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "link/status_frame.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -241,6 +242,48 @@ TEST(StatusFrame, KnownAnswer) {
   CHECK_TRUE(want == wire_of(body));
 }
 
+// Likewise; guards the frozen layout of version 2.
+TEST(StatusFrame, KnownAnswerOfAHand) {
+  StatusFrame frame;
+  frame.sequence = 0x1234;
+  frame.timestamp_us = 0x89ABCDEF;
+  frame.age_100us = 0x01F4;
+  frame.state = DeviceState::kSlip;
+  frame.reason = Reason::kSlipDetected;
+  frame.slip = frame.features_valid = frame.alive = true;
+  frame.markers = 63;
+  frame.vx_um_s = -2;
+  frame.vy_um_s = 0x00010203;
+  frame.entropy_nat_q16 = 0x00018000;
+  frame.entropy_rate_nat_s_q8 = -0x00000100;
+  frame.fingers = 3;
+  frame.healthy = 1;
+  frame.contact = 2;
+  const Bytes want{0x16, 0x02, 0x01, 0x34, 0x12, 0xEF, 0xCD, 0xAB, 0x89, 0xF4, 0x01, 0x03, 0x62,
+                   0x0D, 0x3F, 0xFE, 0xFF, 0xFF, 0xFF, 0x03, 0x02, 0x01, 0x01, 0x03, 0x80, 0x01,
+                   0x01, 0x09, 0xFF, 0xFF, 0xFF, 0x03, 0x01, 0x02, 0xA0, 0xCF, 0x00};
+  Bytes wire(sf::kMostWireBytes);
+  LONGS_EQUAL(want.size(), sf::encode(frame, wire));
+  CHECK_TRUE(want == wire);
+  const sf::Decoded decoded = sf::decode(want);
+  CHECK_TRUE(decoded.ok() && decoded.frame == frame);
+  const Heard heard = hear(joined({want, bytes_of(encoded(StatusFrame{})), want}));
+  LONGS_EQUAL(3, heard.frames.size());
+  LONGS_EQUAL(0, heard.frames[1].fingers);  // version 1 does not tell
+}
+
+// A receiver of version 1 has room for 33 bytes before the 0x00: of each longer frame it hears nothing.
+TEST(StatusFrame, VersionTwoIsLongerThanAnyFrameOfVersionOne) {
+  LONGS_EQUAL(34, sf::kWireBytes);
+  LONGS_EQUAL(37, sf::kMostWireBytes);
+  for (const auto& field : sf::kFields) {
+    if (field.name == "crc16" || field.name == "version") continue;
+    CHECK_TRUE(std::any_of(sf::kHandFields.begin(), sf::kHandFields.end(), [&](const auto& of_hand) {
+      return of_hand.name == field.name && of_hand.offset == field.offset && of_hand.type == field.type;
+    }));
+  }
+}
+
 TEST(StatusFrame, EachFlagHasItsBit) {
   for (const sf::Flag& flag : sf::kFlags) {
     StatusFrame frame;
@@ -350,6 +393,10 @@ TEST(StatusFrame, SoundFramesThatAreNotOursSayWhy) {
   body[1] = 2;
   CHECK_TRUE(sf::decode(wire_of(body)).error == DecodeError::kKind);
   body[0] = 2;
+  CHECK_TRUE(sf::decode(wire_of(body)).error == DecodeError::kKind);
+  body[1] = 1;
+  CHECK_TRUE(sf::decode(wire_of(body)).error == DecodeError::kLength);  // version 2 has 33 bytes before the CRC
+  body[0] = 3;
   CHECK_TRUE(sf::decode(wire_of(body)).error == DecodeError::kVersion);
   Wire damaged = wire_of(body);
   damaged[0] ^= 1;

@@ -56,7 +56,11 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"max_force", 255},
                       {"position_step", 0},
                       {"release_step", 6},
-                      {"grip_speed", 128}};
+                      {"grip_speed", 128},
+                      {"left_sensor", 0},
+                      {"right_sensor", 0},
+                      {"lost_finger", 0},
+                      {"status_version", 1}};
   LONGS_EQUAL(std::size(want), kParams.size());
   for (const Row& row : want) {
     const auto* const info =
@@ -158,9 +162,10 @@ TEST(Params, AreSafetyUnlessTheyCannotTurnAFaultIntoFine) {
                                      "grow_pct",     "position_step", "release_step", "grip_speed"};
   for (const ParamInfo& row : kParams) {
     const bool tunes = std::find(std::begin(tuning), std::end(tuning), row.name) != std::end(tuning);
-    const auto wanted = tunes                        ? holdfast::ParamClass::kTuning
-                        : row.name == "all_features" ? holdfast::ParamClass::kDisplay
-                                                     : holdfast::ParamClass::kSafety;
+    const bool shows = row.name == "all_features" || row.name == "status_version";
+    const auto wanted = tunes   ? holdfast::ParamClass::kTuning
+                        : shows ? holdfast::ParamClass::kDisplay
+                                : holdfast::ParamClass::kSafety;
     CHECK_TEXT(row.kind == wanted, row.name.data());
     CHECK_TEXT(!row.why.empty(), row.name.data());
   }

@@ -38,7 +38,7 @@ def crc16(data):
 
 
 def cobs_encode(payload):
-    """Without the delimiter. Range: runs of fewer than 254 bytes other than zero, which a payload of 32 has."""
+    """Without the delimiter. Range: runs of fewer than 254 bytes other than zero, which a payload of 35 has."""
     return b"".join(bytes([len(run) + 1]) + run for run in bytes(payload).split(b"\0"))
 
 
@@ -81,6 +81,8 @@ def decode(payload):
     for field, offset, kind in fields[:-1]:
         setattr(out, field, struct.unpack_from("<" + _FORMATS[kind], payload, offset)[0])
     if name == "status":
+        if payload[0] == VERSION:  # does not tell of fingers
+            out.fingers = out.healthy = out.contact = 0
         if out.state not in STATES:
             return None
         out.state_name = STATES[out.state]

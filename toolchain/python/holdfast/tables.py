@@ -4,7 +4,7 @@
 
 VERSION = 1  # of what is sent
 LAST_VERSION = 8  # a second byte above it begins no frame
-MAX_WIRE_BYTES = 34
+MAX_WIRE_BYTES = 37
 FRESH_MS = 150  # the receiver's rule
 
 # (version, kind): name, bytes of the payload, fields as (name, byte, type)
@@ -27,6 +27,29 @@ FRAMES = {
             ("entropy_nat_q16", 22, "i32"),  # nat/65536; entropy of the displacements' lengths, 0 to ln 15
             ("entropy_rate_nat_s_q8", 26, "i32"),  # nat/s/256; change of the entropy per second
             ("crc16", 30, "u16"),  # -; CRC-16 over bytes 0 to 29
+        ),
+    ),
+    (2, 1): (
+        "status",
+        35,
+        (
+            ("version", 0, "u8"),  # -; layout of this table: 2
+            ("kind", 1, "u8"),  # -; 1: status frame
+            ("sequence", 2, "u16"),  # 1; counts status frames, wraps; a gap is a lost frame
+            ("timestamp_us", 4, "u32"),  # us; start of the picture's exposure on the sensor's clock, low 32 bits
+            ("age_100us", 8, "u16"),  # 0.1 ms; from that start to the sending of this frame, rounded up; 65535: 6.5535 s or more, or unknown
+            ("state", 10, "u8"),  # -; see States
+            ("reason", 11, "u8"),  # -; see Reasons; a number not listed there comes from newer firmware
+            ("flags", 12, "u8"),  # bits; see Flags
+            ("markers", 13, "u8"),  # 1; how many markers the features stand on
+            ("vx_um_s", 14, "i32"),  # um/s; mean speed of the markers, +x right
+            ("vy_um_s", 18, "i32"),  # um/s; mean speed of the markers, +y down
+            ("entropy_nat_q16", 22, "i32"),  # nat/65536; entropy of the displacements' lengths, 0 to ln 15
+            ("entropy_rate_nat_s_q8", 26, "i32"),  # nat/s/256; change of the entropy per second
+            ("fingers", 30, "u8"),  # bits; fingers that there are: bit 0 left, bit 1 right
+            ("healthy", 31, "u8"),  # bits; of these, in state OK or SLIP by what each sees alone
+            ("contact", 32, "u8"),  # bits; of these, with something that touches the gel
+            ("crc16", 33, "u16"),  # -; CRC-16 over bytes 0 to 32
         ),
     ),
     (1, 2): (
