@@ -19,6 +19,8 @@
 #include "drivers/sim/hande.hpp"
 #include "drivers/sim/keep.hpp"
 #include "drivers/sim/serial.hpp"
+#include "link/evidence_frame.hpp"
+#include "link/link.hpp"
 #include "link/status_frame.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
@@ -92,6 +94,10 @@ TEST_GROUP(Hand) {
     for (std::uint64_t k = 0; k < 8; ++k) {
       pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, 0.0, 0.0)), 300 + k));
     }
+    film();
+    gripper = std::make_unique<sim::HandE>(clock);
+  }
+  void film() {
     std::vector<LumaView> views;
     for (const Picture& picture : pictures) views.push_back(picture.view());
     for (std::size_t i = 0; i < 2; ++i) {  // the right one's frames arrive 15 ms behind the left one's
@@ -99,7 +105,6 @@ TEST_GROUP(Hand) {
       memory[i] = std::make_unique<sim::CameraMemory>(clock, views, config);
       plugs[i] = std::make_unique<Plug>(*memory[i], clock, i == 0 ? kLeft : kRight);
     }
-    gripper = std::make_unique<sim::HandE>(clock);
   }
   void teardown() override {
     daemon.reset();
@@ -321,6 +326,36 @@ TEST(Hand, StatusFramesTellOfEachFingerWhereTheyAreAskedFor) {
   CHECK_TRUE(frames.back().features_valid);  // the left one's
 }
 
+// An object that is dragged touches both gels; when it is gone without a word, both fingers are well and the grip is
+// not.
+TEST(Hand, StatusFramesTellOfContactAndOfItsLoss) {
+  const scene::PictureConfig view = scene::cropped_320x240();
+  pictures.clear();
+  for (int k = 0; k < 60; ++k) {
+    const double drag = k < 30 ? 0.0 : std::min(1.8, 0.3 * (k - 29));
+    pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
+                                  300 + static_cast<std::uint64_t>(k)));
+  }
+  film();
+  params.status_version = 2;
+  start();
+  run(1s);
+  (void)told();
+  std::array<int, 4> contacts{};
+  int lost = 0;
+  for (int k = 0; k < 20; ++k) {
+    run(100ms);
+    for (const auto& frame : told()) {
+      ++contacts[frame.contact];
+      if (frame.reason != Reason::kContactLost) continue;
+      ++lost;
+      LONGS_EQUAL(3, frame.healthy);
+      LONGS_EQUAL(static_cast<int>(DeviceState::kSlip), static_cast<int>(frame.state));
+    }
+  }
+  CHECK_TRUE(contacts[0] > 10 && contacts[3] > 10 && lost > 0);
+}
+
 TEST(Hand, OfOneFingerVersion1IsSentForEver) {
   params.status_version = 2;
   daemon = std::make_unique<Daemon>(Devices{*plugs[0], gpio, link, clock, jpeg}, Periphery{*gripper, keep});
@@ -355,7 +390,12 @@ TEST(Hand, TheConsoleNamesBothFingers) {
   plugs[1]->out = true;
   run(1s);
   STRCMP_CONTAINS("FAULT camera_gone", ask("devices\r").c_str());
+  plugs[1]->sensor = "ABCD-1234";  // another one, where any would have done
   plugs[1]->out = false;
+  run(1s);
+  seen = ask("devices\r");
+  STRCMP_CONTAINS("FAULT camera_wrong", seen.c_str());
+  CHECK_TRUE(seen.find("store number") == std::string::npos);
   params.left_sensor = camera_keeper::number_of(kLeft);
   params.right_sensor = camera_keeper::number_of(kRight);
   plugs[0]->sensor = kRight;
@@ -365,4 +405,52 @@ TEST(Hand, TheConsoleNamesBothFingers) {
   seen = ask("devices\r");
   STRCMP_CONTAINS("the other finger's sensor", seen.c_str());
   STRCMP_CONTAINS(("number " + number).c_str(), seen.c_str());
+  plugs[0]->sensor = "ABCD-1234";
+  plugs[1]->sensor = kRight;  // it will be tried in a moment
+  seen = ask("devices\r");
+  STRCMP_CONTAINS("this is not the stored sensor", seen.c_str());
+  CHECK_TRUE(seen.find("the other finger's sensor") == std::string::npos);
+  // A device of one finger.
+  daemon = std::make_unique<Daemon>(Devices{*plugs[0], gpio, link, clock, jpeg}, Periphery{*gripper, keep});
+  CHECK_TRUE(daemon->start(params).ok());
+  run(1s);
+  STRCMP_CONTAINS("this is not the stored sensor", ask("devices\r").c_str());
+}
+
+// `watch on`: evidence of both once there is a reference, markers of the left one, nothing of a finger that is silent.
+TEST(Hand, TheConsoleStreamsTheEvidenceOfBoth) {
+  sim::Serial host;
+  start();
+  console::Console console(host, *daemon, clock, console::Place{.board = "test", .prompts = false});
+  console.start(params);
+  const std::string_view line = "watch on\r";
+  CHECK_TRUE(host.feed({reinterpret_cast<const std::uint8_t*>(line.data()), line.size()}));
+  struct Counts {
+    int statuses = 0;
+    std::array<int, 2> evidences{};
+  };
+  const auto heard_for = [&](Micros time) {
+    host.clear_output();
+    for (const Micros end = clock.now() + time; clock.now() < end;) {
+      poll();
+      console.poll();
+    }
+    holdfast::link::Receiver receiver;
+    Counts out;
+    for (const std::uint8_t byte : host.output_bytes()) {
+      if (receiver.push(byte) != holdfast::link::Event::kFrame) continue;
+      if (const auto evidence = evidence_frame::read(receiver.payload())) ++out.evidences[evidence->finger];
+      if (status_frame::read(receiver.payload()).ok()) ++out.statuses;
+    }
+    return out;
+  };
+  Counts heard = heard_for(150ms);
+  CHECK_TRUE(heard.statuses > 0 && heard.evidences[0] + heard.evidences[1] == 0);
+  settled();
+  heard = heard_for(1s);
+  CHECK_TRUE(heard.evidences[0] >= 24 && heard.evidences[1] >= 24);
+  plugs[1]->silent = true;
+  heard = heard_for(1s);
+  CHECK_TRUE(heard.evidences[0] >= 24 && heard.evidences[1] <= 1);
+  CHECK_TRUE(heard.statuses > heard.evidences[0] + 5);  // what is said of the silent one
 }
