@@ -448,8 +448,8 @@ constexpr std::array<Column, 9> kModeColumns{{{"mode", 10},
                                               {"memory_kb", 11},
                                               {"marker_error_px", 17},
                                               {"entropy_error_nat", 19},
-                                              {"balanced_pct", 14},
-                                              {"delay_ms", 0}}};
+                                              {"onsets_pct", 12},
+                                              {"alarms_per_hour", 0}}};
 
 Answer modes(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
@@ -464,8 +464,8 @@ Answer modes(Console& console, const Words& words, std::int32_t step) {
     page.cell(price.memory_bytes / 1000);
     page.cell(price.marker_error_upx, 1'000'000, 4);
     page.cell(price.entropy_error_unat, 1'000'000, 4);
-    page.cell(price.balanced_milli_pct, 1000, 1);
-    page.cell(price.delay_ms);
+    page.cell(price.onsets_milli_pct, 1000, 1);
+    page.cell(price.alarms_milli_per_hour, 1000, 1);
   });
 }
 

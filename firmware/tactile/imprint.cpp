@@ -580,12 +580,12 @@ Lanes<std::int64_t> change_of(const Eight<std::int16_t>& now, const Eight<std::i
 
 // --- Evidence ---
 
-const Kept* picture_before(const State& state, Micros now) {
+const Kept* picture_before(const State& state, Micros now, Micros lag) {
   const Kept* best = nullptr;
-  Micros off = kLag / 3;
+  Micros off = lag / 3;
   for (int back = 0; back < state.count; ++back) {
     const Kept& kept = state.kept[idx((state.newest + kKept - back) % kKept)];
-    const Micros late = now - kept.at - kLag;
+    const Micros late = now - kept.at - lag;
     const Micros distance = late < Micros{0} ? -late : late;
     if (distance > off) continue;
     off = distance;
@@ -880,7 +880,7 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
 
   const std::int32_t in_contact = look(state, config, picture, markers, rest, is_new);
   out.patches = Count::from_raw(in_contact);
-  if (const Kept* const then = picture_before(state, now); then != nullptr) {
+  if (const Kept* const then = picture_before(state, now, config.lag); then != nullptr) {
     compare(state, *then, config, rest.grid, out, saturations);
   }
 

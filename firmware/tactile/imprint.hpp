@@ -61,11 +61,11 @@ struct Config {
   // A patch whose empty gel shows more gradient energy than this is left out: a dot printed beside another, a scratch,
   // dirt. Levels^2. A clean gel's patches have 1 to 1.5 on the recordings, 1 to 3 in a hundred more than this.
   std::int32_t most_print = 8;
+  // A picture counts when its age is within a third of the lag: from 2/3 to 4/3 there is a multiple of every frame
+  // period up to 213 ms, and the nearest counts. Models' thresholds hold for the lag that they were made with. Range: 40
+  // to 180 ms, of which a third more is kept.
+  Micros lag{160'000};
 };
-
-// A picture counts when its age is within a third of the lag: from 2/3 to 4/3 there is a multiple of every frame period
-// up to 213 ms, and the nearest counts.
-inline constexpr Micros kLag{160'000};
 
 // Fewer patches that both pictures show say nothing: their noise is not known.
 inline constexpr int kLeastPatches = 20;
@@ -156,7 +156,7 @@ struct Kept {
 };
 
 inline constexpr Micros kKeepEvery{35'000};
-inline constexpr int kKept = 7;        // times 35 ms: reaches back the lag and a third at any frame rate
+inline constexpr int kKept = 7;        // times 35 ms: reaches back a lag of 180 ms and a third at any frame rate
 inline constexpr int kEmptyMean = 64;  // frames that the learned empty gel is a mean of, in the long run
 inline constexpr int kNoiseAfter = 8;  // frames on the empty gel before its noise counts as known
 

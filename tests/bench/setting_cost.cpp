@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // setting_cost FILM SETTINGS N: N frames of the film through the pipeline of one setting, from the JPEG's bytes to the
 // decision; for the instruction counter, which takes the difference of two runs. SETTINGS as `holdfast trade settings`
-// prints them: parameters as name=value, passes=, window_pct=, decoder=library, features=paper.
+// prints them: parameters as name=value, passes=, window_pct=, imprint_lag_ms=, decoder=library, features=paper.
 // setting_cost FILM: writes the film (film_file.hpp). setting_cost --data FOLDER: writes the small ones of tests/data.
 //
 // Prints the mean CPU time of the second half of the frames. One thread, whatever jpeg_threads says: what the work of
@@ -31,6 +31,7 @@ struct Setting {
   Params params;
   int passes = tracker::Config{}.passes;
   std::int32_t window_pct = tracker::Config{}.window_pct;
+  Micros imprint_lag = imprint::Config{}.lag;
   bool library = false;
   bool paper = false;
 };
@@ -46,6 +47,8 @@ bool parse_setting(const std::string& text, Setting& out) {
       out.passes = std::atoi(value.c_str());
     } else if (name == "window_pct") {
       out.window_pct = std::atoi(value.c_str());
+    } else if (name == "imprint_lag_ms") {
+      out.imprint_lag = Micros{1000} * std::atoi(value.c_str());
     } else if (word == "decoder=library") {
       out.library = true;
     } else if (word == "features=paper") {
@@ -95,6 +98,7 @@ int main(int argc, char** argv) {
   pipeline::Config config = pipeline_config(setting.params);
   config.tracker.passes = setting.passes;
   config.tracker.window_pct = setting.window_pct;
+  config.imprint.lag = setting.imprint_lag;
   if (setting.paper) config.with_field = config.with_imprint = false;
   drivers::TurboJpegDecoder library;
   const auto worker = std::make_unique<jpeg_fast::Worker>();

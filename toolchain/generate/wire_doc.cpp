@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/generate/wire_doc.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -377,28 +378,27 @@ std::string mode_prices(const std::string& trade_csv) {
       "#pragma once\n\n#include <array>\n#include <cstdint>\n\n#include \"params/modes.hpp\"\n\nnamespace holdfast "
       "{\n\n"
       "// What a mode costs and gains: CPU time of a frame on the machine that measured (compare, do not rely on it),\n"
-      "// aarch64 instructions, memory it works on, and how well it sees filmed grasps.\n"
+      "// aarch64 instructions, memory it works on, how well it sees filmed markers, and what it detects on recordings.\n"
       "struct ModePrice {\n"
       "  std::int32_t us = 0;\n"
       "  std::int32_t kilo_instructions = 0;\n"
       "  std::int32_t memory_bytes = 0;\n"
       "  std::int32_t marker_error_upx = 0;    // RMS, in millionths of a pixel of a picture 320 wide\n"
       "  std::int32_t entropy_error_unat = 0;  // in millionths of a nat\n"
-      "  std::int32_t balanced_milli_pct = 0;  // balanced accuracy, in thousandths of a percent\n"
-      "  std::int32_t delay_ms = 0;            // median, from the onset of slip\n"
+      "  std::int32_t onsets_milli_pct = 0;       // of recorded onsets, detected within 10 frames\n"
+      "  std::int32_t alarms_milli_per_hour = 0;  // false ones where the recordings are silent\n"
       "};\n\n"
       "// In the order of kModes.\ninline constexpr std::array<ModePrice, kModes.size()> kModePrices{{\n";
   for (const Mode& mode : kModes) {
     const auto found = modes.find(std::string(mode.name));
     if (found == modes.end()) return "";
-    const auto number = [&](const char* name, double factor) {
-      const std::string& cell = found->second[name];
-      return std::to_string(std::llround(std::strtod(cell.c_str(), nullptr) * factor));
-    };
-    out += "    {" + number("us_p50", 1) + ", " + number("instructions_aarch64", 1e-3) + ", " +
-           number("memory_bytes", 1) + ", " + number("marker_rms_px", 1e6) + ", " +
-           number("film_entropy_error_nat", 1e6) + ", " + number("film_balanced_pct", 1e3) + ", " +
-           number("film_delay_ms_p50", 1) + "},\n";
+    const auto value = [&](const char* name) { return std::strtod(found->second[name].c_str(), nullptr); };
+    const auto number = [](double scaled) { return std::to_string(std::llround(scaled)); };
+    const double onsets = std::max(value("clip_onsets"), 1.0);
+    out += "    {" + number(value("us_p50")) + ", " + number(value("instructions_aarch64") * 1e-3) + ", " +
+           number(value("memory_bytes")) + ", " + number(value("marker_rms_px") * 1e6) + ", " +
+           number(value("film_entropy_error_nat") * 1e6) + ", " + number(value("clip_within_10") / onsets * 1e5) + ", " +
+           number(value("clip_alarms_per_hour") * 1e3) + "},\n";
   }
   return out + "}};\n\n}  // namespace holdfast\n";
 }

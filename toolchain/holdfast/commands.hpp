@@ -56,9 +56,9 @@ struct TradeFirmwareOptions {
   std::string modes;
   std::string shard = "1/1";
   int films = 6;
-  int every = 10;
+  int every = 8;
   int lessons = 4;
-  std::string recordings;
+  std::vector<std::string> recordings;
 };
 [[nodiscard]] int trade_firmware(const TradeFirmwareOptions& options);
 

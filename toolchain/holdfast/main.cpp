@@ -190,7 +190,7 @@ int run(int argc, char** argv) {
       ->capture_default_str();
   trade_firmware_command
       ->add_option("--films", firmware_options.films, "grasps filmed by the camera, 11 s and more each")
-      ->check(CLI::Range(1, 6))
+      ->check(CLI::Range(0, 6))
       ->capture_default_str();
   trade_firmware_command
       ->add_option("--every", firmware_options.every, "every so many-th of 600 grasps from the markers on")
@@ -203,11 +203,11 @@ int run(int argc, char** argv) {
       ->capture_default_str();
   trade_firmware_command
       ->add_option("--recordings", firmware_options.recordings,
-                   "label file of recorded clips, to be judged as well: CSV (holdfast dataset --help)")
+                   "label files of recorded clips, to be judged as well: CSV (holdfast dataset --help)")
       ->check(not_empty);
   trade_firmware_command->footer(
       "Example:\n"
-      "  holdfast trade firmware --recordings clips/labels.csv --csv trade.csv --svg trade.svg\n"
+      "  holdfast trade firmware --recordings clips/labels.csv more/labels.csv --csv trade.csv --svg trade.svg\n"
       "Side by side with GNU parallel, then merged into the whole:\n"
       "  parallel holdfast trade firmware --shard {}/8 --csv part_{}.csv ::: {1..8}\n"
       "  holdfast trade show part_{1..8}.csv --csv trade.csv --svg trade.svg\n"

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <numeric>
 #include <optional>
 #include <set>
@@ -84,22 +85,24 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   std::vector<std::size_t> turns(trialled.size());
   std::iota(turns.begin(), turns.end(), 0);
   scene::Random random(1);
+  std::set<int, std::greater<>> widths;
+  for (const long i : mine) widths.insert(points[static_cast<std::size_t>(i)].tuning.picture_width);
   for (int which = 0; which < options.films; ++which) {
-    const trade::Film film = trade::shoot(which, [] { return !interrupted(); });
-    if (interrupted()) return fail(interrupted_line());
-    done += kFilmInGrasps;
-    progress.update(done);
-    const auto frames = static_cast<long>(film.shots.size());
-    for (long k = 0; k < frames; ++k) {
-      // What is in the cache is what the one before left there: another one each time.
-      for (std::size_t i = turns.size(); i > 1; --i) {
-        std::swap(turns[i - 1], turns[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
-      }
-      for (const std::size_t turn : turns) trialled[turn].show(film, static_cast<std::size_t>(k));
-      progress.update(done + settings * kFilmInGrasps * k / frames / 8);
+    for (const int width : widths) {
+      const trade::Film film = trade::shoot(which, width, [] { return !interrupted(); });
       if (interrupted()) return fail(interrupted_line());
+      const auto frames = static_cast<long>(film.shots.size());
+      for (long k = 0; k < frames; ++k) {
+        // What is in the cache is what the one before left there: another one each time.
+        for (std::size_t i = turns.size(); i > 1; --i) {
+          std::swap(turns[i - 1], turns[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+        }
+        for (const std::size_t turn : turns) trialled[turn].show(film, static_cast<std::size_t>(k));
+        if (width == *widths.begin()) progress.update(done + kFilmInGrasps * (settings + 8) / 8 * k / frames);
+        if (interrupted()) return fail(interrupted_line());
+      }
     }
-    done += settings * kFilmInGrasps / 8;
+    done += kFilmInGrasps * (settings + 8) / 8;
   }
   for (const learn::PlannedGrasp& planned : grasps) {
     const trade::Grasp grasp = trade::play(planned);
@@ -107,14 +110,13 @@ int trade_firmware(const TradeFirmwareOptions& options) {
     progress.update(++done);
     if (interrupted()) return fail(interrupted_line());
   }
-  if (!options.recordings.empty()) {
+  for (const std::string& labels : options.recordings) {
     const auto play = [&](const learn::RecordedClip& clip) {
       for (trade::Trialled& one : trialled) one.show(clip);
       return std::optional<std::string>();
     };
     const auto luma = trade::config_of(points.front(), nullptr).luma;
-    if (const auto error =
-            learn::load_recordings(options.recordings, luma, play, [](int, int) { return !interrupted(); })) {
+    if (const auto error = learn::load_recordings(labels, luma, play, [](int, int) { return !interrupted(); })) {
       return fail(interrupted() ? interrupted_line() : *error);
     }
   }

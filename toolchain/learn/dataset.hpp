@@ -16,6 +16,7 @@
 #include "drivers/sim/scene/contact/contact.hpp"
 #include "drivers/sim/scene/scene.hpp"
 #include "params/params.hpp"
+#include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/samples.hpp"
 
 namespace holdfast {
@@ -63,6 +64,7 @@ struct RecordedClip {
   std::vector<sim::RecordedFrame> frames;
   std::vector<Label> labels;  // one a frame
   sim::RecordedFrame rest;    // shows the empty gel
+  ClipLabels by_frames;       // as the label file has them
 };
 // Every clip of a label file in the format of the 27 real clips (its README), one at a time. Returns nothing, or an
 // error line; so does `visit`, of which the clip's place need not be part. `luma`: of who plays them; a picture of the

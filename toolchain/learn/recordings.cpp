@@ -74,6 +74,7 @@ Error load_clip(const ClipLabels& clip, const luma_input::Config& luma, Recorded
   }
   if (read == sim::Read::kError) return recording.error();
   out.trial = trial_of(clip);
+  out.by_frames = clip;
   return {};
 }
 

@@ -64,10 +64,11 @@ std::vector<learn::PlannedGrasp> planned_grasps(std::uint64_t seed, int every) {
 
 }  // namespace
 
-Film shoot(int which, const std::function<bool()>& go_on) {
+Film shoot(int which, int picture_width, const std::function<bool()>& go_on) {
   const Choice& choice = kChoices[static_cast<std::size_t>(which)];
   learn::Planned grasp = planned(choice).make();
   grasp.scene.level.inject = scene::Inject::kJpeg;
+  grasp.scene.picture.width = picture_width;
   grasp.scene.effects.pixel_noise = kNoise;
   sim::Clock clock;
   sim::SceneCamera camera(grasp.scene, clock);

@@ -44,8 +44,10 @@ struct Grasp {
 };
 
 inline constexpr int kFilms = 6;
-// `which`: 0 .. kFilms - 1; 90 MB each. `go_on` is asked before each picture; false ends the film there.
-[[nodiscard]] Film shoot(int which, const std::function<bool()>& go_on = {});
+inline constexpr int kPictureWidth = 3280;  // of the sensor's camera
+// `which`: 0 .. kFilms - 1; 90 MB each of the camera's size. `go_on` is asked before each picture; false ends the film
+// there.
+[[nodiscard]] Film shoot(int which, int picture_width = kPictureWidth, const std::function<bool()>& go_on = {});
 
 // The names of every so many-th of the planned grasps, and of others for who learns (learned.hpp); one of them played.
 [[nodiscard]] std::vector<learn::PlannedGrasp> planned_grasps(int every);

@@ -63,6 +63,12 @@ std::vector<Point> points() {
   for (const int pct : {50, 100, 150}) {
     list.add("window", fmt::format("{} % of the pitch", pct)).tuning.window_pct = pct;
   }
+  for (const int lag_ms : {80, 120, 180}) {
+    list.add("imprint lag", fmt::format("{} ms", lag_ms)).tuning.imprint_lag_ms = lag_ms;
+  }
+  for (const int width : {1640, 640}) {
+    list.add("camera", fmt::format("{}x{}", width, width * 3 / 4)).tuning.picture_width = width;
+  }
   list.sweep(&Params::reference_frames, {1, 3, 30});
   list.add("features", "the paper's four").tuning.model = ModelChoice::kPaper;
   for (const int every : {2, 3}) {
@@ -121,7 +127,7 @@ std::optional<Rival> find_rival(std::string_view name) {
 }
 
 std::optional<std::string> settings_of(const Point& point) {
-  if (point.needs_markers()) return std::nullopt;
+  if (point.needs_markers() || point.tuning.picture_width != kPictureWidth) return std::nullopt;
   const auto* const rival = std::ranges::find(kRivals, point.tuning.rival, &std::pair<std::string_view, Rival>::second);
   if (rival != kRivals.end()) return fmt::format("rival={}", rival->first);
   std::string out;
@@ -134,6 +140,9 @@ std::optional<std::string> settings_of(const Point& point) {
   }
   if (point.tuning.passes != Tuning{}.passes) add("passes", fmt::format("{}", point.tuning.passes));
   if (point.tuning.window_pct != Tuning{}.window_pct) add("window_pct", fmt::format("{}", point.tuning.window_pct));
+  if (point.tuning.imprint_lag_ms != Tuning{}.imprint_lag_ms) {
+    add("imprint_lag_ms", fmt::format("{}", point.tuning.imprint_lag_ms));
+  }
   if (point.tuning.library_jpeg) add("decoder", "library");
   if (point.tuning.model == ModelChoice::kPaper) add("features", "paper");
   return out.empty() ? "mode=fast" : out;
@@ -143,6 +152,7 @@ pipeline::Config config_of(const Point& point, const model::Tree* tree) {
   pipeline::Config config = pipeline_config(point.params, false, tree);
   config.tracker.passes = point.tuning.passes;
   config.tracker.window_pct = point.tuning.window_pct;
+  config.imprint.lag = std::chrono::milliseconds(point.tuning.imprint_lag_ms);
   return config;
 }
 

@@ -15,6 +15,7 @@
 #include "app/pipeline.hpp"
 #include "params/params.hpp"
 #include "tactile/types.hpp"
+#include "toolchain/trade/film.hpp"
 #include "toolchain/trade/learned.hpp"
 
 namespace holdfast::trade {
@@ -35,7 +36,10 @@ struct Tuning {
   bool library_jpeg = false;  // libjpeg-turbo decodes at every scale, also at 1/8
   int passes = tracker::Config{}.passes;
   std::int32_t window_pct = tracker::Config{}.window_pct;
+  std::int32_t imprint_lag_ms = static_cast<std::int32_t>(imprint::Config{}.lag / Micros{1000});
   ModelChoice model = ModelChoice::kCommitted;
+  // What the camera sends; a film for each.
+  int picture_width = kPictureWidth;
   // Of what was filmed at 25 fps, every so many-th frame.
   int frame_every = 1;
   // From here on what only a run from markers can impose (Grasp).
@@ -64,7 +68,7 @@ struct Point {
 [[nodiscard]] std::vector<Point> points();
 
 // What differs from mode fast, as words that the programs understand which count instructions
-// (tests/bench/setting_cost, rival_cost). Nothing: the point needs markers, or a desk computer.
+// (tests/bench/setting_cost, rival_cost). Nothing: the point needs markers, a desk computer or another film.
 [[nodiscard]] std::optional<std::string> settings_of(const Point& point);
 [[nodiscard]] std::optional<Rival> find_rival(std::string_view name);
 

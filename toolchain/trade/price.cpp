@@ -114,7 +114,9 @@ struct EntropyError {
     sum += std::abs(result.features.entropy.raw() / 65536.0 - q24 / 16777216.0);
     ++count;
   }
-  [[nodiscard]] double mean() const { return count > 0 ? sum / static_cast<double>(count) : 0.0; }
+  [[nodiscard]] std::optional<double> mean() const {
+    return count > 0 ? std::optional(sum / static_cast<double>(count)) : std::nullopt;
+  }
 
   double sum = 0.0;
   long count = 0;
@@ -152,8 +154,10 @@ constexpr std::array<double, 5> kDamagedAt{0.1, 0.3, 0.5, 0.7, 0.9};
 // would take. Ours is built for all modes.
 std::int64_t memory_bytes(const Point& point) {
   const Params& params = point.params;
-  const auto scale = static_cast<std::int32_t>(kModes[static_cast<std::size_t>(params.mode)].scale);
-  const std::int64_t picture = std::int64_t{3280 / scale} * (2464 / scale);
+  const std::int32_t width = point.tuning.picture_width;
+  const auto scale =
+      static_cast<std::int32_t>(luma_input::scale_for(kModes[static_cast<std::size_t>(params.mode)].scale, width));
+  const std::int64_t picture = std::int64_t{width / scale} * (width * 3 / 4 / scale);
   const std::int64_t pipeline = static_cast<std::int64_t>(sizeof(App) - sizeof(LumaBuffer));
   const bool library = point.tuning.library_jpeg || scale != 8;
   const auto walk = params.jpeg_lanes == 0 ? sizeof(jpeg_dc::State)
@@ -213,15 +217,13 @@ struct Trialled::State {
   std::unique_ptr<RivalTracker> rival;
   std::unique_ptr<DeskTree> desk;
   std::unique_ptr<pipeline::State> pipeline;
-  std::optional<Trial> trial;
   Times times;
   PictureTally seen;
   MarkerError markers;
   EntropyError filmed_entropy, grasped_entropy;
-  std::optional<learn::ConditionScore> filmed, grasped;
+  std::optional<learn::ConditionScore> grasped;
   std::vector<double> grasped_us;
-  learn::Samples recorded;
-  std::vector<std::uint8_t> recorded_verdicts;
+  std::optional<learn::ClipScore> recorded;
 };
 
 Trialled::Trialled(const Point& point, const Lessons& lessons) : state_(std::make_unique<State>(point, lessons)) {}
@@ -230,7 +232,7 @@ Trialled::Trialled(Trialled&&) noexcept = default;
 
 void Trialled::show(const Film& film, std::size_t k) {
   State& s = *state_;
-  if (s.point.needs_markers()) return;
+  if (s.point.needs_markers() || film.width != s.point.tuning.picture_width) return;
   const Shot& shot = film.shots[k];
   if (s.rival) {
     if (k % static_cast<std::size_t>(s.rival->every()) != 0) return;
@@ -243,12 +245,8 @@ void Trialled::show(const Film& film, std::size_t k) {
     s.rival->judge(shot.markers, film.width, s.markers);
     return;
   }
-  if (!s.filmed) s.filmed.emplace();
   const pipeline::Config& config = s.firmware->config;
-  if (k == 0) {
-    s.pipeline = std::make_unique<pipeline::State>();
-    s.trial.emplace(film.trial, film.labels);
-  }
+  if (k == 0) s.pipeline = std::make_unique<pipeline::State>();
   if (k % static_cast<std::size_t>(s.point.tuning.frame_every) == 0) {
     const hal::Frame frame = frame_of(film, k);
     const double start = tool::thread_us();
@@ -261,7 +259,6 @@ void Trialled::show(const Film& film, std::size_t k) {
       s.times.decode_us.push_back(s.firmware->timed->us());
     }
     ++s.seen.frames;
-    s.trial->add(k, shot.time, result);
     if (result.quality.ok()) {
       s.markers.add(s.pipeline->tracker.field, shot.markers, luma_input::reduction(config.luma, frame), film.width);
       s.filmed_entropy.add(config.features, shot.moved, result);
@@ -270,9 +267,7 @@ void Trialled::show(const Film& film, std::size_t k) {
     }
   }
   if (k % kDamageEvery == kDamageEvery - 1) s.damage(frame_of(film, k));
-  if (k + 1 < film.shots.size()) return;
-  s.trial->count(config.decision, *s.filmed);
-  s.pipeline.reset();
+  if (k + 1 == film.shots.size()) s.pipeline.reset();
 }
 
 void Trialled::show(const Grasp& grasp) {
@@ -302,25 +297,25 @@ void Trialled::show(const Grasp& grasp) {
 
 void Trialled::show(const learn::RecordedClip& clip) {
   State& s = *state_;
-  if (s.point.needs_markers() || s.rival) return;
+  if (s.point.needs_markers() || s.rival || s.point.tuning.picture_width != kPictureWidth) return;
+  pipeline::Config config = s.firmware->config;
+  config.tracker.grid.auto_size = true;
+  config.follow_drift = true;  // as a device does
   const auto state = std::make_unique<pipeline::State>();
-  const bool learned = !learn::learn_rest(clip, s.firmware->config, *s.firmware->timed, *state);
-  learn::Trial trial = clip.trial;
-  trial.first = static_cast<int>(s.recorded.rows.size());
-  for (std::size_t k = 0; k < clip.frames.size(); k += static_cast<std::size_t>(s.point.tuning.frame_every)) {
-    const sim::RecordedFrame& shot = clip.frames[k];
-    const pipeline::Result result =
-        pipeline::update(*state, s.firmware->config, *s.firmware->timed, sim::as_frame(shot));
-    learn::Row& row = s.recorded.rows.emplace_back();
-    row.trial = static_cast<int>(s.recorded.trials.size());
-    row.frame = static_cast<int>(shot.index);
-    row.t_s = static_cast<double>(shot.time.count()) * 1e-6;
-    row.label = clip.labels[k];
-    row.accepted = learned && result.quality.ok() && result.referenced;
-    s.recorded_verdicts.push_back(row.accepted && result.verdict != Verdict::kHold ? 1 : 0);
-    ++trial.count;
+  std::vector<std::uint8_t> slip;
+  if (!learn::learn_rest(clip, config, *s.firmware->timed, *state)) {
+    for (std::size_t k = 0; k < clip.frames.size(); ++k) {
+      if (k % static_cast<std::size_t>(s.point.tuning.frame_every) != 0) {
+        slip.push_back(slip.back());
+        continue;
+      }
+      const hal::Frame frame = sim::as_frame(clip.frames[k]);
+      const pipeline::Result result = pipeline::update(*state, config, *s.firmware->timed, frame);
+      slip.push_back(result.referenced && result.request == GripRequest::kTighten ? 1 : 0);
+    }
   }
-  s.recorded.trials.push_back(trial);
+  if (!s.recorded) s.recorded.emplace();
+  learn::add_clip(*s.recorded, clip.by_frames, slip, nullptr);
 }
 
 Price Trialled::price() const {
@@ -335,16 +330,13 @@ Price Trialled::price() const {
     price.seen->rms_px = s.markers.rms();
     price.seen->missed = s.markers.missed;
     price.seen->entropy_error_nat = s.filmed_entropy.mean();
-    price.filmed = s.filmed;
   }
   if (s.grasped) {
     price.grasped = s.grasped;
     price.grasped_us_p50 = percentile(s.grasped_us, 0.5);
-    price.grasped_entropy_error_nat = s.grasped_entropy.mean();
+    price.grasped_entropy_error_nat = s.grasped_entropy.mean().value_or(0.0);
   }
-  if (!s.recorded.trials.empty()) {
-    price.recorded = learn::score_recordings(s.recorded, s.recorded_verdicts, s.firmware->config.decision);
-  }
+  price.recorded = s.recorded;
   return price;
 }
 

@@ -4,8 +4,9 @@
 // Time is thread CPU time of this machine, median over the frames; ratios are what may be compared between machines. Of
 // several threads it is the critical path's, in frames whose helpers came in time (play/timed_crew.hpp).
 // Marker error: RMS over all markers and frames of the films, in px of a picture 320 wide. Error of E: mean of |E minus
-// the E of the true displacements in the same bins|. Decisions are counted as in learn/study.hpp, the verdict frame by
-// frame and the request event by event; those of recordings as in learn/recorded.hpp.
+// the E of the true displacements in the same bins|. Decisions on grasps are counted as in learn/study.hpp, the verdict
+// frame by frame and the request event by event; those on recordings as in learn/clip_score.hpp. Films are too few for
+// decisions.
 #pragma once
 
 #include <cstddef>
@@ -13,8 +14,8 @@
 #include <memory>
 #include <optional>
 
+#include "toolchain/learn/clip_score.hpp"
 #include "toolchain/learn/dataset.hpp"
-#include "toolchain/learn/recorded.hpp"
 #include "toolchain/learn/study.hpp"
 #include "toolchain/trade/film.hpp"
 #include "toolchain/trade/knobs.hpp"
@@ -33,17 +34,16 @@ struct PictureTally {
   // Of pictures whose bytes were lost in one place, those that are taken for whole all the same.
   long damaged = 0;
   long damaged_used = 0;
-  double entropy_error_nat = 0.0;
+  std::optional<double> entropy_error_nat;  // nothing: a rival, or no frame had a reference
 };
 
 struct Price {
   std::int64_t memory_bytes = 0;     // of the pipeline and the decoder with the pictures that this setting works on
   std::optional<PictureTally> seen;  // rms and entropy mean nothing when all was rejected
-  std::optional<learn::ConditionScore> filmed;
   std::optional<learn::ConditionScore> grasped;  // from the markers on: without the imprint
   double grasped_us_p50 = 0.0;                   // a frame of these, from the markers to the request
   double grasped_entropy_error_nat = 0.0;        // likewise
-  std::optional<learn::RecordedScore> recorded;
+  std::optional<learn::ClipScore> recorded;
 };
 
 // One setting on trial. Whoever tries several shows each frame to all of them by turns: what the machine does meanwhile
@@ -58,12 +58,13 @@ class Trialled {
   Trialled(const Trialled&) = delete;
   Trialled& operator=(const Trialled&) = delete;
 
-  // Frame k = 0, 1, ... of a film through the pipeline. Nothing happens when the point needs markers.
+  // Frame k = 0, 1, ... of a film through the pipeline. Nothing happens when the point needs markers, or pictures of
+  // another width.
   void show(const Film& film, std::size_t k);
   // A whole grasp from its markers on. Nothing happens when the point wants pictures.
   void show(const Grasp& grasp);
-  // A recording likewise; a setting that finds no rest position in it refuses all of its frames. Nothing happens when
-  // the point needs markers or is a rival.
+  // A recording likewise, with the lattice that is found in it; a setting that finds no rest position detects nothing.
+  // Nothing happens when the point needs markers, other pictures, or is a rival.
   void show(const learn::RecordedClip& clip);
   [[nodiscard]] Price price() const;
 

@@ -18,8 +18,8 @@
 
 namespace holdfast::trade {
 
-inline constexpr std::size_t kFigures = 28;
-// What is measured of a line, in the order of the CSV's columns. The six of decisions follow each other alike.
+inline constexpr std::size_t kFigures = 24;
+// What is measured of a line, in the order of the CSV's columns. Recordings: of all that were given.
 enum : std::uint8_t {
   kUsP50,
   kUsP99,
@@ -30,12 +30,6 @@ enum : std::uint8_t {
   kRejected,
   kDamagedUsed,
   kEntropyError,
-  kFilmBalanced,
-  kFilmOnsets,
-  kFilmUnnoticed,
-  kFilmDelayP50,
-  kFilmDelayP95,
-  kFilmAlarms,
   kGraspUs,
   kGraspEntropyError,
   kGraspBalanced,
@@ -45,8 +39,10 @@ enum : std::uint8_t {
   kGraspDelayP95,
   kGraspAlarms,
   kClipOnsets,
-  kClipHits,
+  kClipWithin5,
+  kClipWithin10,
   kClipAlarms,
+  kClipTrialAlarms,
   kInstructionsX86,
   kInstructionsArm,
 };
