@@ -62,8 +62,8 @@ struct Config {
   // dirt. Levels^2. A clean gel's patches have 1 to 1.5 on the recordings, 1 to 3 in a hundred more than this.
   std::int32_t most_print = 8;
   // A picture counts when its age is within a third of the lag: from 2/3 to 4/3 there is a multiple of every frame
-  // period up to 213 ms, and the nearest counts. Models' thresholds hold for the lag that they were made with. Range: 40
-  // to 180 ms, of which a third more is kept.
+  // period up to 213 ms, and the nearest counts. Models' thresholds hold for the lag that they were made with. Range:
+  // 40 to 180 ms, of which a third more is kept.
   Micros lag{160'000};
 };
 

@@ -378,7 +378,8 @@ std::string mode_prices(const std::string& trade_csv) {
       "#pragma once\n\n#include <array>\n#include <cstdint>\n\n#include \"params/modes.hpp\"\n\nnamespace holdfast "
       "{\n\n"
       "// What a mode costs and gains: CPU time of a frame on the machine that measured (compare, do not rely on it),\n"
-      "// aarch64 instructions, memory it works on, how well it sees filmed markers, and what it detects on recordings.\n"
+      "// aarch64 instructions, memory it works on, how well it sees filmed markers, and what it detects on "
+      "recordings.\n"
       "struct ModePrice {\n"
       "  std::int32_t us = 0;\n"
       "  std::int32_t kilo_instructions = 0;\n"
@@ -397,8 +398,8 @@ std::string mode_prices(const std::string& trade_csv) {
     const double onsets = std::max(value("clip_onsets"), 1.0);
     out += "    {" + number(value("us_p50")) + ", " + number(value("instructions_aarch64") * 1e-3) + ", " +
            number(value("memory_bytes")) + ", " + number(value("marker_rms_px") * 1e6) + ", " +
-           number(value("film_entropy_error_nat") * 1e6) + ", " + number(value("clip_within_10") / onsets * 1e5) + ", " +
-           number(value("clip_alarms_per_hour") * 1e3) + "},\n";
+           number(value("film_entropy_error_nat") * 1e6) + ", " + number(value("clip_within_10") / onsets * 1e5) +
+           ", " + number(value("clip_alarms_per_hour") * 1e3) + "},\n";
   }
   return out + "}};\n\n}  // namespace holdfast\n";
 }
