@@ -77,6 +77,7 @@ class App {
   // `tree`: a loaded model that decides instead of the compiled one; outlives the App. May be null.
   explicit App(const Devices& devices, const model::Tree* tree = nullptr)
       : devices_(devices), tree_(tree), left_(devices.camera), all_{&left_, devices.right} {}
+  ~App() = default;
   App(const App&) = delete;
   App& operator=(const App&) = delete;
 

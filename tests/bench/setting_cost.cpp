@@ -122,6 +122,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "'%s': frame %zu refused (%s)\n", argv[2], i, std::string(info(quality.reason).what).c_str());
     return 3;
   }
-  std::printf("%.1f us each\n", (tool::thread_us() - start) / static_cast<double>(frames - frames / 2));
+  const std::size_t timed = frames - frames / 2;
+  std::printf("%.1f us each\n", (tool::thread_us() - start) / static_cast<double>(timed));
   return 0;
 }
