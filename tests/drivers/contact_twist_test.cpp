@@ -335,7 +335,8 @@ TEST(TwistSprings, KineticFrictionCarriesLess) {
 std::array<double, 63> places(double a) {
   std::array<double, 63> r;
   for (int i = 0; i < 63; ++i) {
-    r[static_cast<std::size_t>(i)] = std::hypot((i % 9 - 4) * 1.5 + 0.1, (i / 9 - 3) * 1.5 - 0.2) / a;
+    const int row = i / 9, column = i % 9;
+    r[static_cast<std::size_t>(i)] = std::hypot((column - 4) * 1.5 + 0.1, (row - 3) * 1.5 - 0.2) / a;
   }
   return r;
 }
