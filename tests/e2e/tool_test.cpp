@@ -877,7 +877,7 @@ TEST(Tool, PricesTheContactLevels) {
 TEST(Tool, PricesASettingAndReadsTheTableOff) {
   const Finished piece =
       succeed({"trade", "firmware", "--shard", "1/60", "--films", "1", "--every", "16", "--csv", in("part.csv")});
-  STRCMP_CONTAINS("filmed grasps", piece.out.c_str());
+  STRCMP_CONTAINS("grasps from markers on", piece.out.c_str());
   LONGS_EQUAL(1, read_csv(dir / "part.csv").rows.size());
   check_line(ask({"trade", "show", in("part.csv")}), "a piece alone", "mode balanced", "missing");
   const std::string table = HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv";
