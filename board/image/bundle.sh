@@ -10,6 +10,8 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
+# shellcheck source=board/image/signer_pass.sh
+source board/image/signer_pass.sh
 
 board='' keys='' slot='' out=''
 while (($# > 0)); do
@@ -46,14 +48,7 @@ if ! why=$(openssl verify -crl_check -CAfile "$keys/keyring.pem" "$keys/signer.c
     "board/image/keys.sh $keys --new-signer"
   exit 1
 fi
-pass=${HOLDFAST_SIGNER_PASS:-env:HOLDFAST_ASKED}
-if [[ -z ${HOLDFAST_SIGNER_PASS:-} ]]; then
-  if ! (: </dev/tty) 2>/dev/null; then
-    complain "no passphrase of $keys/signer.key.pem" "no terminal to ask at" "set HOLDFAST_SIGNER_PASS, see the head of board/image/bundle.sh"
-    exit 1
-  fi
-  read -rsp "passphrase of $keys/signer.key.pem: " HOLDFAST_ASKED </dev/tty && echo
-fi
+signer_pass "$keys" board/image/bundle.sh
 # plain_key: through a pipe to whoever reads it, never on a disk.
 plain_key() { HOLDFAST_ASKED=${HOLDFAST_ASKED:-} openssl pkey -in "$keys/signer.key.pem" -passin "$pass" 2>/dev/null; }
 if ! plain_key >/dev/null; then

@@ -9,6 +9,8 @@
 set -euo pipefail
 # shellcheck source=toolchain/say.sh
 source "$(dirname "${BASH_SOURCE[0]}")/../../toolchain/say.sh"
+# shellcheck source=board/image/signer_pass.sh
+source "$(dirname "${BASH_SOURCE[0]}")/../image/signer_pass.sh"
 
 usage() {
   sed -n '3,9s/^# //p' "${BASH_SOURCE[0]}"
@@ -76,14 +78,7 @@ size=$(stat -c %s "$bundle")
 sha256=$sum
 share=$share
 CHANNEL
-pass=${HOLDFAST_SIGNER_PASS:-env:HOLDFAST_ASKED}
-if [[ -z ${HOLDFAST_SIGNER_PASS:-} ]]; then
-  if ! (: </dev/tty) 2>/dev/null; then
-    complain "no passphrase of $keys/signer.key.pem" "no terminal to ask at" "set HOLDFAST_SIGNER_PASS, see the head of board/pull/channel.sh"
-    exit 1
-  fi
-  read -rsp "passphrase of $keys/signer.key.pem: " HOLDFAST_ASKED </dev/tty && echo
-fi
+signer_pass "$keys" board/pull/channel.sh
 if ! HOLDFAST_ASKED=${HOLDFAST_ASKED:-} quietly "$work/log" openssl cms -sign -binary -nodetach -md sha256 -outform DER -in "$work/plain" \
   -signer "$keys/signer.cert.pem" -inkey "$keys/signer.key.pem" -passin "$pass" -out "$work/channel"; then
   complain "openssl signed no channel" "another passphrase, or see the lines above" "try again"

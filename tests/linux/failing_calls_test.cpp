@@ -29,6 +29,7 @@
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/serial.hpp"
+#include "tests/support/deadline.hpp"
 #include "tests/support/pty.hpp"
 #include "tests/support/reference.hpp"
 #include "tests/support/sysfs_tree.hpp"
@@ -275,7 +276,7 @@ TEST(FailingCalls, ASerialPortCutsNothingAndComesBack) {
     CHECK_TRUE_TEXT(lost.empty() || (port.counters().hang_ups == 1 && lost.find('\n') == lost.size() - 1), what);
     CHECK_TRUE_TEXT(port.connected(), what);
     CHECK_TRUE_TEXT(taken.size() >= 9, what);  // back after one waiting time, 100 ms
-    const auto deadline = std::chrono::steady_clock::now() + 10s;
+    const auto deadline = std::chrono::steady_clock::now() + test::kDeadline;
     while (!heard.ends_with("kl") && std::chrono::steady_clock::now() < deadline) {
       std::array<std::uint8_t, 64> room{};
       const std::size_t count = port.read(room);

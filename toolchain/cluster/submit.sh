@@ -40,16 +40,16 @@ if [[ $command == evaluate && $shards == 1 ]]; then
 fi
 for word in "$@"; do
   case $word in
-    --out | --out=* | --csv | --csv=* | --svg | --svg=* | --modes | --modes=* | --shard | --shard=* | --piece | --piece=* | \
-      --pieces | --pieces=* | --recordings | --recordings=* | --report | --report=*)
-      [[ $word != --recordings* || $command == trade ]] || {
+    --recordings | --recordings=*)
+      [[ $command == trade ]] || {
         complain "$word cannot be split" "recordings are read as one piece" "run the tool itself"
         exit 2
       }
-      [[ $word == --recordings* ]] || {
-        complain "$word is for a whole run" "each task has a piece, and this script names the files" "leave it out"
-        exit 2
-      }
+      ;;
+    --out | --out=* | --csv | --csv=* | --svg | --svg=* | --modes | --modes=* | --shard | --shard=* | --piece | --piece=* | \
+      --pieces | --pieces=* | --report | --report=*)
+      complain "$word is for a whole run" "each task has a piece, and this script names the files" "leave it out"
+      exit 2
       ;;
   esac
 done

@@ -31,7 +31,7 @@ for ((k = 1; k <= shards; k++)); do
 done
 case $1 in
   dataset)
-    # By find: the names of thousands of pieces do not fit on a command line. One awk has to read all of them.
+    # By find: the names of thousands of pieces do not fit on a command line. The header is the first one's.
     find "$pieces" -maxdepth 1 -name 'part_?????' -print0 | sort -z |
       { first=1; while IFS= read -r -d '' file; do
         if ((first)); then cat "$file"; else tail -n +2 "$file"; fi

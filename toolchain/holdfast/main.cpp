@@ -189,7 +189,7 @@ int run(int argc, char** argv) {
       ->add_option("--shard", firmware_options.shard, "piece I of N of the settings, for N runs side by side")
       ->capture_default_str();
   trade_firmware_command
-      ->add_option("--films", firmware_options.films, "grasps filmed by the camera, 11 s and more each")
+      ->add_option("--films", firmware_options.films, "grasps filmed by the camera, 11 s and more each; 0: none")
       ->check(CLI::Range(0, 6))
       ->capture_default_str();
   trade_firmware_command

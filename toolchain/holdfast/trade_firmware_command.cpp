@@ -77,32 +77,34 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   }
   learning.clear();
   const std::vector<learn::PlannedGrasp> grasps = trade::planned_grasps(options.every);
-  // A film takes about as long as so many grasps, filming and one setting each.
-  constexpr long kFilmInGrasps = 20;
-  const auto settings = static_cast<long>(mine.size());
-  Progress progress("trade", static_cast<long>(grasps.size()) + options.films * kFilmInGrasps * (settings + 8) / 8);
+  std::set<int, std::greater<>> widths;
+  for (const long i : mine) widths.insert(points[static_cast<std::size_t>(i)].tuning.picture_width);
+  // A film takes about as long as 20 grasps, filming and one setting each.
+  const long film_in_grasps = 20 * (static_cast<long>(mine.size()) + 8) / 8;
+  const long films = options.films * static_cast<long>(widths.size());
+  Progress progress("trade", static_cast<long>(grasps.size()) + films * film_in_grasps);
   long done = 0;
   std::vector<std::size_t> turns(trialled.size());
   std::iota(turns.begin(), turns.end(), 0);
   scene::Random random(1);
-  std::set<int, std::greater<>> widths;
-  for (const long i : mine) widths.insert(points[static_cast<std::size_t>(i)].tuning.picture_width);
+  // False: interrupted.
+  const auto show = [&](const trade::Film& film) {
+    const auto frames = static_cast<long>(film.shots.size());
+    for (long k = 0; k < frames && !interrupted(); ++k) {
+      // What is in the cache is what the one before left there: another one each time.
+      for (std::size_t i = turns.size(); i > 1; --i) {
+        std::swap(turns[i - 1], turns[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+      }
+      for (const std::size_t turn : turns) trialled[turn].show(film, static_cast<std::size_t>(k));
+      progress.update(done + film_in_grasps * k / frames);
+    }
+    done += film_in_grasps;
+    return !interrupted();
+  };
   for (int which = 0; which < options.films; ++which) {
     for (const int width : widths) {
-      const trade::Film film = trade::shoot(which, width, [] { return !interrupted(); });
-      if (interrupted()) return fail(interrupted_line());
-      const auto frames = static_cast<long>(film.shots.size());
-      for (long k = 0; k < frames; ++k) {
-        // What is in the cache is what the one before left there: another one each time.
-        for (std::size_t i = turns.size(); i > 1; --i) {
-          std::swap(turns[i - 1], turns[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
-        }
-        for (const std::size_t turn : turns) trialled[turn].show(film, static_cast<std::size_t>(k));
-        if (width == *widths.begin()) progress.update(done + kFilmInGrasps * (settings + 8) / 8 * k / frames);
-        if (interrupted()) return fail(interrupted_line());
-      }
+      if (!show(trade::shoot(which, width, [] { return !interrupted(); }))) return fail(interrupted_line());
     }
-    done += kFilmInGrasps * (settings + 8) / 8;
   }
   for (const learn::PlannedGrasp& planned : grasps) {
     const trade::Grasp grasp = trade::play(planned);

@@ -64,6 +64,10 @@ std::vector<learn::PlannedGrasp> planned_grasps(std::uint64_t seed, int every) {
 
 }  // namespace
 
+int picture_height(int width) {
+  return scene::scaled(scene::camera_3280x2464(), width).height;
+}
+
 Film shoot(int which, int picture_width, const std::function<bool()>& go_on) {
   const Choice& choice = kChoices[static_cast<std::size_t>(which)];
   learn::Planned grasp = planned(choice).make();

@@ -45,6 +45,7 @@ struct Grasp {
 
 inline constexpr int kFilms = 6;
 inline constexpr int kPictureWidth = 3280;  // of the sensor's camera
+[[nodiscard]] int picture_height(int width);
 // `which`: 0 .. kFilms - 1; 90 MB each of the camera's size. `go_on` is asked before each picture; false ends the film
 // there.
 [[nodiscard]] Film shoot(int which, int picture_width = kPictureWidth, const std::function<bool()>& go_on = {});

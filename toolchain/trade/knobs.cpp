@@ -67,7 +67,7 @@ std::vector<Point> points() {
     list.add("imprint lag", fmt::format("{} ms", lag_ms)).tuning.imprint_lag_ms = lag_ms;
   }
   for (const int width : {1640, 640}) {
-    list.add("camera", fmt::format("{}x{}", width, width * 3 / 4)).tuning.picture_width = width;
+    list.add("camera", fmt::format("{}x{}", width, picture_height(width))).tuning.picture_width = width;
   }
   list.sweep(&Params::reference_frames, {1, 3, 30});
   list.add("features", "the paper's four").tuning.model = ModelChoice::kPaper;

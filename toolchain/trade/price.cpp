@@ -157,7 +157,7 @@ std::int64_t memory_bytes(const Point& point) {
   const std::int32_t width = point.tuning.picture_width;
   const auto scale =
       static_cast<std::int32_t>(luma_input::scale_for(kModes[static_cast<std::size_t>(params.mode)].scale, width));
-  const std::int64_t picture = std::int64_t{width / scale} * (width * 3 / 4 / scale);
+  const std::int64_t picture = std::int64_t{width / scale} * (picture_height(width) / scale);
   const std::int64_t pipeline = static_cast<std::int64_t>(sizeof(App) - sizeof(LumaBuffer));
   const bool library = point.tuning.library_jpeg || scale != 8;
   const auto walk = params.jpeg_lanes == 0 ? sizeof(jpeg_dc::State)
@@ -334,7 +334,7 @@ Price Trialled::price() const {
   if (s.grasped) {
     price.grasped = s.grasped;
     price.grasped_us_p50 = percentile(s.grasped_us, 0.5);
-    price.grasped_entropy_error_nat = s.grasped_entropy.mean().value_or(0.0);
+    price.grasped_entropy_error_nat = s.grasped_entropy.mean();
   }
   price.recorded = s.recorded;
   return price;

@@ -40,9 +40,9 @@ struct PictureTally {
 struct Price {
   std::int64_t memory_bytes = 0;     // of the pipeline and the decoder with the pictures that this setting works on
   std::optional<PictureTally> seen;  // rms and entropy mean nothing when all was rejected
-  std::optional<learn::ConditionScore> grasped;  // from the markers on: without the imprint
-  double grasped_us_p50 = 0.0;                   // a frame of these, from the markers to the request
-  double grasped_entropy_error_nat = 0.0;        // likewise
+  std::optional<learn::ConditionScore> grasped;     // from the markers on: without the imprint
+  double grasped_us_p50 = 0.0;                      // a frame of these, from the markers to the request
+  std::optional<double> grasped_entropy_error_nat;  // nothing: other markers or bins than the truth's
   std::optional<learn::ClipScore> recorded;
 };
 

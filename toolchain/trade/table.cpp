@@ -29,7 +29,7 @@ struct Figure {
 };
 constexpr double kTimesTremble = 0.05;
 constexpr double kErrorsTremble = 0.005;  // a root mean square over 100 000 markers is good to 0.2 %
-constexpr double kSharesTremble = 0.005;  // of 20 000 frames that depend on each other
+constexpr double kSharesTremble = 0.005;  // their 20 000 frames depend on each other
 
 constexpr std::array<Figure, kFigures> kTable{{
     {"us_p50", "us", 0, Better::kLess, kTimesTremble},
@@ -123,9 +123,7 @@ Line line_of(long index, const Point& point, const Price& price) {
     figures[kEntropyError] = seen.entropy_error_nat;
   }
   if (price.grasped) {
-    const bool same_histogram = point.tuning.marker_every == 1 && point.tuning.rival == Rival::kNone;
-    if (same_histogram && price.grasped->frames.count() > 0)
-      figures[kGraspEntropyError] = price.grasped_entropy_error_nat;
+    figures[kGraspEntropyError] = price.grasped_entropy_error_nat;
     figures[kGraspUs] = price.grasped_us_p50;
     if (price.grasped->frames.count() > 0) figures[kGraspBalanced] = 100.0 * price.grasped->frames.balanced_accuracy();
     const learn::EventGroup& events = price.grasped->events;

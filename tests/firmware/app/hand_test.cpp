@@ -118,6 +118,13 @@ TEST_GROUP(Hand) {
     pictures.shrink_to_fit();
   }
 
+  void start_with_swapped_sensors() {
+    params.left_sensor = camera_keeper::number_of(kLeft);
+    params.right_sensor = camera_keeper::number_of(kRight);
+    plugs[0]->sensor = kRight;
+    plugs[1]->sensor = kLeft;
+    start();
+  }
   void start() {
     daemon.reset();
     right = std::make_unique<Finger>(*plugs[1]);
@@ -256,11 +263,7 @@ TEST(Hand, OneIsSwappedWhileTheOtherRuns) {
 }
 
 TEST(Hand, SwappedSensorsAreNoticed) {
-  params.left_sensor = camera_keeper::number_of(kLeft);
-  params.right_sensor = camera_keeper::number_of(kRight);
-  plugs[0]->sensor = kRight;
-  plugs[1]->sensor = kLeft;
-  start();
+  start_with_swapped_sensors();
   run(2s);
   says(DeviceState::kFault, Reason::kCameraWrong);
   CHECK_FALSE(fine());
@@ -396,11 +399,7 @@ TEST(Hand, TheConsoleNamesBothFingers) {
   seen = ask("devices\r");
   STRCMP_CONTAINS("FAULT camera_wrong", seen.c_str());
   CHECK_TRUE(seen.find("store number") == std::string::npos);
-  params.left_sensor = camera_keeper::number_of(kLeft);
-  params.right_sensor = camera_keeper::number_of(kRight);
-  plugs[0]->sensor = kRight;
-  plugs[1]->sensor = kLeft;
-  start();
+  start_with_swapped_sensors();
   run(1s);
   seen = ask("devices\r");
   STRCMP_CONTAINS("the other finger's sensor", seen.c_str());

@@ -126,6 +126,23 @@ Bytes bytes_of(const Wire& wire) {
   return {wire.begin(), wire.end()};
 }
 
+// What both frozen layouts are tried with.
+StatusFrame known_frame() {
+  StatusFrame frame;
+  frame.sequence = 0x1234;
+  frame.timestamp_us = 0x89ABCDEF;
+  frame.age_100us = 0x01F4;
+  frame.state = DeviceState::kSlip;
+  frame.reason = Reason::kSlipDetected;
+  frame.slip = frame.features_valid = frame.alive = true;
+  frame.markers = 63;
+  frame.vx_um_s = -2;
+  frame.vy_um_s = 0x00010203;
+  frame.entropy_nat_q16 = 0x00018000;
+  frame.entropy_rate_nat_s_q8 = -0x00000100;
+  return frame;
+}
+
 }  // namespace
 
 TEST_GROUP(Crc){};
@@ -220,18 +237,7 @@ TEST_GROUP(StatusFrame){};
 // Packed from the byte table, given its CRC (binascii.crc_hqx) and split at its zeros by a few lines of
 // Python. Guards the frozen layout of version 1.
 TEST(StatusFrame, KnownAnswer) {
-  StatusFrame frame;
-  frame.sequence = 0x1234;
-  frame.timestamp_us = 0x89ABCDEF;
-  frame.age_100us = 0x01F4;
-  frame.state = DeviceState::kSlip;
-  frame.reason = Reason::kSlipDetected;
-  frame.slip = frame.features_valid = frame.alive = true;
-  frame.markers = 63;
-  frame.vx_um_s = -2;
-  frame.vy_um_s = 0x00010203;
-  frame.entropy_nat_q16 = 0x00018000;
-  frame.entropy_rate_nat_s_q8 = -0x00000100;
+  const StatusFrame frame = known_frame();
   const std::array<std::uint8_t, 30> body{0x01, 0x01, 0x34, 0x12, 0xEF, 0xCD, 0xAB, 0x89, 0xF4, 0x01,
                                           3,    98,   0x0D, 63,   0xFE, 0xFF, 0xFF, 0xFF, 0x03, 0x02,
                                           0x01, 0x00, 0x00, 0x80, 0x01, 0x00, 0x00, 0xFF, 0xFF, 0xFF};
@@ -244,18 +250,7 @@ TEST(StatusFrame, KnownAnswer) {
 
 // Likewise; guards the frozen layout of version 2.
 TEST(StatusFrame, KnownAnswerOfAHand) {
-  StatusFrame frame;
-  frame.sequence = 0x1234;
-  frame.timestamp_us = 0x89ABCDEF;
-  frame.age_100us = 0x01F4;
-  frame.state = DeviceState::kSlip;
-  frame.reason = Reason::kSlipDetected;
-  frame.slip = frame.features_valid = frame.alive = true;
-  frame.markers = 63;
-  frame.vx_um_s = -2;
-  frame.vy_um_s = 0x00010203;
-  frame.entropy_nat_q16 = 0x00018000;
-  frame.entropy_rate_nat_s_q8 = -0x00000100;
+  StatusFrame frame = known_frame();
   frame.fingers = 3;
   frame.healthy = 1;
   frame.contact = 2;
