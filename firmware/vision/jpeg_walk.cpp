@@ -2,8 +2,6 @@
 #include "vision/jpeg_walk.hpp"
 
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <cstring>
 
 namespace holdfast::jpeg_fast {
@@ -15,14 +13,6 @@ using jpeg_dc::kIndexBits;
 using jpeg_dc::kMaxSkip;
 using jpeg_dc::kSlow;
 using jpeg_dc::Symbol;
-
-static_assert(std::endian::native == std::endian::little);
-
-// Bytes of `eight`, in memory order, before the first 0xFF; 8 if there is none.
-// From the zero-byte test of `any_ff`, whose lowest flag is always right; only those above it may be false.
-int before_ff(std::uint64_t eight) {
-  return std::countr_zero((~eight - 0x0101010101010101U) & eight & 0x8080808080808080U) / 8;
-}
 
 struct SlowStep {
   std::uint32_t bits;
@@ -81,6 +71,9 @@ struct Lane {
     std::uint32_t next = sum + entry;
     if ((next & kSlow << 8) == 0) [[likely]] {
       window <<= entry & 63;
+    } else if ((next & 0xFF00) == kSlow << 8) {  // the last coefficient ends its block without a symbol for it
+      window <<= entry & 63;
+      next += (kEnded - kSlow) << 8;
     } else {
       const std::uint64_t position = start + (sum & 0xFF);
       const SlowStep slow = slow_step(*phase, table, bytes, position, sum >> 8);
@@ -92,7 +85,7 @@ struct Lane {
     const std::uint32_t used = next & 0xFF;
     const auto place = static_cast<std::uint32_t>(start) + used;
     std::memcpy(list, &place, sizeof place);
-    turn(next, used + (1U << 8));
+    turn(next, used);
   }
 
  private:
@@ -157,7 +150,7 @@ struct Lane {
 // Three look-ups take at most 54 of the 57 bits of a filled window.
 template <typename... Walks>
 [[gnu::always_inline]] inline void by_turns(Walks&... walks) {
-  const auto run = [&](auto... lane) {
+  const auto run = [&](auto... lane) __attribute__((always_inline)) {
     while ((lane.goes_on() & ...)) {
       (lane.fill(), ...);
       (lane.step(), ...);
@@ -170,45 +163,56 @@ template <typename... Walks>
 }
 static_assert(3 * kMaxSkip <= 57);
 
+void walk_baseline(Walk& only) {
+  by_turns(only);
+}
+void walk_baseline(Walk& first, Walk& second) {
+  by_turns(first, second);
+}
+void walk_baseline(Walk& first, Walk& second, Walk& third) {
+  by_turns(first, second, third);
+}
+
+// A shift by a number in any register, and without a copy: 5 % less time (measured, dense and sparse pictures).
+#if defined(__x86_64__)
+[[gnu::target("bmi2")]] void walk_bmi2(Walk& only) {
+  by_turns(only);
+}
+[[gnu::target("bmi2")]] void walk_bmi2(Walk& first, Walk& second) {
+  by_turns(first, second);
+}
+[[gnu::target("bmi2")]] void walk_bmi2(Walk& first, Walk& second, Walk& third) {
+  by_turns(first, second, third);
+}
+#endif
+
 }  // namespace
+
+const Walkers& baseline_walkers() {
+  static constexpr Walkers kWalkers{walk_baseline, walk_baseline, walk_baseline};
+  return kWalkers;
+}
+
+const Walkers& fastest_walkers() {
+#if defined(__x86_64__)
+  static constexpr Walkers kWalkers{walk_bmi2, walk_bmi2, walk_bmi2};
+  if (__builtin_cpu_supports("bmi2")) return kWalkers;
+#endif
+  return baseline_walkers();
+}
 
 std::size_t unstuff(const std::uint8_t*& at, const std::uint8_t* end, std::uint8_t* out) {
   std::uint8_t* const begin = out;
   while (at != end) {
-    std::array<std::uint64_t, 2> bytes{};
-    while (end - at >= 16) {
-      std::memcpy(bytes.data(), at, sizeof bytes);
-      std::memcpy(out, bytes.data(), sizeof bytes);
-      if (jpeg_dc::any_ff(bytes[0]) || jpeg_dc::any_ff(bytes[1])) {
-        const int first = before_ff(bytes[0]);
-        const int clean = first < 8 ? first : 8 + before_ff(bytes[1]);
-        at += clean;
-        out += clean;
-        break;
-      }
-      at += sizeof bytes;
-      out += sizeof bytes;
-    }
-    if (at == end) break;
-    const std::uint8_t byte = *at;
-    if (byte == 0xFF) {
-      if (end - at < 2 || at[1] != 0) break;
-      ++at;
-    }
-    ++at;
-    *out++ = byte;
+    const void* const found = std::memchr(at, 0xFF, static_cast<std::size_t>(end - at));
+    const std::uint8_t* const stop = found == nullptr ? end : static_cast<const std::uint8_t*>(found);
+    out = std::copy(at, stop, out);
+    at = stop;
+    if (end - at < 2 || at[1] != 0) break;
+    *out++ = 0xFF;
+    at += 2;
   }
   return static_cast<std::size_t>(out - begin);
-}
-
-void walk_by_turns(Walk& only) {
-  by_turns(only);
-}
-void walk_by_turns(Walk& first, Walk& second) {
-  by_turns(first, second);
-}
-void walk_by_turns(Walk& first, Walk& second, Walk& third) {
-  by_turns(first, second, third);
 }
 
 }  // namespace holdfast::jpeg_fast
