@@ -328,8 +328,7 @@ void lay_out(const Reduced& picture, const MarkerField& rest, std::int32_t dot, 
   const auto along = [&](PixelsQ8 Marker::*axis, std::int32_t origin, std::int32_t size, Axis& to) {
     const std::int32_t a_q12 = step(own.*axis, first.*axis, has_beside);
     const std::int32_t b_q12 = step(own.*axis, second.*axis, has_over);
-    const std::int32_t first_q12 =
-        reduced_q12((own.*axis).raw(), origin, picture.reduction_log2) + (a_q12 + b_q12) / 2;
+    const std::int32_t first_q12 = reduced_q12((own.*axis).raw(), origin, picture.reduction_log2) + (a_q12 + b_q12) / 2;
     to.first_q12[l] = first_q12;
     to.a_q12[l] = a_q12;
     to.b_q12[l] = b_q12;

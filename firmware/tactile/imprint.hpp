@@ -127,8 +127,8 @@ using Lanes = std::array<Value, kLanes>;
 template <typename Value>
 using Eight = std::array<Value, std::size_t{kFree} * kLanes>;
 
-// Along one axis of the picture, in 1/4096 reduced pixels from the centre of the top left one: their samples (0, 0), and
-// the steps from sample to sample away from the dot.
+// Along one axis of the picture, in 1/4096 reduced pixels from the centre of the top left one: their samples (0, 0),
+// and the steps from sample to sample away from the dot.
 struct Axis {
   Lanes<std::int32_t> first_q12{}, a_q12{}, b_q12{};
 };

@@ -86,7 +86,7 @@ Walk begin_walk(const State& state, const std::uint8_t* bytes, std::span<std::ui
 
 // Levels of the blocks at `places`, from 0 on. A DC code that is bad gives 0: the walk has seen it, too.
 void sum_differences(const State& state, const std::uint8_t* bytes, std::span<const std::uint32_t> places,
-                             std::int16_t* values) {
+                     std::int16_t* values) {
   const Code& code = *state.phase[0].dc_code;
   std::uint32_t level = 0;  // modulo 2^16 when stored
   for (const std::uint32_t place : places) {

@@ -16,22 +16,23 @@ using jpeg_dc::Symbol;
 
 struct SlowStep {
   std::uint32_t bits;
-  std::uint32_t k;  // plus kBad
+  std::uint32_t k;  // plus kBad where a bad symbol counts
 };
 constexpr std::uint32_t kBad = 256;
 
 // One symbol by the canonical rule. A bad one ends the block: a walk that began with a guess must get over it.
 [[gnu::noinline]] SlowStep slow_step(const Phase& phase, const std::uint16_t* table, const std::uint8_t* bytes,
-                                     std::uint64_t position, std::uint32_t k) {
+                                     std::uint64_t position, std::uint64_t known, std::uint32_t k) {
+  const std::uint32_t ends_bad = position + 16 <= known ? kEnded | kBad : kEnded;
   const std::uint64_t window = jpeg_dc::next_eight(bytes + (position >> 3)) << (position & 7);
   const auto window16 = static_cast<std::uint32_t>(window >> 48);
   if (table != phase.ac) {
     const Symbol symbol = find(*phase.dc_code, window16);
-    if (symbol.length == 0) return {16, kEnded | kBad};
+    if (symbol.length == 0) return {16, ends_bad};
     return {symbol.length + symbol.value, 1};
   }
   const jpeg_dc::AcStep step = jpeg_dc::ac_step(*phase.ac_code, window16, k);
-  if (step.error != Error::kNone) return {std::max(step.bits, 16U), kEnded | kBad};
+  if (step.error != Error::kNone) return {std::max(step.bits, 16U), ends_bad};
   return {step.bits, step.k};
 }
 
@@ -76,8 +77,8 @@ struct Lane {
       next += (kEnded - kSlow) << 8;
     } else {
       const std::uint64_t position = start + (sum & 0xFF);
-      const SlowStep slow = slow_step(*phase, table, bytes, position, sum >> 8);
-      if ((slow.k & kBad) != 0 && position + 16 <= known) bad = static_cast<std::uint32_t>(position) + 1;
+      const SlowStep slow = slow_step(*phase, table, bytes, position, known, sum >> 8);
+      if ((slow.k & kBad) != 0) bad = static_cast<std::uint32_t>(position) + 1;
       next = (slow.k & 0xFF) << 8;
       start = position + slow.bits;
       fill();
@@ -94,41 +95,39 @@ struct Lane {
   // In assembly, because gcc makes one branch of four selects on one condition, whatever it is told of its
   // probability, and that branch costs a third to a half of the speed (measured: 3 lanes 2.9 to 3.7 instead of 5.0 to
   // 6.2 times libjpeg-turbo). tests/checks/jpeg_selects.sh looks at what became of it.
+  // The phase changes last, so that it needs no second register.
   [[gnu::always_inline]] void turn(std::uint32_t next, std::uint32_t restarted) {
-    const Phase* const now = phase;
-    const std::uint16_t* to_table = now->ac;
-    const Phase* to_phase = now;
+    table = phase->ac;
     std::uint64_t forward = 0;
 #if defined(__x86_64__)
     asm("cmp $0x8000, %[sum]\n\t"
         "cmovae %[next_first], %[table]\n\t"
         "cmovae %[luma_follows], %[forward]\n\t"
-        "cmovae %[next], %[phase]\n\t"
-        "cmovae %[restarted], %[sum]"
-        : [table] "+&r"(to_table), [forward] "+&r"(forward), [phase] "+&r"(to_phase), [sum] "+&r"(next)
-        : [next_first] "m"(now->next_first), [luma_follows] "m"(now->luma_follows), [next] "m"(now->next),
+        "cmovae %[restarted], %[sum]\n\t"
+        "cmovae %[next], %[phase]"
+        : [table] "+&r"(table), [forward] "+&r"(forward), [phase] "+r"(phase), [sum] "+&r"(next)
+        : [next_first] "m"(phase->next_first), [luma_follows] "m"(phase->luma_follows), [next] "m"(phase->next),
           [restarted] "r"(restarted)
         : "cc");
 #elif defined(__aarch64__)
+    const Phase* const now = phase;
     asm("tst %w[sum], #0x8000\n\t"
         "csel %[table], %[next_first], %[table], ne\n\t"
         "csel %[forward], %[luma_follows], xzr, ne\n\t"
-        "csel %[phase], %[next], %[phase], ne\n\t"
-        "csel %w[sum], %w[restarted], %w[sum], ne"
-        : [table] "+&r"(to_table), [forward] "=&r"(forward), [phase] "+&r"(to_phase), [sum] "+&r"(next)
+        "csel %w[sum], %w[restarted], %w[sum], ne\n\t"
+        "csel %[phase], %[next], %[now], ne"
+        : [table] "+&r"(table), [forward] "=&r"(forward), [phase] "=r"(phase), [sum] "+&r"(next)
         : [next_first] "r"(now->next_first), [luma_follows] "r"(now->luma_follows), [next] "r"(now->next),
-          [restarted] "r"(restarted)
+          [restarted] "r"(restarted), [now] "r"(now)
         : "cc");
 #else
     if (next >= kEnded << 8) {
-      to_table = now->next_first;
-      forward = now->luma_follows;
-      to_phase = now->next;
+      table = phase->next_first;
+      forward = phase->luma_follows;
+      phase = phase->next;
       next = restarted;
     }
 #endif
-    table = to_table;
-    phase = to_phase;
     list += forward;
     sum = next;
   }
