@@ -14,7 +14,7 @@ fi
 "$1" -d -C --no-show-raw-insn "$2" | awk '
   />:$/ {
     judge()
-    walk = /walk_(baseline|bmi2)\(/
+    walk = /walk_(baseline|bmi2)</
     if (walk) { lanes = gsub(/jpeg_fast::Walk&/, "&"); selects = inside = branches = 0 }
   }
   walk && /[ \t](cmovae[ \t]|csel[ \t].*, ne)/ { ++selects; branches = inside }
