@@ -186,7 +186,7 @@ const Walkers& baseline_walkers() {
 const Walkers& fastest_walkers() {
 #if defined(__x86_64__)
   static constexpr Walkers kWalkers{walk_bmi2<Walk>, walk_bmi2<Walk, Walk>, walk_bmi2<Walk, Walk, Walk>};
-  if (__builtin_cpu_supports("bmi2") != 0) return kWalkers;
+  if (__builtin_cpu_supports("bmi2")) return kWalkers;
 #endif
   return baseline_walkers();
 }
