@@ -88,7 +88,9 @@ Walk begin_walk(const State& state, const std::uint8_t* bytes, std::span<std::ui
 void sum_differences(const State& state, const std::uint8_t* bytes, std::span<const std::uint32_t> places,
                      std::int16_t* values) {
   const Code& code = *state.phase[0].dc_code;
-  std::uint32_t level = 0;  // modulo 2^16 when stored
+  // Modulo 2^16 when it is stored. Range: as many differences of 15 bits as a list has places.
+  std::int32_t level = 0;
+  static_assert((kMaxListed + 8) * 32767 <= INT32_MAX);
   for (const std::uint32_t place : places) {
     const std::uint64_t window = jpeg_dc::next_eight(bytes + (place >> 3)) << (place & 7);
     std::int32_t change = state.difference[window >> (64 - kIndexBits)];
@@ -96,7 +98,7 @@ void sum_differences(const State& state, const std::uint8_t* bytes, std::span<co
       const Symbol symbol = find(code, static_cast<std::uint32_t>(window >> 48));
       change = jpeg_dc::difference(window << symbol.length, symbol.length == 0 ? 0 : symbol.value);
     }
-    level += static_cast<std::uint32_t>(change);
+    level += change;
     *values++ = static_cast<std::int16_t>(level);
   }
 }
