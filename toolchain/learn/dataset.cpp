@@ -41,8 +41,7 @@ std::vector<Label> labels_of(std::span<const Truth> truth) {
   return labels;
 }
 
-void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation,
-               const Watch& watch) {
+void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation) {
   const Params all = with_all_features(params);
   const scene::Scene scene = varied(planned.scene, variation);
   tool::Rig rig(all);
@@ -62,7 +61,6 @@ void play_into(Samples& samples, const Planned& planned, const Params& params, c
       row.slide_mm_s = truth.slide_mm_s;
       samples.rows.push_back(row);
       truths.push_back({truth.contact.normal_n, truth.level});
-      if (watch) watch(app, truth);
     }
   }
   trial.count = static_cast<int>(truths.size());

@@ -19,16 +19,9 @@
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/samples.hpp"
 
-namespace holdfast {
-class App;
-namespace scene {
-struct Snapshot;
-}
-}  // namespace holdfast
-
 namespace holdfast::learn {
 
-// What is changed in every scene, for studies: the gel, the camera's rate, the tracking.
+// What is changed in every scene: the gel, the camera's rate, the tracking.
 struct Variation {
   std::optional<double> fps;
   std::optional<double> marker_noise_um;
@@ -53,10 +46,7 @@ struct Truth {
 [[nodiscard]] std::vector<Label> labels_of(std::span<const Truth> truth);
 
 // Plays one scene and appends its trial, with these labels.
-// `watch` sees the firmware and the truth of each frame, whose row is the last one then; its label comes at the end.
-using Watch = std::function<void(const App&, const scene::Snapshot&)>;
-void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {},
-               const Watch& watch = {});
+void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {});
 
 // One labelled clip, whole. Its rest position: recordings.cpp.
 struct RecordedClip {
