@@ -79,18 +79,6 @@ Vec2 marker(int index) {
   return {(column - 4) * 1.976, (row - 3) * 1.907};
 }
 
-// Along x to where friction carries `load_n`, found by halving.
-const SpringState& carry(SpringContact& contact, double depth_mm, double load_n) {
-  double least = -5.0;
-  double most = 5.0;
-  for (int i = 0; i < 60; ++i) {
-    const double middle = 0.5 * (least + most);
-    SpringContact trial(contact);
-    (trial.move_to(depth_mm, {middle, 0.0}).force_n.x < load_n ? least : most) = middle;
-  }
-  return contact.move_to(depth_mm, {most, 0.0});
-}
-
 void check_finite(const SpringState& s) {
   for (const double value : {s.depth_mm, s.normal_force_n, s.contact_radius_mm, s.force_n.x, s.force_n.y,
                              s.displacement_mm.x, s.displacement_mm.y, s.gel_mm.x, s.gel_mm.y, s.slid_mm.x, s.slid_mm.y,

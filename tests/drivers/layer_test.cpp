@@ -209,14 +209,6 @@ std::array<double, 7> sizes(const Layer& layer, double a) {
   return most;
 }
 
-// No field jumps between two neighbouring places by more than `share` of its largest value.
-void check_continuous(const Layer& layer, double a0, double r0, double a1, double r1, double share) {
-  const auto before = all_fields(layer, a0, r0);
-  const auto after = all_fields(layer, a1, r1);
-  const auto size = sizes(layer, a0);
-  for (std::size_t i = 0; i < size.size(); ++i) DOUBLES_EQUAL(before[i], after[i], share * size[i] + 1e-15);
-}
-
 void check_same(const LayerCompliance& expected, const LayerCompliance& actual, double relative) {
   DOUBLES_EQUAL(expected.along, actual.along, relative * std::abs(expected.along));
   DOUBLES_EQUAL(expected.across, actual.across, relative * std::abs(expected.across));

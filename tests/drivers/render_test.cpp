@@ -558,22 +558,6 @@ Imprint ball_at(PointPx place, double radius_px = 50.0, double turn_rad = 0.0) {
   return {place, radius_px, 0.2, place, turn_rad, 1.0};
 }
 
-// What the relief adds to a picture.
-std::vector<int> relief_of(const PictureConfig& config, PictureFrame frame) {
-  const Pixels with = luma_of(config, frame);
-  frame.underside = nullptr;
-  const Pixels without = luma_of(config, frame);
-  std::vector<int> out;
-  for (std::size_t i = 0; i < with.size(); ++i) out.push_back(with[i] - without[i]);
-  return out;
-}
-
-double rms(const std::vector<int>& values) {
-  double sum = 0.0;
-  for (const int value : values) sum += value * value;
-  return std::sqrt(sum / static_cast<double>(values.size()));
-}
-
 }  // namespace
 
 TEST(Render, WithoutReliefABallIsTheRoundBulge) {
