@@ -307,7 +307,6 @@ bool HandE::write_outputs(std::uint32_t address, std::span<const std::uint8_t> v
   return true;
 }
 
-// A request of functions 3, 4 and 23 names address and count in the same place; so do their replies.
 std::size_t HandE::read_status(std::span<const std::uint8_t> request, Frame& reply) const {
   const std::uint32_t address = word(request, 2);
   const std::uint32_t bytes = 2 * word(request, 4);
@@ -321,27 +320,20 @@ std::size_t HandE::read_status(std::span<const std::uint8_t> request, Frame& rep
 std::size_t HandE::answer(std::span<const std::uint8_t> request, Frame& reply) {
   const std::uint8_t function = request[1];
   std::copy_n(request.begin(), 2, reply.begin());
-  const auto record = [&](std::size_t at) {
-    requests_.push({now_, function, static_cast<std::uint16_t>(word(request, at)),
-                    static_cast<std::uint16_t>(word(request, at + 2))});
+  const auto record = [&] {
+    requests_.push(
+        {now_, function, static_cast<std::uint16_t>(word(request, 2)), static_cast<std::uint16_t>(word(request, 4))});
   };
   if ((function == 3 || function == 4) && request.size() == 8) {
-    record(2);
+    record();
     return read_status(request, reply);
   }
   if (function == 16 && request.size() >= 9 && request.size() == 9U + request[6] &&
       request[6] == 2 * word(request, 4)) {
-    record(2);
+    record();
     if (!write_outputs(word(request, 2), request.subspan(7, request[6]))) return 0;
     std::copy_n(request.begin() + 2, 4, reply.begin() + 2);
     return 6;
-  }
-  if (function == 23 && request.size() >= 13 && request.size() == 13U + request[10] &&
-      request[10] == 2 * word(request, 8)) {
-    record(6);
-    if (!write_outputs(word(request, 6), request.subspan(11, request[10]))) return 0;
-    renew();  // the manual: it moves for a cycle and updates its status before it replies
-    return read_status(request, reply);
   }
   return 0;
 }
