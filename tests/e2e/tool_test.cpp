@@ -538,11 +538,10 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("no.csv")}, "no.csv", "overwrite an input");
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
-  refuse({"trade", "sim", kScene, "--csv", in("x"), "--svg", in("x")}, "x", "--csv and --svg");
   refuse({"trade", "sim", kScene, "--csv", kScene}, "sphere_slip.json", "would change a scene");
   refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
   refuse({"trade", "firmware", "--shard", "3/2"}, "'3/2'", "1/4, 2/4");
-  refuse({"trade", "firmware", "--shard", "1/2", "--svg", in("x")}, "a piece has no picture", "trade show");
+  refuse({"trade", "firmware", "--shard", "1/2", "--modes", in("x")}, "a piece has no table of modes", "trade show");
   refuse({"trade", "firmware", "--films", "7"}, "--films", "holdfast trade firmware --help");
   refuse({"trade", "firmware", "--csv", in("x"), "--modes", in("x")}, "x", "--csv and --modes");
   refuse({"trade", "firmware", "--csv", in("none/x.csv")}, "none/x.csv", "cannot be written");  // before it measures

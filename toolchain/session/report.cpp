@@ -406,94 +406,6 @@ class TimePlots {
   std::string body_;
 };
 
-struct Card {
-  std::string_view name;
-  const Report::Moment* moment;
-};
-
-// One factor for all pictures, so that they can be compared: 1, 2 or 5 times a power of ten, the longest
-// arrow at most an eighth of the picture (about a pitch of a 7x9 grid).
-double common_factor(const std::vector<Card>& cards, double width) {
-  double longest = 0;
-  for (const Card& card : cards) {
-    for (const Arrow& a : card.moment->arrows) {
-      if (a.valid) longest = std::max(longest, std::hypot(a.dx_px, a.dy_px));
-    }
-  }
-  double factor = 1;
-  if (longest <= 0) return factor;
-  for (const double candidate : {2.0, 5.0, 10.0, 20.0, 50.0}) {
-    if (candidate * longest <= width / 8) factor = candidate;
-  }
-  return factor;
-}
-
-std::string quiver(const Report::Moment& moment, const ReportInfo& info, double factor) {
-  double left = 0, top = 0, width = info.width_px, height = info.height_px;
-  if (width <= 0 || height <= 0) {
-    double right = -1e9, bottom = -1e9;
-    left = top = 1e9;
-    for (const Arrow& a : moment.arrows) {
-      left = std::min(left, a.x_px), right = std::max(right, a.x_px);
-      top = std::min(top, a.y_px), bottom = std::max(bottom, a.y_px);
-    }
-    const double margin = 0.1 * std::max({right - left, bottom - top, 10.0});
-    left -= margin, top -= margin;
-    width = right + margin - left, height = bottom + margin - top;
-  }
-  // Drawn 300 units wide whatever the picture's size, so that lines and dots look the same.
-  const double k = 300 / width;
-  const auto at_x = [&](double v) { return (v + 0.5 - left) * k; };
-  const auto at_y = [&](double v) { return (v + 0.5 - top) * k; };
-  std::string out = fmt::format(R"(<svg viewBox="0 0 300 {0}" role="img" aria-label="marker displacement">)"
-                                R"(<rect class="axis" x="0.5" y="0.5" width="299" height="{1}"/>)",
-                                px(height * k), px(height * k - 1));
-  for (const Arrow& a : moment.arrows) {
-    if (!a.valid) {
-      out += fmt::format(R"(<path class="lost" stroke-width="1.6" d="M{0} {1}l8 8m0 -8l-8 8"/>)", px(at_x(a.x_px) - 4),
-                         px(at_y(a.y_px) - 4));
-      continue;
-    }
-    const double x0 = at_x(a.x_px - a.dx_px), y0 = at_y(a.y_px - a.dy_px);
-    const double dx = factor * a.dx_px * k, dy = factor * a.dy_px * k, length = std::hypot(dx, dy);
-    out += fmt::format(R"(<circle class="rest" cx="{}" cy="{}" r="2.2"/>)", px(x0), px(y0));
-    if (length < 1) continue;
-    const double head = std::min(6.0, 0.6 * length), ux = dx / length, uy = dy / length;
-    const double tip_x = x0 + dx, tip_y = y0 + dy, neck_x = tip_x - head * ux, neck_y = tip_y - head * uy;
-    out += fmt::format(
-        R"(<path class="arrow" stroke-width="1.5" d="M{} {}L{} {}"/><path class="head" d="M{} {}L{} {}L{} {}Z"/>)",
-        px(x0), px(y0), px(neck_x), px(neck_y), px(tip_x), px(tip_y), px(neck_x - 0.45 * head * uy),
-        px(neck_y + 0.45 * head * ux), px(neck_x + 0.45 * head * uy), px(neck_y - 0.45 * head * ux));
-  }
-  return out + "</svg>";
-}
-
-std::string histogram(const FrameRecord& frame, const ReportInfo& info) {
-  constexpr double kHigh = 84, kBottom = 96, kX0 = 26, kBar = 18;
-  const std::uint32_t most = std::max(1U, *std::max_element(frame.histogram.begin(), frame.histogram.end()));
-  std::string out = R"(<svg viewBox="0 0 300 130" role="img" aria-label="displacement histogram">)";
-  const Axis axis = nice_axis(0, most * 1.04, 3);
-  for (const double v : ticks(axis)) {
-    const double y = kBottom - v / axis.high * kHigh;
-    out += fmt::format(R"(<path class="grid" d="M{} {}H296"/><text x="{}" y="{}" text-anchor="end">{}</text>)", kX0,
-                       px(y), kX0 - 4, px(y + 4), tick_text(v, axis.decimals));
-  }
-  for (int i = 0; i < kHistogramBins; ++i) {
-    const double height = frame.histogram[static_cast<std::size_t>(i)] / axis.high * kHigh;
-    if (height > 0) {
-      out += fmt::format(R"(<rect class="bar" x="{}" y="{}" width="{}" height="{}"/>)", px(kX0 + i * kBar + 1),
-                         px(kBottom - height), kBar - 2, px(height));
-    }
-  }
-  const double range = info.histogram_range_mm > 0 ? info.histogram_range_mm : kHistogramBins;
-  for (const int bin : {0, 5, 10, 15}) {
-    out += fmt::format(R"(<text x="{}" y="110" text-anchor="middle">{:.2g}{}</text>)", px(kX0 + bin * kBar),
-                       range * bin / kHistogramBins, bin == kHistogramBins ? "+" : "");
-  }
-  return out + fmt::format(R"(<text x="{}" y="126" text-anchor="middle">displacement ({}), markers</text></svg>)",
-                           px(kX0 + kBar * kHistogramBins / 2), info.histogram_range_mm > 0 ? "mm" : "bin");
-}
-
 // Frames in which `slip` begins.
 std::vector<std::size_t> slip_starts(const std::vector<FrameRecord>& frames) {
   std::vector<std::size_t> starts;
@@ -609,10 +521,6 @@ std::string verdict(const std::vector<FrameRecord>& frames, const ReportInfo& in
   return fmt::format(R"(<div class="verdict {}">{}<small>{}</small></div>)", css, escape(text), escape(small));
 }
 
-std::string tile(const std::string& value, const std::string& name) {
-  return fmt::format("<div class=\"tile\"><b>{}</b><span>{}</span></div>", escape(value), escape(name));
-}
-
 std::string row(const std::string& name, const std::string& value) {
   return value.empty() ? "" : fmt::format("<tr><th>{}</th><td>{}</td></tr>\n", escape(name), escape(value));
 }
@@ -711,13 +619,6 @@ std::string state_legend(const std::vector<FrameRecord>& frames, bool shaded) {
 }  // namespace
 
 void Report::add(const FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture) {
-  const auto keep = [&] { return Moment{frame, {arrows.begin(), arrows.end()}}; };
-  if (frame.slip && !first_slip_) first_slip_ = keep();
-  if (frame.features_valid) {
-    if (rest_frame_ >= 0 ? frame.frame == static_cast<std::uint32_t>(rest_frame_) : !rest_) rest_ = keep();
-    if (!peak_ || frame.entropy_nat > peak_->frame.entropy_nat) peak_ = keep();
-    end_ = keep();
-  }
   frames_.push_back(frame);
   track_.add(frame, arrows, picture);
 }
@@ -737,41 +638,7 @@ std::string Report::html(const ReportInfo& info) const {
          "\n<p class=\"readout\" id=\"readout\">&#160;</p>" + state_legend(frames_, !starts.empty()) +
          "</figure></div></div>\n<div class=\"recorded\">" + alarm_table(frames_, starts);
 
-  std::vector<Card> cards;
-  const auto offer = [&](std::string_view name, const std::optional<Moment>& moment) {
-    if (moment) cards.push_back({name, &*moment});
-  };
-  offer(rest_frame_ >= 0 ? "Rest" : "First", rest_), offer("Largest entropy", peak_), offer("First slip", first_slip_),
-      offer("End", end_);
-  if (!cards.empty()) {
-    double width = info.width_px;
-    for (const Card& card : cards) {
-      for (const Arrow& a : card.moment->arrows) width = info.width_px > 0 ? width : std::max(width, a.x_px);
-    }
-    const double factor = info.arrow_factor > 0 ? info.arrow_factor : common_factor(cards, width);
-    out += fmt::format(
-        "<h2>Chosen moments</h2>\n<p class=\"sub\">Arrows start at the marker's rest position and show {} times its "
-        "displacement; a cross marks a lost marker.</p>\n<div class=\"moments\">\n",
-        fmt::format("{:g}", factor));
-    for (const Card& card : cards) {
-      const FrameRecord& f = card.moment->frame;
-      out += fmt::format("<figure><h3>{}</h3><figcaption>frame {}, {:.3f} s · {}{}</figcaption>", card.name, f.frame,
-                         f.t_s(), holdfast::info(f.state).name,
-                         f.features_valid ? fmt::format("<br/>E = {:.3f} nat", f.entropy_nat) : "");
-      if (!card.moment->arrows.empty()) out += quiver(*card.moment, info, factor);
-      if (f.features_valid) out += histogram(f, info);
-      out += "</figure>\n";
-    }
-    out += "</div>\n";
-  }
-
-  out += "<h2>Summary</h2>\n<div class=\"tiles\">" + tile(std::to_string(frames_.size()), "frames") +
-         tile(percent(s.accepted, frames_.size()), "accepted") +
-         tile(s.with_features > 0 ? fmt::format("{:.2f} / {}", s.mean_markers, s.worst_markers) : "–",
-              fmt::format("markers of {}, mean / worst", info.grid_markers)) +
-         tile(std::to_string(starts.size()), "times slip raised") +
-         tile(percent(s.grip_ok, frames_.size()), "of frames with GRIP_OK HIGH") + "</div>\n" +
-         summary_table(frames_, info, s, starts) + "\n" + reason_table(s);
+  out += "<h2>Summary</h2>\n" + summary_table(frames_, info, s, starts) + "\n" + reason_table(s);
   if (!info.notes.empty()) {
     out += "<h2>Notes</h2>\n";
     for (const std::string& note : info.notes) out += "<p class=\"note\">" + escape(note) + "</p>\n";
