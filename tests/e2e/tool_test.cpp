@@ -538,7 +538,6 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("no.csv")}, "no.csv", "overwrite an input");
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
-  refuse({"trade", "sim", kScene, "--csv", kScene}, "sphere_slip.json", "would change a scene");
   refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
   refuse({"trade", "firmware", "--shard", "3/2"}, "'3/2'", "1/4, 2/4");
   refuse({"trade", "firmware", "--shard", "1/2", "--modes", in("x")}, "a piece has no table of modes", "trade show");
