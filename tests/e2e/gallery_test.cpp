@@ -198,7 +198,6 @@ TEST(Gallery, EverythingTheSimulatorCanDoOccurs) {
   std::set<ShapeKind> shapes;
   std::set<TextureKind> textures;
   std::set<Profile> profiles;
-  std::set<std::string, std::less<>> capabilities;
   std::string text;
   for (const Scene& scene : gallery()) {
     contacts.insert(scene.level.contact);
@@ -207,7 +206,6 @@ TEST(Gallery, EverythingTheSimulatorCanDoOccurs) {
     shapes.insert(scene.object.shape.kind);
     textures.insert(scene.object.shape.texture);
     profiles.insert(scene.profile);
-    for (const std::string_view name : used_capabilities(scene)) capabilities.emplace(name);
     text += write_scene(scene);
   }
   LONGS_EQUAL(kContactLevelNames.size(), contacts.size());
@@ -216,9 +214,6 @@ TEST(Gallery, EverythingTheSimulatorCanDoOccurs) {
   LONGS_EQUAL(kShapeNames.size(), shapes.size());
   LONGS_EQUAL(kTextureNames.size(), textures.size());
   LONGS_EQUAL(kProfileNames.size(), profiles.size());
-  for (const Capability& capability : kCapabilities) {
-    CHECK_TEXT(capabilities.contains(capability.name), std::string(capability.name).c_str());
-  }
   for (const FieldInfo& field : scene_fields()) {
     const bool shown = field.path.starts_with("effects.") || field.path.starts_with("trajectory[].") ||
                        field.path.starts_with("expect.");

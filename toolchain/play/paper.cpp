@@ -491,7 +491,6 @@ Scene grasp_trial(const PaperObject& object, const Primitive& primitive, GraspKi
   scene.level.contact = as_round(object.shape) ? ContactLevel::kSprings : ContactLevel::kGrid;
   if (level) scene.level = *level;
   Trial(object, primitive, kind, scene.seed).write(scene);
-  for (const std::string_view name : used_capabilities(scene)) scene.needs.emplace_back(name);
   return scene;
 }
 
@@ -545,7 +544,6 @@ Scene entropy_trace() {
                           {5.4, 5.9, 0.0, 0.1}};
   scene.expect.onset_s = Expect::Window{3.8, 4.4};
   scene.duration_s = 6.0;
-  for (const std::string_view name : used_capabilities(scene)) scene.needs.emplace_back(name);
   return scene;
 }
 

@@ -23,7 +23,6 @@ Scene sphere(const char* name, const char* help) {
 
 Scene glued_sphere(const char* name, const char* help) {
   Scene scene = sphere(name, help);
-  scene.needs = {"press", "shear", "load_history", "press_dilation", "pixel_noise"};
   scene.level.contact = ContactLevel::kSprings;
   scene.object.bonded = true;
   scene.expect.no_onset = true;
@@ -37,7 +36,6 @@ Scene sphere_slip() {
   Scene scene =
       sphere("sphere_slip",
              "a sphere is pressed on, pulled at 8 mm/s as when an arm lifts it, slips partly, then slides for good");
-  scene.needs = {"press", "shear", "partial_slip", "gross_slip", "press_dilation", "pixel_noise"};
   scene.trajectory = {{.t_s = 0.48, .force_n = 0.0},
                       {.t_s = 1.08, .force_n = 3.0},
                       {.t_s = 1.48, .x_mm = 0.0, .y_mm = 0.0},
