@@ -33,7 +33,6 @@ struct EvaluateOptions {
   RecordedOptions recorded;
   bool pairs = false;
   std::vector<std::string> models;
-  bool held_out = false;
   std::string out;
   std::string json;
   int seeds = 5;
@@ -125,12 +124,6 @@ std::string settle(const EvaluateOptions& asked, learn::Options& options) {
   options.tree = asked.tree;
   options.seeds = asked.seeds;
   options.unseen = !asked.without_unseen;
-  for (const std::string& path : asked.models) {
-    treec::Model model;
-    if (std::string error = read_model(path, model); !error.empty()) return error;
-    options.models.push_back(
-        {fmt::format("{} ({})", model.name, fs::path(path).filename().string()), treec::to_table(model)});
-  }
   return {};
 }
 
@@ -172,7 +165,6 @@ learn::ReportFacts facts_of(const EvaluateOptions& asked, const learn::Options& 
   facts.facts.emplace_back("own tree",
                            fmt::format("depth at most {}, leaves of at least {} rows, prune {:g}, slip_weight {:g}",
                                        tree.max_depth, tree.min_leaf, tree.prune, tree.slip_weight));
-  facts.held_out = asked.held_out;
   if (options.seeds == 1) facts.warnings.emplace_back("One seed: no intervals over seeds.");
   return facts;
 }
@@ -274,10 +266,10 @@ int evaluate(const EvaluateOptions& asked) {
         "give either samples or --recorded with label files. Likely cause: neither or both are given. Next: holdfast "
         "evaluate --help shows how");
   }
-  if (asked.pairs && asked.recorded.labels.empty()) {
-    return fail(
-        "--pairs: samples have no fingers. Likely cause: --recorded forgotten. Next: give --recorded with label "
-        "files");
+  if (asked.recorded.labels.empty() && (asked.pairs || !asked.models.empty())) {
+    return fail(fmt::format(
+        "{}: of recordings alone. Likely cause: --recorded forgotten. Next: give --recorded with label files",
+        asked.pairs ? "--pairs" : "--model"));
   }
   if (const std::string error = refused(asked); !error.empty()) return fail(error);
   return asked.data.empty() ? evaluate_clips(asked) : evaluate_samples(asked);
@@ -319,11 +311,8 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--jobs", recorded.jobs, "with --recorded: clips replayed at the same time")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
-  command
-      ->add_option("--model", options->models,
-                   "models to judge as they are: texts, as slip_v2.tree; with --recorded the one that decides")
+  command->add_option("--model", options->models, "with --recorded: the model that decides, as slip_v5.tree")
       ->check(not_empty);
-  command->add_flag("--held-out", options->held_out, "the given models were not trained on these samples");
   command->add_option("--out", options->out, "folder for all tables: CSV")->check(not_empty);
   command->add_option("--json", options->json, "all tables: JSON")->check(not_empty);
   command->add_option("--seeds", options->seeds, "repetitions with other folds: intervals are over these")

@@ -8,6 +8,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -27,6 +28,7 @@
 #include "slip/decision.hpp"
 #include "slip/model.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/learn/evaluate.hpp"
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
 #include "toolchain/learn/samples.hpp"
@@ -181,7 +183,7 @@ Error make_folds(const Data& data, const FeatureSet& set, int folds, const Setti
 
 struct Figures {
   std::vector<learn::Confusion> folds;
-  std::vector<learn::GraspEvent> events;  // of every trial
+  learn::EventGroup events;  // of all trials
 
   [[nodiscard]] Interval interval(double (learn::Confusion::*figure)() const) const {
     std::vector<double> values;
@@ -229,62 +231,23 @@ Error judge(const learn::Samples& samples, const Fold& fold, const Settings& set
     const std::vector<std::uint8_t> accepted = predict(test.rows);
     std::vector<std::uint8_t> verdicts(idx(trial.count));
     for (std::size_t i = 0; i < accepted.size(); ++i) verdicts[idx(test.rows.row[i] - trial.first)] = accepted[i];
-    figures.events.push_back(learn::event_of(samples, test.trial, verdicts, decision::Config{}));
+    figures.events.add(learn::event_of(samples, test.trial, verdicts, decision::Config{}));
   }
   return {};
 }
 
-// Events of all trials together. An alarm that was up already when the onset came is neither detected nor missed here:
-// its rise was a false alarm, and a delay of 0 would flatter.
-struct EventFigures {
-  static constexpr std::array<int, 3> kWithin{2, 5, 10};  // frames
-  int onsets = 0;
-  int before = 0;
-  int missed = 0;
-  std::array<int, kWithin.size()> within{};
-  std::optional<double> median_s;
-  int false_alarms = 0;
-  double held_s = 0.0;
+constexpr std::array kWithin{2, 5, 10};  // frames
 
-  explicit EventFigures(const std::vector<learn::GraspEvent>& events) {
-    std::vector<double> delays_s;
-    for (const learn::GraspEvent& event : events) {
-      false_alarms += event.false_alarms;
-      held_s += event.held_s;
-      if (!event.slips) continue;
-      ++onsets;
-      if (event.raised_before) {
-        ++before;
-      } else if (!event.raised_s) {
-        ++missed;
-      } else {
-        delays_s.push_back(*event.raised_s - event.onset_s);
-        for (std::size_t i = 0; i < kWithin.size(); ++i) within[i] += *event.raised_frames <= kWithin[i] ? 1 : 0;
-      }
-    }
-    if (delays_s.empty()) return;
-    // The lower middle of an even number.
-    const auto middle = delays_s.begin() + static_cast<std::ptrdiff_t>((delays_s.size() - 1) / 2);
-    std::nth_element(delays_s.begin(), middle, delays_s.end());
-    median_s = *middle;
-  }
-
-  [[nodiscard]] std::optional<double> alarms_per_hour() const {
-    return held_s > 0.0 ? std::optional(false_alarms * 3600.0 / held_s) : std::nullopt;
-  }
-};
-
-std::vector<std::string> event_lines(const EventFigures& figures) {
-  const auto or_dash = [](const std::optional<double>& value, std::string_view form) {
-    return value ? fmt::format(fmt::runtime(form), *value) : "-";
-  };
+// Of all trials together. The median is the lower middle of an even number.
+std::vector<std::string> event_lines(const learn::EventGroup& group) {
+  const auto detected = [&](int within) { return std::lround(group.within(within) * group.onsets); };
+  const std::optional<double> median_ms = learn::quantile(group.ms, 0.5);
   return {
-      fmt::format("{} onsets: {} detected within 2 frames, {} within 5, {} within 10; median delay {} s",
-                  figures.onsets, figures.within[0], figures.within[1], figures.within[2],
-                  or_dash(figures.median_s, "{:.3f}")),
-      fmt::format("{} missed; in {} the alarm was up already, which counts as neither", figures.missed, figures.before),
-      fmt::format("{} false alarms in {:.1f} s of held contact: {} per hour", figures.false_alarms, figures.held_s,
-                  or_dash(figures.alarms_per_hour(), "{:.1f}"))};
+      fmt::format("{} onsets: {} detected within 2 frames, {} within 5, {} within 10; median delay {} s", group.onsets,
+                  detected(2), detected(5), detected(10), median_ms ? fmt::format("{:.3f}", *median_ms / 1e3) : "-"),
+      fmt::format("{} missed; in {} the alarm was up already, which counts as neither", group.missed, group.before),
+      fmt::format("{} false alarms in {:.1f} s of held contact: {} per hour", group.false_alarms, group.held_s,
+                  group.held_s > 0.0 ? fmt::format("{:.1f}", group.alarms_per_hour()) : "-")};
 }
 
 // --- settings ---
@@ -325,7 +288,7 @@ std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptio
   const decision::Config decision;
   out += fmt::format("Raised after {} slips in a row, held for {} ms:\n", decision.raise_frames,
                      decision.hold.count() / 1000);
-  for (const std::string& line : event_lines(EventFigures(figures.events))) out += "  " + line + "\n";
+  for (const std::string& line : event_lines(figures.events)) out += "  " + line + "\n";
   return out;
 }
 
@@ -378,7 +341,7 @@ void print(const Data& data, const FeatureSet& set, const TrainOptions& options,
     fmt::print("          {:18} {}\n", figure.name, percent(figures.interval(figure.figure)));
   }
   std::string_view head = "events";
-  for (const std::string& line : event_lines(EventFigures(figures.events))) {
+  for (const std::string& line : event_lines(figures.events)) {
     fmt::print("{:10}{}\n", head, line);
     head = "";
   }
@@ -398,10 +361,6 @@ nlohmann::json json_of(const Interval& interval) {
   return {{"mean", interval.mean}, {"half", interval.half}};
 }
 
-nlohmann::json json_of(const std::optional<double>& value) {
-  return value ? nlohmann::json(*value) : nlohmann::json();
-}
-
 void print_json(const Data& data, const FeatureSet& set, const TrainOptions& options, const Figures& figures,
                 const treec::Model& model) {
   nlohmann::json out;
@@ -419,17 +378,18 @@ void print_json(const Data& data, const FeatureSet& set, const TrainOptions& opt
   for (const NamedFigure& figure : kFrameFigures) {
     out[std::string(figure.key)] = json_of(figures.interval(figure.figure));
   }
-  const EventFigures events(figures.events);
+  const learn::EventGroup& events = figures.events;
   out["onsets"] = events.onsets;
   out["raised_before_onset"] = events.before;
   out["missed"] = events.missed;
-  for (std::size_t i = 0; i < events.within.size(); ++i) {
-    out[fmt::format("within_{}", EventFigures::kWithin[i])] = events.within[i];
+  for (const int frames : kWithin) {
+    out[fmt::format("within_{}", frames)] = std::lround(events.within(frames) * events.onsets);
   }
-  out["median_delay_s"] = json_of(events.median_s);
+  const std::optional<double> median_ms = learn::quantile(events.ms, 0.5);
+  out["median_delay_s"] = median_ms ? nlohmann::json(*median_ms / 1e3) : nlohmann::json();
   out["false_alarms"] = events.false_alarms;
   out["held_s"] = events.held_s;
-  out["false_alarms_per_hour"] = json_of(events.alarms_per_hour());
+  out["false_alarms_per_hour"] = events.held_s > 0.0 ? nlohmann::json(events.alarms_per_hour()) : nlohmann::json();
   if (!options.model.empty()) {
     out["model"] = {{"path", options.model},
                     {"name", model.name},

@@ -21,15 +21,6 @@
 
 namespace holdfast::learn {
 
-// What is changed in every scene: the gel, the camera's rate, the tracking.
-struct Variation {
-  std::optional<double> fps;
-  std::optional<double> marker_noise_um;
-  std::optional<double> marker_loss;  // probability a marker and frame
-  std::optional<double> shear_modulus_mpa;
-  std::optional<scene::Inject> inject;  // markers unless given
-};
-
 // One grasp to play. `trial` has no rows yet.
 struct Planned {
   Trial trial;
@@ -45,8 +36,8 @@ struct Truth {
 };
 [[nodiscard]] std::vector<Label> labels_of(std::span<const Truth> truth);
 
-// Plays one scene and appends its trial, with these labels.
-void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {});
+// Plays one scene by the default parameters and appends its trial, with these labels.
+void play_into(Samples& samples, const Planned& planned, scene::Inject inject = scene::Inject::kMarkers);
 
 // One labelled clip, whole. Its rest position: recordings.cpp.
 struct RecordedClip {

@@ -256,9 +256,6 @@ class Work {
       }
       job(10, [this, set] { return events(*set); });
     }
-    for (const LoadedModel& model : options_.models) {
-      job(1, [this, &model] { return given(model); });
-    }
   }
 
   Outcome run() {
@@ -378,27 +375,6 @@ class Work {
     Verdicts verdicts;
     if (auto error = leave_out(samples_, known_, set, settings(Kind::kTree, 1), true, verdicts)) return error;
     out_.events.push_back(events_of(samples_, known_, verdicts, std::string(set.name)));
-    return std::nullopt;
-  }
-
-  static Verdicts judge_all(const Samples& samples, const LoadedModel& model) {
-    Verdicts verdicts;
-    std::vector<std::int32_t> x(static_cast<std::size_t>(model.tree.set->size()));
-    for (const Row& row : samples.rows) {
-      std::transform(model.tree.set->members.begin(), model.tree.set->members.end(), x.begin(),
-                     [&](std::uint8_t member) { return row.x[member]; });
-      const bool slips = may_slip(*model.tree.set, row) && model::evaluate(model.tree, x) != Verdict::kHold;
-      verdicts.push_back(slips ? 1 : 0);
-    }
-    return verdicts;
-  }
-
-  Outcome given(const LoadedModel& model) {
-    const Verdicts verdicts = judge_all(samples_, model);
-    std::vector<int> trials(samples_.trials.size());
-    std::iota(trials.begin(), trials.end(), 0);
-    out_.models.push_back({model.name, model.tree.set, by_objects(samples_, trials, verdicts)});
-    out_.model_events.push_back(events_of(samples_, trials, verdicts, model.name));
     return std::nullopt;
   }
 

@@ -4,9 +4,9 @@
 // Classifiers: our own tree, which the device runs, and the paper's best, k-NN (learners.hpp). Samples of objects that
 // kPaperObjects does not call unseen are `known`: five-fold and leave-one-object-out look at them alone; `unseen` ones
 // are only ever tested on. Every verdict that counts here comes from a classifier that has not seen the trial
-// (by_frame: the row), except of models that are given (Options::models), which may have. Seeds vary the folds and the
-// classifiers' own chance; trials and objects stay. Intervals over seeds hence say how repeatable a figure is, not how
-// far it would move with other grasps: for that, look at the spread over objects.
+// (by_frame: the row). Seeds vary the folds and the classifiers' own chance; trials and objects stay. Intervals over
+// seeds hence say how repeatable a figure is, not how far it would move with other grasps: for that, look at the spread
+// over objects.
 #pragma once
 
 #include <functional>
@@ -88,16 +88,10 @@ struct EventGroup {
   [[nodiscard]] PoissonInterval alarms_per_hour_interval() const;  // high = infinity without exposure
 };
 
-// What an alarm stands on: a set's tree that has not seen the object, or a given model; by the firmware's defaults.
+// What an alarm stands on: a set's tree that has not seen the object; by the firmware's defaults.
 struct EventScore {
   std::string name;
   std::vector<EventGroup> groups;  // "all" first
-};
-
-struct ModelScore {
-  std::string name;
-  const FeatureSet* set = nullptr;
-  std::vector<ObjectScore> objects;
 };
 
 struct Evaluation {
@@ -105,20 +99,12 @@ struct Evaluation {
   std::vector<ObjectsScore> left_out;
   std::vector<ObjectsScore> unseen;
   std::vector<EventScore> events;  // leave one object out, kTree
-  std::vector<ModelScore> models;
-  std::vector<EventScore> model_events;
 };
 
 // --- work ---
 
-struct LoadedModel {
-  std::string name;
-  model::Tree tree;  // which knows its set
-};
-
 struct Options {
   std::vector<const FeatureSet*> sets;
-  std::vector<LoadedModel> models;
   Settings tree;  // of kTree; k-NN keeps Settings' defaults. Kind and seed are set here
   int seeds = 5;
   int folds = 5;

@@ -167,17 +167,17 @@ constexpr std::string_view kEventsNote =
     "detection and stands in its own column. False alarms: times that it rose in held contact, after a slip too; "
     "interval exact (Poisson).";
 
-Table events_table(std::string id, std::string title, const std::vector<EventScore>& scores, const ReportFacts& facts) {
+Table events_table(const std::vector<EventScore>& scores, const ReportFacts& facts) {
   const std::string delay = "delay from the true onset (" + facts.source + ")";
   const std::string share = "share of onsets, %";
   const std::string alarm = "false alarms in held contact";
-  Table table{.id = std::move(id),
-              .title = std::move(title),
+  Table table{.id = "events",
+              .title = "Detection and false alarms, object left out",
               .note = std::string(kEventsNote),
               .brief = true,
               .brief_id = "kind",
               .brief_value = "all",
-              .columns = {{"name", "features or model", ""},
+              .columns = {{"name", "features", ""},
                           {"kind", "grasps", ""},
                           {"trials", "trials", "", 0, false},
                           {"onsets", "onsets", "", 0},
@@ -232,28 +232,6 @@ Table events_table(std::string id, std::string title, const std::vector<EventSco
   return table;
 }
 
-Table models_table(const Evaluation& e, const ReportFacts& facts) {
-  Table table{.id = "models",
-              .title = "Given models, by frame",
-              .note = facts.held_out
-                          ? "Declared as held out: these rows were not in the models' training."
-                          : "A given model may have been trained on these very rows: then its figures are too good. "
-                            "Only rows that it has not seen judge it (--held-out says so).",
-              .brief = true,
-              .columns = {{"model", "model", ""}, {"set", "features", ""}, {"object", "object", ""}}};
-  add_scores(table.columns, facts.source + ", %", false);
-  for (const ModelScore& model : e.models) {
-    const auto add = [&](const std::string& object, const Confusion& frames) {
-      Cells row{model.name, model.set->name, object};
-      append(row, frames);
-      table.rows.push_back(std::move(row));
-    };
-    add("all", all_of(model.objects));
-    for (const ObjectScore& object : model.objects) add(object.object, object.frames);
-  }
-  return table;
-}
-
 // --- as text ---
 
 std::string number(double value, int decimals) {
@@ -287,13 +265,7 @@ std::vector<Table> tables_of(const Evaluation& e, const ReportFacts& facts) {
     tables.push_back(objects_table(
         "table3", "Table III: unseen objects; the paper names neither features nor classifier", e.unseen, facts, true));
   }
-  tables.push_back(events_table("events", "Detection and false alarms, object left out", e.events, facts));
-  if (!e.models.empty()) {
-    tables.push_back(models_table(e, facts));
-    tables.back().brief_id = "object";
-    tables.back().brief_value = "all";
-    tables.push_back(events_table("model_events", "Given models, by event", e.model_events, facts));
-  }
+  tables.push_back(events_table(e.events, facts));
   return tables;
 }
 

@@ -52,7 +52,6 @@ struct ReportFacts {
   std::string source;                                      // "simulated", "recorded", or both
   std::vector<std::pair<std::string, std::string>> facts;  // what was judged, in order
   std::vector<std::string> warnings;
-  bool held_out = false;  // the given models have not seen these rows
 };
 
 [[nodiscard]] std::vector<Table> tables_of(const Evaluation& evaluation, const ReportFacts& facts);
