@@ -20,7 +20,6 @@ constexpr microseconds kUntilItFails{500'000};  // of an activation that does
 
 constexpr std::uint8_t kAct = 0x01;
 constexpr std::uint8_t kGto = 0x08;
-constexpr std::uint8_t kAtr = 0x10;
 
 constexpr std::uint8_t kObjMoving = 0;
 constexpr std::uint8_t kObjClosing = 2;
@@ -145,7 +144,6 @@ void HandE::go_on(double dt) {
 void HandE::stop_at_fault(std::uint8_t fault) {
   fault_ = fault;
   stopped_by_fault_ = true;
-  releasing_ = false;
 }
 
 void HandE::activate_on(double dt) {
@@ -161,12 +159,7 @@ void HandE::activate_on(double dt) {
 
 void HandE::move(double dt) {
   if (!powered_ || stopped_by_fault_ || !told(kAct)) return;
-  if (releasing_) {
-    open_to(std::min(kStroke_mm, width_mm_ + config_.release_mm_s * dt));
-    if (width_mm_ < kStroke_mm) return;
-    stop_at_fault(0xF);
-    sta_ = 0;
-  } else if (sta_ == 1) {
+  if (sta_ == 1) {
     activate_on(dt);
   } else if (sta_ == 3 && told(kGto)) {
     go_on(dt);
@@ -217,7 +210,7 @@ void HandE::power(bool on) {
   powered_ = on;
   outputs_ = {};
   sta_ = obj_ = fault_ = 0;
-  stopped_by_fault_ = releasing_ = asked_ = false;
+  stopped_by_fault_ = asked_ = false;
   line_count_ = 0;
   renew();
 }
@@ -238,7 +231,6 @@ void HandE::outputs_changed(std::uint8_t before) {
   if (fault_ == 9) fault_ = 0;
   if (!told(kAct)) {
     sta_ = 0;
-    releasing_ = false;
     if (told(kGto) && fault_ == 0) fault_ = 7;
     return;
   }
@@ -249,11 +241,6 @@ void HandE::outputs_changed(std::uint8_t before) {
     fault_ = 0;
     stopped_by_fault_ = false;
     activated_at_ = now_;
-  }
-  if (told(kAtr) && (before & kAtr) == 0 && !stopped_by_fault_) {
-    releasing_ = true;
-    sta_ = 0;
-    fault_ = 0xB;
   }
   if (told(kGto) && sta_ == 1 && fault_ == 0) fault_ = 5;
   move(0);

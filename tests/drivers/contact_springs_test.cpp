@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Oracles: the closed forms of support/closed_forms.hpp (tested on their own), Masing's rule for the way back,
+// Oracles: the closed forms of support/closed_forms.hpp (tested on their own),
 // Ciavarella's and Jaeger's rule for any round body, energy balance, symmetry, and point springs by the thousand.
 #include "drivers/sim/scene/contact/springs.hpp"
 
@@ -171,53 +171,6 @@ TEST(ContactSprings, AnyRoundBodyFollowsItsOwnIndentationCurve) {
         DOUBLES_EQUAL(expected, state.force_n.x, 3e-4 * press);  // 0.4 N^-2 with the 27 or more in contact
       }
     }
-  }
-}
-
-TEST(ContactSprings, TheWayBackIsMasings) {
-  const FrictionContact exact = closed();
-  const double gross = gross_displacement_mm(exact);
-  const auto virgin = [&](double way) { return shear_by_displacement(exact, way).force_n; };
-  const double depth = depth_of(kPress_n);
-  for (const double most : {0.3 * gross, 0.8 * gross}) {
-    SpringContact contact(setup_of(kMostSprings));
-    contact.move_to(depth, {most, 0.0});
-    const double top = contact.state().force_n.x;
-    const double old_stick_mm = shear_by_displacement(exact, most).stick_radius_mm;
-    // Every spring sticks at once.
-    CHECK(contact.move_to(depth, {most * (1.0 - 1e-9), 0.0}).stick_fraction > 1.0 - 1e-6);
-    constexpr int kSteps = 200;
-    double area = 0.0;  // of the loop, from the closed form
-    for (int i = 1; i <= kSteps; ++i) {
-      const double way = most - 2.0 * most * i / kSteps;
-      const SpringState& state = contact.move_to(depth, {way, 0.0});
-      const double expected = virgin(most) - 2.0 * virgin(0.5 * (most - way));
-      DOUBLES_EQUAL(expected, state.force_n.x, 2e-5 * kLimit_n);  // 3 x 0.36 N^-2
-      // The new stick disc is that of half the way.
-      const double c = shear_by_displacement(exact, 0.5 * (most - way)).stick_radius_mm;
-      // Exact where the room of the last springs is linear in their pressure: all in the old annulus, turned round.
-      // Elsewhere a spring, 0.02 mm.
-      const bool in_annulus = c < state.contact_radius_mm - 0.1 && c > old_stick_mm + 0.1;
-      if (i < kSteps) DOUBLES_EQUAL(c, state.stick_radius_mm, in_annulus ? 1e-6 : 0.02);
-    }
-    DOUBLES_EQUAL(-top, contact.state().force_n.x, 1e-12 * kLimit_n);
-    const double lost = contact.state().dissipated_mj;
-    for (int i = 1; i <= kSteps; ++i) contact.move_to(depth, {-most + 2.0 * most * i / kSteps, 0.0});
-    DOUBLES_EQUAL(top, contact.state().force_n.x, 1e-12 * kLimit_n);  // the loop closes
-    constexpr int kStrips = 20000;
-    for (int i = 0; i < kStrips; ++i) {
-      const double way = most - 2.0 * most * (i + 0.5) / kStrips;
-      const double back = virgin(most) - 2.0 * virgin(0.5 * (most - way));
-      const double there = -virgin(most) + 2.0 * virgin(0.5 * (most + way));
-      area += (there - back) * 2.0 * most / kStrips;
-    }
-    // Energy lost in one full cycle: 2 x the way back.
-    const double cycle = contact.state().dissipated_mj;
-    SpringContact half(setup_of(kMostSprings));
-    half.move_to(depth, {most, 0.0});
-    const double first = half.state().dissipated_mj;
-    DOUBLES_EQUAL(area, cycle - first, 1e-3 * area);
-    DOUBLES_EQUAL(0.5 * area, lost - first, 1e-3 * area);
   }
 }
 
