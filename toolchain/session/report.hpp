@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The report of one run: a single HTML file that needs nothing else to be read.
 //
-// Time plots on one axis (E, dE/dt, Vx and Vy, optional truth, state, GRIP_OK, ALIVE) as inline SVG and a summary,
-// readable without a script. With one (page.hpp) each frame can be looked at, and a live session as well.
-// Light and dark by the reader's preference. Long runs are thinned, plots to the extremes per pixel column: the file
-// stays below 4 MB whatever the number of frames. Times in s of the recording, lengths in pixels of the input, speeds
-// in mm/s, entropy in nat (natural logarithm).
+// Verdict, alarms and summary are readable without a script. With one (page.hpp) there are time plots on one axis (E,
+// dE/dt, Vx and Vy, optional truth, state, GRIP_OK, ALIVE), each frame, and a live session as well.
+// Light and dark by the reader's preference. Long runs are thinned: the file stays below 4 MB whatever the number of
+// frames. Times in s of the recording, lengths in pixels of the input, speeds in mm/s, entropy in nat (natural
+// logarithm).
 #pragma once
 
 #include <array>
