@@ -196,7 +196,8 @@ Result classify(State& state, const Config& config, Result out) {
   };
   out.verdict = verdict_of(classified);
   out.evidence = evidence::decisive(config.classifier, classified, out.verdict);
-  out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp);
+  const bool goes_on = raised && held && classifier::goes_on(config.classifier, classified);
+  out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp, goes_on);
   out.run = state.decision.run;
   if (raised && out.verdict != Verdict::kHold) out.verdict = verdict_of(for_a_step(classified));
   state.stopwatch.lap(Task::kClassify);

@@ -2,7 +2,8 @@
 // Turns one verdict per frame into a steady grip request.
 //
 // Raises with the `raise_frames`-th slip in a row, or at once where the model needs no second frame; drops with the
-// first frame that holds and comes `hold` or more after the last slip. "In a row" counts frames, not time: a gap
+// first frame in which the slip does not go on (classifier::goes_on) and that comes `hold` or more after the last one
+// in which it did. "In a row" counts frames, not time: a gap
 // neither ends a run nor lengthens it, because the frames on both sides of it said slip and to tighten is the safe
 // side. Range: now may jump by hours; it never runs backwards (if it did, a raised request would stay raised). Does not
 // judge frame quality (supervisor) and knows no pins (board).
@@ -25,18 +26,21 @@ struct Config {
 };
 
 struct State {
-  int run = 0;  // slips in a row, counted up to raise_frames
-  Micros last_slip{};
+  int run = 0;         // slips in a row, counted up to raise_frames
+  Micros last_slip{};  // or the last frame in which it went on
   bool raised = false;
 };
 
-[[nodiscard]] constexpr GripRequest update(State& state, const Config& config, Verdict verdict, Micros now) {
+// `goes_on`: a slip that was raised before has not ended with this frame; says nothing otherwise.
+[[nodiscard]] constexpr GripRequest update(State& state, const Config& config, Verdict verdict, Micros now,
+                                           bool goes_on = false) {
   if (verdict != Verdict::kHold) {
     if (state.run < config.raise_frames) ++state.run;
     state.last_slip = now;
     state.raised = state.raised || verdict == Verdict::kSlipNow || state.run >= config.raise_frames;
   } else {
     state.run = 0;
+    if (state.raised && goes_on) state.last_slip = now;
     state.raised = state.raised && now - state.last_slip < config.hold;
   }
   return state.raised ? GripRequest::kTighten : GripRequest::kHold;

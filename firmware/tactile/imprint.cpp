@@ -254,12 +254,6 @@ void reduce(Reduced& out, const LumaView& picture, const Box& box) {
 
 // --- Patches ---
 
-// The dot of a patch, and its neighbours towards the patch; at the lattice's edge the dot itself.
-struct Corner {
-  std::int32_t own, beside, over, across;
-  std::int32_t sx, sy;
-};
-
 // None on a single line of dots, which tells nothing of what lies beside it.
 std::int32_t patches_of(GridSize grid) {
   if (grid.rows < 2 || grid.cols < 2) return 0;
@@ -271,13 +265,23 @@ std::int32_t dot_of(GridSize grid, std::int32_t patch) {
   return patch / kPatchesPerDot * (grid.count() <= kMaxPrintedDots ? 1 : 2);
 }
 
-Corner corner_of(GridSize grid, std::int32_t own, std::int32_t k) {
-  const std::int32_t sx = (k & 1) == 0 ? 1 : -1;
-  const std::int32_t sy = (k & 2) == 0 ? 1 : -1;
+// Towards which side of its dot a patch lies, by its lane.
+constexpr std::int32_t side_x(std::int32_t lane) {
+  return (lane & 1) == 0 ? 1 : -1;
+}
+constexpr std::int32_t side_y(std::int32_t lane) {
+  return (lane & 2) == 0 ? 1 : -1;
+}
+static_assert(kPatchesPerDot == 4);
+
+Corner corner_of(GridSize grid, std::int32_t own, std::int32_t lane) {
   const std::int32_t row = own / grid.cols, col = own % grid.cols;
-  const std::int32_t beside = col + sx >= 0 && col + sx < grid.cols ? own + sx : own;
-  const std::int32_t down = row + sy >= 0 && row + sy < grid.rows ? sy * grid.cols : 0;
-  return {own, beside, own + down, beside + down, sx, sy};
+  const std::int32_t right = col + side_x(lane), below = row + side_y(lane);
+  const std::int32_t beside = right >= 0 && right < grid.cols ? own + side_x(lane) : own;
+  const std::int32_t down = below >= 0 && below < grid.rows ? side_y(lane) * grid.cols : 0;
+  const auto u8 = [](std::int32_t dot) { return static_cast<std::uint8_t>(dot); };
+  static_assert(kMaxMarkers <= 256);
+  return {u8(own), u8(beside), u8(own + down), u8(beside + down)};
 }
 
 // A coordinate of the working picture, in reduced pixels from `origin` on. Range: |x| <= 2^20, so 2^24 in Q12.
@@ -296,78 +300,66 @@ Extent extent_of(std::int32_t first_q12, std::int32_t a_q12, std::int32_t b_q12)
   return {first_q12 + std::min(far_a, 0) + std::min(far_b, 0), first_q12 + std::max(far_a, 0) + std::max(far_b, 0)};
 }
 
-bool inside(Extent extent, std::int32_t size) {
-  return extent.least_q12 >= 0 && extent.most_q12 < (size - 1) * 4096;
+// -1 or 0: no branch keeps the compiler from vectors.
+std::int32_t inside(Extent extent, std::int32_t size) {
+  return ~(extent.least_q12 >> 31) & (extent.most_q12 - (size - 1) * 4096) >> 31;
 }
 
-// Steps along a lattice link of the dot: towards the patch, or away from it at the lattice's edge.
-PatchPlace frame_of(const Reduced& picture, const MarkerField& rest, std::int32_t patch) {
-  const Corner corner = corner_of(rest.grid, dot_of(rest.grid, patch), patch % kPatchesPerDot);
-  const Marker& own = rest.markers[idx(corner.own)];
-  const std::int32_t beside = corner.beside != corner.own ? corner.beside : corner.own - corner.sx;
-  const std::int32_t over = corner.over != corner.own ? corner.over : corner.own - corner.sy * rest.grid.cols;
-  PatchPlace out;
-  if (!own.valid || !rest.markers[idx(corner.across)].valid) return out;
-  const Marker& first = rest.markers[idx(beside)];
-  const Marker& second = rest.markers[idx(over)];
-  if (!first.valid || !second.valid) return out;
-  const std::int32_t sa = corner.beside != corner.own ? 1 : -1;
-  const std::int32_t sb = corner.over != corner.own ? 1 : -1;
+// Of one patch, into its lane. Steps along a lattice link of the dot: towards the patch, or away from it at the
+// lattice's edge.
+void lay_out(const Reduced& picture, const MarkerField& rest, std::int32_t dot, std::int32_t lane, Layout& out) {
+  const GridSize grid = rest.grid;
+  const std::size_t l = idx(lane);
+  const Corner corner = corner_of(grid, dot, lane);
+  out.corner[l] = corner;
+  out.column[l] = static_cast<std::int16_t>(4 * (dot % grid.cols) + side_x(lane) - 2 * (grid.cols - 1));
+  out.row[l] = static_cast<std::int16_t>(4 * (dot / grid.cols) + side_y(lane) - 2 * (grid.rows - 1));
+  const bool has_beside = corner.beside != corner.own, has_over = corner.over != corner.own;
+  const Marker& own = rest.markers[corner.own];
+  const Marker& first = rest.markers[has_beside ? corner.beside : idx(dot - side_x(lane))];
+  const Marker& second = rest.markers[has_over ? corner.over : idx(dot - side_y(lane) * grid.cols)];
+  if (!own.valid || !rest.markers[corner.across].valid || !first.valid || !second.valid) return;
   // A 16th of the link: what is Q8 of the whole is Q12 of the step.
   static_assert(kStepsPerPitch == 16);
-  const auto step = [&](std::int32_t link_q8, std::int32_t sign) {
-    return static_cast<std::int32_t>(
-        div_round(std::int64_t{sign} * link_q8, std::int64_t{1} << picture.reduction_log2));
+  const auto step = [&](PixelsQ8 from, PixelsQ8 to, bool towards) {
+    const std::int64_t link_q8 = towards ? to.raw() - from.raw() : from.raw() - to.raw();
+    return static_cast<std::int32_t>(div_round(link_q8, std::int64_t{1} << picture.reduction_log2));
   };
-  out.ax_q12 = step(first.x.raw() - own.x.raw(), sa);
-  out.ay_q12 = step(first.y.raw() - own.y.raw(), sa);
-  out.bx_q12 = step(second.x.raw() - own.x.raw(), sb);
-  out.by_q12 = step(second.y.raw() - own.y.raw(), sb);
-  out.x_q12 = reduced_q12(own.x.raw(), picture.left, picture.reduction_log2) + (out.ax_q12 + out.bx_q12) / 2;
-  out.y_q12 = reduced_q12(own.y.raw(), picture.top, picture.reduction_log2) + (out.ay_q12 + out.by_q12) / 2;
-  out.usable = inside(extent_of(out.x_q12, out.ax_q12, out.bx_q12), picture.width) &&
-               inside(extent_of(out.y_q12, out.ay_q12, out.by_q12), picture.height);
-  return out;
+  const auto along = [&](PixelsQ8 Marker::*axis, std::int32_t origin, std::int32_t size, Axis& to) {
+    const std::int32_t a_q12 = step(own.*axis, first.*axis, has_beside);
+    const std::int32_t b_q12 = step(own.*axis, second.*axis, has_over);
+    const std::int32_t first_q12 = reduced_q12((own.*axis).raw(), origin, picture.reduction_log2) + (a_q12 + b_q12) / 2;
+    to.first_q12[l] = first_q12;
+    to.a_q12[l] = a_q12;
+    to.b_q12[l] = b_q12;
+    return inside(extent_of(first_q12, a_q12, b_q12), size);
+  };
+  const std::int32_t across = along(&Marker::x, picture.left, picture.width, out.x);
+  const std::int32_t down = along(&Marker::y, picture.top, picture.height, out.y);
+  out.usable[l] = across & down;
 }
 
-// How far each dot is from its rest position.
-struct Moves {
-  std::array<std::int32_t, kMaxMarkers> x_q8, y_q8;
-  std::array<bool, kMaxMarkers> known;  // neither place is a guess
+// How far a dot is from its rest position.
+struct Move {
+  std::int32_t x_q8, y_q8;
+  std::int32_t known;  // -1: neither place is a guess
 };
+using Moves = std::array<Move, kMaxMarkers>;
 
 Moves moves_of(const MarkerField& now, const MarkerField& rest) {
   Moves out;  // NOLINT: filled as far as it is read
   for (std::size_t i = 0; i < idx(rest.grid.count()); ++i) {
     const Marker& to = now.markers[i];
     const Marker& from = rest.markers[i];
-    out.x_q8[i] = to.x.raw() - from.x.raw();
-    out.y_q8[i] = to.y.raw() - from.y.raw();
-    out.known[i] = to.valid && from.valid;
+    out[i] = {to.x.raw() - from.x.raw(), to.y.raw() - from.y.raw(), to.valid && from.valid ? -1 : 0};
   }
   return out;
 }
 
-// Eight patches along one axis of the picture: where their first samples are, and the steps to the next.
-struct Axis {
-  Lanes<std::int32_t> first_q12, a_q12, b_q12;
-};
-
-// What moved their dots.
+// What moved the dots of eight patches.
 struct Pulls {
   Lanes<std::int32_t> own_q8, beside_q8, over_q8, across_q8;
 };
-
-void set(Axis& axis, Pulls& pulls, std::size_t lane, std::array<std::int32_t, 3> place_q12, const Corner& corner,
-         const std::array<std::int32_t, kMaxMarkers>& moves_q8) {
-  axis.first_q12[lane] = place_q12[0];
-  axis.a_q12[lane] = place_q12[1];
-  axis.b_q12[lane] = place_q12[2];
-  pulls.own_q8[lane] = moves_q8[idx(corner.own)];
-  pulls.beside_q8[lane] = moves_q8[idx(corner.beside)];
-  pulls.over_q8[lane] = moves_q8[idx(corner.over)];
-  pulls.across_q8[lane] = moves_q8[idx(corner.across)];
-}
 
 // Where the patch is now, on a gel that has moved and stretched: its middle, a quarter of the way from its dot to each
 // neighbour, takes the bilinear mean of the four dots' displacements, and its steps their slope there. Beside a contact
@@ -396,33 +388,37 @@ struct Places {
   Axis x, y;
 };
 
-// Of eight patches from `first` on, which are then in view; those that are not go to the first pixel.
-void find(State& state, const Moves& moves, GridSize grid, std::int32_t first, Places& out, Extents& x, Extents& y) {
+// Of eight patches, in view or not (-1, 0); those that are not go to the first pixel.
+Lanes<std::int32_t> find(const Reduced& picture, const Layout& layout, const Moves& moves, Places& out, Extents& x,
+                         Extents& y) {
   Pulls pulls_x, pulls_y;    // NOLINT: filled below
   Lanes<std::int32_t> seen;  // NOLINT
-  for (std::int32_t lane = 0; lane < kLanes; ++lane) {
-    const bool is_there = first + lane < patches_of(grid);
-    const std::int32_t p = is_there ? first + lane : 0;
-    const PatchPlace& frame = state.frames[idx(p)];
-    const Corner corner = corner_of(grid, dot_of(grid, p), lane % kPatchesPerDot);
-    set(out.x, pulls_x, idx(lane), {frame.x_q12, frame.ax_q12, frame.bx_q12}, corner, moves.x_q8);
-    set(out.y, pulls_y, idx(lane), {frame.y_q12, frame.ay_q12, frame.by_q12}, corner, moves.y_q8);
-    const auto known = [&](std::int32_t dot) { return moves.known[idx(dot)]; };
-    const bool all = known(corner.own) && known(corner.beside) && known(corner.over) && known(corner.across);
-    seen[idx(lane)] = is_there && frame.usable && all ? -1 : 0;
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    const Corner corner = layout.corner[lane];
+    const Move &own = moves[corner.own], &beside = moves[corner.beside];
+    const Move &over = moves[corner.over], &across = moves[corner.across];
+    pulls_x.own_q8[lane] = own.x_q8;
+    pulls_y.own_q8[lane] = own.y_q8;
+    pulls_x.beside_q8[lane] = beside.x_q8;
+    pulls_y.beside_q8[lane] = beside.y_q8;
+    pulls_x.over_q8[lane] = over.x_q8;
+    pulls_y.over_q8[lane] = over.y_q8;
+    pulls_x.across_q8[lane] = across.x_q8;
+    pulls_y.across_q8[lane] = across.y_q8;
+    seen[lane] = layout.usable[lane] & own.known & beside.known & over.known & across.known;
   }
-  follow(out.x, pulls_x, state.picture.reduction_log2);
-  follow(out.y, pulls_y, state.picture.reduction_log2);
+  out = {layout.x, layout.y};
+  follow(out.x, pulls_x, picture.reduction_log2);
+  follow(out.y, pulls_y, picture.reduction_log2);
 #pragma GCC unroll 1
   for (std::size_t i = 0; i < kLanes; ++i) {
     const Extent across = extent_of(out.x.first_q12[i], out.x.a_q12[i], out.x.b_q12[i]);
     const Extent down = extent_of(out.y.first_q12[i], out.y.a_q12[i], out.y.b_q12[i]);
-    const std::int32_t mask_x = inside(across, state.picture.width) ? seen[i] : 0;
-    const std::int32_t mask = inside(down, state.picture.height) ? mask_x : 0;
+    const std::int32_t mask = inside(across, picture.width) & inside(down, picture.height) & seen[i];
     seen[i] = mask;
-    x.least_q12[i] = std::min(x.least_q12[i], mask != 0 ? across.least_q12 : INT32_MAX);
+    x.least_q12[i] = std::min(x.least_q12[i], (across.least_q12 & mask) | (INT32_MAX & ~mask));
     x.most_q12[i] = std::max(x.most_q12[i], across.most_q12 & mask);
-    y.least_q12[i] = std::min(y.least_q12[i], mask != 0 ? down.least_q12 : INT32_MAX);
+    y.least_q12[i] = std::min(y.least_q12[i], (down.least_q12 & mask) | (INT32_MAX & ~mask));
     y.most_q12[i] = std::max(y.most_q12[i], down.most_q12 & mask);
     out.x.first_q12[i] &= mask;
     out.x.a_q12[i] &= mask;
@@ -431,7 +427,7 @@ void find(State& state, const Moves& moves, GridSize grid, std::int32_t first, P
     out.y.a_q12[i] &= mask;
     out.y.b_q12[i] &= mask;
   }
-  for (std::size_t i = 0; i < kLanes; ++i) state.in_view[idx(first) + i] = seen[i] != 0;
+  return seen;
 }
 
 // The pixels around all of that.
@@ -679,17 +675,15 @@ Log2Q8 coarse_motion(const State& state, const Kept& then, GridSize grid, std::s
     for (std::int32_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t k = idx(first + lane);
       if (!state.last.seen[k] || !then.seen[k]) continue;
-      const Corner corner = corner_of(grid, dot_of(grid, first + lane), lane % kPatchesPerDot);
       coarse::Patch& patch = patches[count++];
       patch.change = state.last.shading[k] - then.shading[k];
       patch.shading = state.last.shading[k] + then.shading[k];
-      patch.slope_x = corner.sx * both_a[idx(lane)];
-      patch.slope_y = corner.sy * both_b[idx(lane)];
-      patch.empty_x = corner.sx * empty_a[idx(lane)];
-      patch.empty_y = corner.sy * empty_b[idx(lane)];
-      // From the lattice's middle.
-      patch.x = 4 * (corner.own % grid.cols) + corner.sx - 2 * (grid.cols - 1);
-      patch.y = 4 * (corner.own / grid.cols) + corner.sy - 2 * (grid.rows - 1);
+      patch.slope_x = side_x(lane) * both_a[idx(lane)];
+      patch.slope_y = side_y(lane) * both_b[idx(lane)];
+      patch.empty_x = side_x(lane) * empty_a[idx(lane)];
+      patch.empty_y = side_y(lane) * empty_b[idx(lane)];
+      patch.x = state.layout[e].column[idx(lane)];
+      patch.y = state.layout[e].row[idx(lane)];
     }
   }
   return coarse::motion(std::span(patches).first(count), carried, step_q8, saturations);
@@ -800,8 +794,9 @@ void place(State& state, const LumaView& picture, const MarkerField& rest, Pixel
   if (!placed) state.picture.width = 0;
   state.width = picture.width;
   state.height = picture.height;
-  for (std::int32_t p = 0; p < patches_of(rest.grid); ++p) {
-    state.frames[idx(p)] = placed ? frame_of(state.picture, rest, p) : PatchPlace{};
+  state.layout.fill({});
+  for (std::int32_t p = 0; placed && p < patches_of(rest.grid); ++p) {
+    lay_out(state.picture, rest, dot_of(rest.grid, p), p % kLanes, state.layout[idx(p / kLanes)]);
   }
   state.placed = true;
 }
@@ -820,7 +815,9 @@ std::int32_t look(State& state, const Config& config, const LumaView& picture, c
     extents->most_q12.fill(0);
   }
   for (std::int32_t first = 0; first < patches; first += kLanes) {
-    find(state, moves, rest.grid, first, places[idx(first / kLanes)], x, y);
+    const std::size_t e = idx(first / kLanes);
+    const Lanes<std::int32_t> seen = find(state.picture, state.layout[e], moves, places[e], x, y);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) state.in_view[idx(first) + lane] = seen[lane] != 0;
   }
   // When the patches have just been laid out, all of it: nothing of another layout is left.
   const Box all{0, 0, state.picture.width - 1, state.picture.height - 1};

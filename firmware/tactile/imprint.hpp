@@ -116,15 +116,6 @@ struct Reduced {
   std::array<std::uint16_t, kMaxReducedPixels + kStrip> pixels{};  // and where the last row's strip ends
 };
 
-// Where a patch lies on the empty gel, in 1/4096 reduced pixels from the centre of the top left one: its sample (0, 0),
-// and the step from sample to sample away from the dot.
-struct PatchPlace {
-  std::int32_t x_q12 = 0, y_q12 = 0;
-  std::int32_t ax_q12 = 0, ay_q12 = 0;
-  std::int32_t bx_q12 = 0, by_q12 = 0;
-  bool usable = false;  // all of its dots have a rest position, and the picture shows it
-};
-
 using Samples = std::array<std::int16_t, kFree>;  // 16 x luma, in the order of b, then a
 
 // Eight patches side by side, so that compilers make vectors of what is done to the same sample of each: sample i of
@@ -135,6 +126,25 @@ template <typename Value>
 using Lanes = std::array<Value, kLanes>;
 template <typename Value>
 using Eight = std::array<Value, std::size_t{kFree} * kLanes>;
+
+// Along one axis of the picture, in 1/4096 reduced pixels from the centre of the top left one: their samples (0, 0),
+// and the steps from sample to sample away from the dot.
+struct Axis {
+  Lanes<std::int32_t> first_q12{}, a_q12{}, b_q12{};
+};
+
+// The dot of a patch, and its neighbours towards the patch; at the lattice's edge the dot itself.
+struct Corner {
+  std::uint8_t own = 0, beside = 0, over = 0, across = 0;
+};
+
+// Where they lie on the empty gel.
+struct Layout {
+  Axis x, y;
+  Lanes<std::int32_t> usable{};  // -1: all of its dots have a rest position, and the picture shows it
+  Lanes<Corner> corner{};
+  Lanes<std::int16_t> column{}, row{};  // from the lattice's middle, quarters of a pitch
+};
 
 struct PatchSamples {
   std::array<Eight<std::int16_t>, kEights> eights{};
@@ -173,7 +183,7 @@ struct State {
   bool placed = false;                 // frames stand for the rest position that is in force
   std::int32_t width = 0, height = 0;  // of the picture that they were laid out for
   Reduced picture;
-  std::array<PatchPlace, kMaxPatches> frames{};
+  std::array<Layout, kEights> layout{};
   Empty empty;
   std::array<Kept, kKept> kept{};  // a ring
   int count = 0;

@@ -188,8 +188,7 @@ AcStep ac_step(const Code& code, std::uint32_t window16, std::uint32_t k) {
   return {symbol.length + size, next == 64 ? kEnded : next};
 }
 
-std::uint16_t walk_entry(const Code& code, std::uint32_t index, std::uint32_t used) {
-  std::uint32_t advance = 0;
+std::uint16_t walk_entry(const Code& code, std::uint32_t index, std::uint32_t used, std::uint32_t advance) {
   while (used < kIndexBits) {
     const Symbol symbol = find(code, index << (16 - kIndexBits + used) & 0xFFFF);
     const std::uint32_t run = symbol.value >> 4;

@@ -130,8 +130,10 @@ struct AcStep {
 // Range: k 1..63; window16 holds the next 16 bits.
 [[nodiscard]] AcStep ac_step(const Code& code, std::uint32_t window16, std::uint32_t k);
 
-// The symbols settled by the kIndexBits of `index`, in the form at the head of this file.
-[[nodiscard]] std::uint16_t walk_entry(const Code& code, std::uint32_t index, std::uint32_t used = 0);
+// The symbols settled by the kIndexBits of `index`, in the form at the head of this file. Before them come `used` bits
+// of `advance` coefficients.
+[[nodiscard]] std::uint16_t walk_entry(const Code& code, std::uint32_t index, std::uint32_t used = 0,
+                                       std::uint32_t advance = 0);
 
 // The value whose `size` bits lead the window (T.81, F.2.2.1): a leading 0 is negative.
 // Range: size 0..15, result within +-32767; size 0 gives 0.

@@ -12,7 +12,6 @@ using jpeg_dc::Error;
 using jpeg_dc::kIndexBits;
 using jpeg_dc::kMaxDc;
 using jpeg_dc::kMaxSkip;
-using jpeg_dc::kSlow;
 using jpeg_dc::Scan;
 using jpeg_dc::Symbol;
 
@@ -26,11 +25,12 @@ bool same(const Code& code, std::size_t size, const std::array<std::uint8_t, 16 
                                          code.definition.begin());
 }
 
+// Of a table that begins with DC; DC counts as a coefficient.
 std::uint16_t first_entry(const Code& dc, const Code& ac, std::uint32_t index) {
   const Symbol symbol = find(dc, index << (16 - kIndexBits));
   const std::uint32_t used = symbol.length + symbol.value;
-  if (symbol.length == 0 || symbol.length > kIndexBits || used > kMaxSkip) return kSlow << 8;
-  return jpeg_dc::walk_entry(ac, index, used);
+  if (symbol.length == 0 || symbol.length > kIndexBits || used > kMaxSkip) return kSlowDc;
+  return jpeg_dc::walk_entry(ac, index, used, 1);
 }
 
 std::int16_t difference_entry(const Code& dc, std::uint32_t index) {
@@ -84,12 +84,13 @@ Walk begin_walk(const State& state, const std::uint8_t* bytes, std::span<std::ui
   return walk;
 }
 
-// Levels of the blocks at `places`, from `level` on; returns the last. A DC code that is bad gives 0: the walk has
-// seen it, too.
-std::int32_t sum_differences(const State& state, const std::uint8_t* bytes, std::span<const std::uint32_t> places,
-                             std::int16_t* values) {
+// Levels of the blocks at `places`, from 0 on. A DC code that is bad gives 0: the walk has seen it, too.
+void sum_differences(const State& state, const std::uint8_t* bytes, std::span<const std::uint32_t> places,
+                     std::int16_t* values) {
   const Code& code = *state.phase[0].dc_code;
+  // Modulo 2^16 when it is stored. Range: as many differences of 15 bits as a list has places.
   std::int32_t level = 0;
+  static_assert((kMaxListed + 8) * 32767 <= INT32_MAX);
   for (const std::uint32_t place : places) {
     const std::uint64_t window = jpeg_dc::next_eight(bytes + (place >> 3)) << (place & 7);
     std::int32_t change = state.difference[window >> (64 - kIndexBits)];
@@ -97,10 +98,9 @@ std::int32_t sum_differences(const State& state, const std::uint8_t* bytes, std:
       const Symbol symbol = find(code, static_cast<std::uint32_t>(window >> 48));
       change = jpeg_dc::difference(window << symbol.length, symbol.length == 0 ? 0 : symbol.value);
     }
-    level = static_cast<std::int16_t>(level + change);
+    level += change;
     *values++ = static_cast<std::int16_t>(level);
   }
-  return level;
 }
 
 // Takes room for `count` values. False: there is none.
@@ -114,7 +114,7 @@ bool take_values(State& state, std::uint32_t count, std::uint32_t& first) {
 class SliceJob final : public hal::Job {
  public:
   SliceJob(State& state, const Config& config, std::span<Worker> workers)
-      : state_(state), lanes_(static_cast<std::size_t>(config.lanes)), workers_(workers) {}
+      : state_(state), lanes_(static_cast<std::size_t>(config.lanes)), walkers_(*config.walkers), workers_(workers) {}
 
  private:
   struct Claim {
@@ -129,11 +129,11 @@ class SliceJob final : public hal::Job {
     while (active < lanes_ && claim(claims[active], workers_[worker].lanes[active])) ++active;
     while (active != 0) {
       if (active == 3) {
-        walk_by_turns(claims[0].walk, claims[1].walk, claims[2].walk);
+        walkers_.three(claims[0].walk, claims[1].walk, claims[2].walk);
       } else if (active == 2) {
-        walk_by_turns(claims[0].walk, claims[1].walk);
+        walkers_.two(claims[0].walk, claims[1].walk);
       } else {
-        walk_by_turns(claims[0].walk);
+        walkers_.one(claims[0].walk);
       }
       for (std::size_t i = 0; i < active;) {
         if (claims[i].walk.position < claims[i].walk.end || set_end(claims[i])) {
@@ -195,6 +195,7 @@ class SliceJob final : public hal::Job {
 
   State& state_;
   std::size_t lanes_;
+  const Walkers& walkers_;
   std::span<Worker> workers_;
 };
 
@@ -277,7 +278,7 @@ Error cut(State& state, const Config& config, const Scan& scan, std::size_t lane
 
 class Stitcher {
  public:
-  explicit Stitcher(State& state) : state_(state), per_mcu_(state.luma_blocks) {}
+  Stitcher(State& state, const Walkers& walkers) : state_(state), walkers_(walkers), per_mcu_(state.luma_blocks) {}
 
   // The slices [first, end), which hold `blocks` luma blocks and no more.
   Error stitch(std::size_t first, std::size_t end, std::uint32_t blocks) {
@@ -349,7 +350,7 @@ class Stitcher {
       }
       walk.end = std::min({filled, walk.position + 64, farthest(walk, list.data() + list.size() - walk.list)});
       if (walk.end == walk.position) return kUnsure;
-      walk_by_turns(walk);
+      walkers_.one(walk);
     }
   }
 
@@ -384,13 +385,14 @@ class Stitcher {
   }
 
   State& state_;
+  const Walkers& walkers_;
   std::uint32_t per_mcu_;
   std::int32_t level_ = 0;
 };
 
-Error stitch(State& state, const Scan& scan) {
+Error stitch(State& state, const Config& config, const Scan& scan) {
   state.pieces = 0;
-  Stitcher stitcher(state);
+  Stitcher stitcher(state, *config.walkers);
   std::int32_t mcus = scan.mcus_across * scan.mcus_down;
   for (std::size_t first = 0; first < state.slices;) {
     std::size_t end = first + 1;
@@ -462,7 +464,7 @@ Error find_pieces(State& state, const Config& config, std::span<Worker> workers,
   state.valued.store(0, std::memory_order_relaxed);
   SliceJob task(state, config, workers);
   crew.run(task);
-  return stitch(state, scan);
+  return stitch(state, config, scan);
 }
 
 Error decode_scan(State& state, const Config& config, std::span<Worker> workers, hal::Crew& crew, const Scan& scan,

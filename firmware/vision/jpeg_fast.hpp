@@ -84,6 +84,7 @@ struct Config {
   std::int32_t slice = static_cast<std::int32_t>(kMaxSlice);
   // A picture shorter than that for each lane of all workers is cut into shorter slices, down to this.
   std::int32_t least_slice = 1024;
+  const Walkers* walkers = &fastest_walkers();
 };
 
 // Memory of one lane: a slice without stuffing, and where its luma blocks begin.

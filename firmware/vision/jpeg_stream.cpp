@@ -169,13 +169,24 @@ static_assert(kDac > kSof0 && kDac < kSof15);
 
 }  // namespace
 
-Symbol find(const Code& code, std::uint32_t window16) {
+namespace {
+
+// By the canonical rule.
+Symbol search(const Code& code, std::uint32_t window16) {
   for (std::uint32_t length = 1; length <= 16; ++length) {
     if (window16 >= code.limit[length]) continue;
     const std::int32_t place = static_cast<std::int32_t>(window16 >> (16 - length)) + code.offset[length];
     return {length, code.definition[static_cast<std::size_t>(place)]};
   }
   return {};
+}
+
+}  // namespace
+
+Symbol find(const Code& code, std::uint32_t window16) {
+  if (window16 < Code::kFirstLong) return search(code, window16);
+  const std::uint32_t entry = code.long_codes[window16 - Code::kFirstLong];
+  return {entry >> 8, entry & 0xFF};
 }
 
 bool make(Code& code, Bytes definition) {
@@ -191,6 +202,10 @@ bool make(Code& code, Bytes definition) {
     if (count != 0 && next >= 1U << length) return false;
     code.limit[length] = next << (16 - length);
     next <<= 1;
+  }
+  for (std::uint32_t i = 0; i < code.long_codes.size(); ++i) {
+    const Symbol symbol = search(code, Code::kFirstLong + i);
+    code.long_codes[i] = static_cast<std::uint16_t>(symbol.length << 8 | symbol.value);
   }
   code.size = definition.size();
   return true;

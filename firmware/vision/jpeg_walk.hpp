@@ -23,6 +23,10 @@ struct Phase {
   const jpeg_dc::Code* ac_code = nullptr;
 };
 
+// An entry of a table that begins with DC, for a DC code that it does not hold. Not kSlow alone: that added to
+// coefficient 0 would look like a block that ends with its last coefficient.
+inline constexpr std::uint16_t kSlowDc = (jpeg_dc::kSlow | 1) << 8;
+
 // A walk that can be left and taken up again.
 struct Walk {
   const std::uint8_t* bytes = nullptr;  // unstuffed
@@ -32,21 +36,27 @@ struct Walk {
   std::uint32_t* list = nullptr;        // where the next luma block's position goes
   const std::uint16_t* table = nullptr;
   const Phase* phase = nullptr;
-  std::uint32_t k = 1;  // next coefficient
+  std::uint32_t k = 0;  // next coefficient; 0: DC
   // 1 + position of the last bad symbol; 0: none. One in the last 16 bits is not noted: it takes 16 bits itself, so
   // that the block in which it is ends beyond what is known, which is looked at anyway.
   std::uint32_t bad = 0;
 };
 
-// Copies [at, end) without stuffed zeros to `out`, which has 16 bytes more; returns the bytes written. `at` ends at
-// `end`, or at the 0xFF of a marker or the last byte.
+// Copies [at, end) without stuffed zeros to `out`; returns the bytes written. `at` ends at `end`, or at the 0xFF of a
+// marker or the last byte.
 std::size_t unstuff(const std::uint8_t*& at, const std::uint8_t* end, std::uint8_t* out);
 
-// Walks on by turns until one of them reaches its end.
+// Walk on by turns until one of them reaches its end.
 // Range: a walk passes its end by less than 3 * 31 bits, lists three blocks at most on the way, and reads 8 bytes from
 // wherever it is. Walks do not share lists.
-void walk_by_turns(Walk& only);
-void walk_by_turns(Walk& first, Walk& second);
-void walk_by_turns(Walk& first, Walk& second, Walk& third);
+struct Walkers {
+  void (*one)(Walk& only);
+  void (*two)(Walk& first, Walk& second);
+  void (*three)(Walk& first, Walk& second, Walk& third);
+};
+
+// The same code compiled for all processors of the architecture, and for what this one has beyond them. The same bits.
+[[nodiscard]] const Walkers& baseline_walkers();
+[[nodiscard]] const Walkers& fastest_walkers();
 
 }  // namespace holdfast::jpeg_fast

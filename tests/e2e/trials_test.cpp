@@ -90,13 +90,14 @@ TEST(Trials, AreCounted) {
   table.add(slips, {.contact_s = 1.0, .referenced = true, .onset_s = 2.0, .delay_frames = 3});
   table.add(slips, {.contact_s = 2.0, .referenced = true, .onset_s = 2.0, .delay_frames = 9});
   table.add(slips, {.contact_s = 2.0, .referenced = true, .onset_s = 2.0});
-  table.add(holds, {.contact_s = 5.0, .referenced = false, .alarms = {1, 1, 0}});
+  table.add(holds, {.contact_s = 5.0, .referenced = false, .alarms = {1, 1, 0}, .partial_alarms = 1});
   LONGS_EQUAL(2, table.groups().size());
   LONGS_EQUAL(3, table.groups()[0].onsets);
   LONGS_EQUAL(1, table.groups()[0].detected);
   DOUBLES_EQUAL(6.0, *table.groups()[0].median_delay(), 1e-12);
   LONGS_EQUAL(1, table.all().unreferenced);
   LONGS_EQUAL(1, table.all().alarmed);
+  LONGS_EQUAL(1, table.all().partial_alarms);
   DOUBLES_EQUAL(2 * 3600.0 / 10.0, table.all().alarms_per_hour(), 1e-9);
 }
 

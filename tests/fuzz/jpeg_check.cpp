@@ -56,8 +56,12 @@ struct Shape {
   std::size_t workers;
   std::int32_t lanes;
   std::int32_t slice;
+  const jpeg_fast::Walkers& (*walkers)();
 };
-constexpr std::array<Shape, 3> kShapes{{{1, 1, 30}, {1, 3, 100}, {2, 2, 300}}};
+constexpr std::array<Shape, 4> kShapes{{{1, 1, 30, jpeg_fast::fastest_walkers},
+                                        {1, 3, 100, jpeg_fast::fastest_walkers},
+                                        {2, 2, 300, jpeg_fast::fastest_walkers},
+                                        {1, 3, 200, jpeg_fast::baseline_walkers}}};
 
 bool equal(const Oracle& oracle, const LumaBuffer& ours) {
   return oracle.width == ours.width && oracle.height == ours.height &&
@@ -78,7 +82,7 @@ std::string JpegCheck::check_fast(std::span<const std::uint8_t> bytes) {
   const jpeg_dc::ErrorInfo& plain = jpeg_dc::info(state_->error);
   for (const Shape& shape : kShapes) {
     OneAfterTheOther crew(shape.workers);
-    const jpeg_fast::Config config{shape.lanes, shape.slice, shape.slice};
+    const jpeg_fast::Config config{shape.lanes, shape.slice, shape.slice, &shape.walkers()};
     const Status status = jpeg_fast::decode(*fast_state_, config, workers_, crew, bytes, *fast_out_, kWhole);
     const std::size_t size = static_cast<std::size_t>(out_->width) * static_cast<std::size_t>(out_->height);
     const bool same =

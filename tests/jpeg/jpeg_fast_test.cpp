@@ -29,12 +29,14 @@ namespace {
 constexpr jpeg_dc::Limits kAnySize{1, 1};
 constexpr std::int32_t kWhole = jpeg_fast::kMaxSlice;
 
-// Threads x lanes of the walk.
+// Threads x lanes of the walk, and whether it is the instance for all processors or the one for this.
 struct Shape {
   std::size_t threads;
   std::int32_t lanes;
+  bool baseline = false;
 };
-constexpr std::array<Shape, 5> kShapes{{{1, 1}, {1, 2}, {1, 3}, {2, 3}, {4, 2}}};
+constexpr std::array<Shape, 8> kShapes{
+    {{1, 1}, {1, 2}, {1, 3}, {2, 3}, {4, 2}, {1, 1, true}, {1, 2, true}, {2, 3, true}}};
 
 struct Decoded {
   Error error;
@@ -85,7 +87,8 @@ TEST_GROUP(JpegFast) {
     return result(plain_state->error);
   }
   Decoded fast(const Bytes& bytes, Shape shape = {1, 3}, std::int32_t slice = kWhole) {
-    const jpeg_fast::Config config{shape.lanes, slice, std::min(slice, 1024)};
+    const jpeg_fast::Config config{shape.lanes, slice, std::min(slice, 1024),
+                                   shape.baseline ? &jpeg_fast::baseline_walkers() : &jpeg_fast::fastest_walkers()};
     const Status status = jpeg_fast::decode(*state, config, workers, crew(shape.threads), bytes, *out, kAnySize);
     CHECK(status.reason == jpeg_dc::info(state->plain.error).reason);
     return result(state->plain.error);
@@ -97,8 +100,8 @@ TEST_GROUP(JpegFast) {
     const bool refused =
         wanted.error != Error::kNone && jpeg_dc::info(got.error).reason == jpeg_dc::info(wanted.error).reason;
     if (refused || got == wanted) return;
-    FAIL(StringFromFormat("seed %u, %u threads x %d lanes, slices of %d: plain %s, fast %s", seed,
-                          static_cast<unsigned>(shape.threads), shape.lanes, slice,
+    FAIL(StringFromFormat("seed %u, %u threads x %d lanes%s, slices of %d: plain %s, fast %s", seed,
+                          static_cast<unsigned>(shape.threads), shape.lanes, shape.baseline ? ", baseline" : "", slice,
                           std::string(jpeg_dc::info(wanted.error).name).c_str(),
                           std::string(jpeg_dc::info(got.error).name).c_str())
              .asCharString());
@@ -111,11 +114,11 @@ TEST(JpegFast, EqualsTheLibraryOnGeneratedStreamsHoweverTheyAreCut) {
     const Bytes bytes = test::any_stream(seed);
     CHECK(oracle.decode(bytes));
     const Shape shape = kShapes[seed % kShapes.size()];
-    const std::int32_t slice = std::array{100, 250, 700, kWhole}[seed / 5 % 4];
+    const std::int32_t slice = std::array{100, 250, 700, kWhole}[seed / kShapes.size() % 4];
     const Decoded got = fast(bytes, shape, slice);
     if (got == Decoded{Error::kNone, oracle.width, oracle.height, oracle.pixels}) continue;
-    FAIL(StringFromFormat("seed %u, %u threads x %d lanes, slices of %d: %s", seed,
-                          static_cast<unsigned>(shape.threads), shape.lanes, slice,
+    FAIL(StringFromFormat("seed %u, %u threads x %d lanes%s, slices of %d: %s", seed,
+                          static_cast<unsigned>(shape.threads), shape.lanes, shape.baseline ? ", baseline" : "", slice,
                           std::string(jpeg_dc::info(got.error).name).c_str())
              .asCharString());
   }

@@ -22,17 +22,10 @@ using learn::ClipLabels;
 using learn::ClipScore;
 using learn::FusionScore;
 
-struct Setting {
-  int alone_q8 = 0;
-  int together_q8 = 0;
-};
-
-// Steps of an eighth and of a sixteenth of an octave; beyond the last ones detections are lost.
-std::vector<Setting> all_settings() {
-  std::vector<Setting> settings;
-  for (int alone = 0; alone <= 384; alone += 32) {
-    for (int together = 0; together <= 128; together += 16) settings.push_back({alone, together});
-  }
+// Of a finger that raises alone, 1/256 octave. Steps of an eighth; beyond the last ones detections are lost.
+std::vector<int> all_settings() {
+  std::vector<int> settings;
+  for (int alone_q8 = 0; alone_q8 <= 384; alone_q8 += 32) settings.push_back(alone_q8);
   return settings;
 }
 
@@ -67,14 +60,12 @@ FusionScore sum_of(const ClipScore& score) {
   return sum;
 }
 
-fingers::Config with(fingers::Config config, const Setting& setting) {
-  config.fusion.alone_q8 = setting.alone_q8;
-  config.fusion.together_q8 = setting.together_q8;
+fingers::Config with(fingers::Config config, int alone_q8) {
+  config.fusion.alone_q8 = alone_q8;
   return config;
 }
 
-void play(const RecordedOptions& options, const fingers::Config& config, const std::vector<Setting>& settings,
-          Pair& pair) {
+void play(const RecordedOptions& options, const fingers::Config& config, const std::vector<int>& settings, Pair& pair) {
   for (std::size_t i = 0; i < 2 && pair.error.empty(); ++i) {
     ReplayOptions replayed;
     replayed.input = pair.labels[i].path.string();
@@ -86,7 +77,7 @@ void play(const RecordedOptions& options, const fingers::Config& config, const s
   if (!pair.error.empty()) pair.tracks = {};
   pair.offset = learn::find_offset(speeds_of(pair.tracks[0].frames), speeds_of(pair.tracks[1].frames));
   pair.hand = learn::merged(pair.labels[0], pair.labels[1], pair.offset.frames);
-  for (const Setting& setting : settings) {
+  for (const int setting : settings) {
     const auto slip = fused_slip(with(config, setting), pair.tracks[0], pair.tracks[1], pair.offset.frames);
     pair.scores.push_back(sum_of(score_of(pair, slip)));
   }
@@ -108,14 +99,13 @@ Sums sums_without(const std::vector<Pair>& pairs, std::size_t settings, const st
   return sums;
 }
 
-learn::Table curve_table(const std::vector<Setting>& settings, const Sums& sums) {
+learn::Table curve_table(const std::vector<int>& settings, const Sums& sums) {
   learn::Table table{
       .id = "pairs_curve",
       .title = "Thresholds of the fused decision",
-      .note = "Octaves above the model's threshold for one finger alone, and below it for two that agree.",
+      .note = "Octaves above the model's threshold for one finger alone; two that agree raise at the threshold.",
       .brief = true,
-      .columns = {{"alone_q8", "alone, 1/256", "thresholds", 0},
-                  {"together_q8", "together, 1/256", "thresholds", 0},
+      .columns = {{"alone_q8", "alone, 1/256", "threshold", 0},
                   {"within_5", "5", "onsets within", 0},
                   {"within_10", "10", "onsets within", 0},
                   {"quiet", "silent, empty", "alarms", 0},
@@ -123,20 +113,19 @@ learn::Table curve_table(const std::vector<Setting>& settings, const Sums& sums)
                   {"brief", "brief", "", 0, false}}};
   table.brief_id = "brief";
   table.brief_value = "yes";
-  const auto add = [&](learn::Cell alone, learn::Cell together, const FusionScore& score, bool brief) {
-    table.rows.push_back({std::move(alone), std::move(together), score.within_5, score.within_10, score.quiet,
-                          score.whole, brief ? "yes" : "no"});
+  const auto add = [&](learn::Cell alone, const FusionScore& score, bool brief) {
+    table.rows.push_back(
+        {std::move(alone), score.within_5, score.within_10, score.quiet, score.whole, brief ? "yes" : "no"});
   };
-  add("left alone", "", sums.left, true);
-  add("right alone", "", sums.right, true);
+  add("left alone", sums.left, true);
+  add("right alone", sums.right, true);
   for (std::size_t s = 0; s < settings.size(); ++s) {
-    const auto& [alone, together] = settings[s];
-    add(alone, together, sums.settings[s], alone % 64 == 0 && together % 64 == 0);
+    add(settings[s], sums.settings[s], settings[s] % 64 == 0);
   }
   return table;
 }
 
-learn::Table offsets_table(const std::vector<Pair>& pairs, const std::vector<Setting>& chosen) {
+learn::Table offsets_table(const std::vector<Pair>& pairs, const std::vector<int>& chosen) {
   learn::Table table{.id = "pairs",
                      .title = "Pairs",
                      .note =
@@ -147,12 +136,11 @@ learn::Table offsets_table(const std::vector<Pair>& pairs, const std::vector<Set
                                  {"offset", "offset", "", 0},
                                  {"correlation", "correlation", "", 2},
                                  {"alone_q8", "alone", "chosen, 1/256", 0},
-                                 {"together_q8", "together", "chosen, 1/256", 0},
                                  {"error", "error", ""}}};
   for (std::size_t p = 0; p < pairs.size(); ++p) {
     const Pair& pair = pairs[p];
     table.rows.push_back({pair.hand.name, static_cast<int>(pair.tracks[0].frames.size()), pair.offset.frames,
-                          pair.offset.correlation, chosen[p].alone_q8, chosen[p].together_q8, pair.error});
+                          pair.offset.correlation, chosen[p], pair.error});
   }
   return table;
 }
@@ -184,7 +172,7 @@ std::string evaluate_pairs(const RecordedOptions& options, learn::ReportFacts& f
   if (std::string error = settle(common, params, auto_grid, tree, model_text); !error.empty()) return error;
   const fingers::Config config =
       fingers::config_of(2, pipeline_config(params, auto_grid, tree.get()), supervisor_config(params));
-  const std::vector<Setting> settings = all_settings();
+  const std::vector<int> settings = all_settings();
   each_of(pairs.size(), options.jobs, progress, [&](std::size_t p) { play(options, config, settings, pairs[p]); });
   if (interrupted()) return interrupted_line();
   for (const Pair& pair : pairs) {
@@ -197,20 +185,20 @@ std::string evaluate_pairs(const RecordedOptions& options, learn::ReportFacts& f
 
   std::set<std::string> objects;
   for (const Pair& pair : pairs) objects.insert(pair.hand.object);
-  std::map<std::string, Setting> unseen;
+  std::map<std::string, int> unseen;
   for (const std::string& object : objects) {
     const Sums sums = sums_without(pairs, settings.size(), object);
     unseen[object] = settings[learn::choose(sums.settings, sums.left, sums.right)];
   }
   const Sums all = sums_without(pairs, settings.size(), {});
-  const Setting best = settings[learn::choose(all.settings, all.left, all.right)];
+  const int best = settings[learn::choose(all.settings, all.left, all.right)];
 
   std::array<ScoreRow, 5> rows{{{"left alone", "all", {}},
                                 {"right alone", "all", {}},
                                 {"hand (compiled)", "all", {}},
                                 {"hand (leave-one-out)", "all", {}},
                                 {"hand (chosen on all)", "all", {}}}};
-  std::vector<Setting> chosen;
+  std::vector<int> chosen;
   for (const Pair& pair : pairs) {
     const auto fused = [&](const fingers::Config& by) {
       return fused_slip(by, pair.tracks[0], pair.tracks[1], pair.offset.frames);
@@ -230,10 +218,10 @@ std::string evaluate_pairs(const RecordedOptions& options, learn::ReportFacts& f
       {"truth",
        "of both fingers, in the left's frames: slip where either's labels say so, from the earlier onset on; "
        "silent or empty where both do; the lower confidence. Every row is scored against it"},
-      {"compiled", fmt::format("alone {}, together {}", config.fusion.alone_q8, config.fusion.together_q8)},
-      {"chosen on all", fmt::format("alone {}, together {}: no fewer onsets than the better finger, fewest "
+      {"compiled", fmt::format("alone {}", config.fusion.alone_q8)},
+      {"chosen on all", fmt::format("alone {}: no fewer onsets than the better finger, fewest "
                                     "alarms in silence, earliest within a standard error of the fewest alarms",
-                                    best.alone_q8, best.together_q8)}};
+                                    best)}};
   tables = {silence_table("pairs_silence", "Labelled silence of both fingers", listed),
             trial_table("pairs_trials", "Whole trials by phase", listed), curve_table(settings, all),
             offsets_table(pairs, chosen)};

@@ -40,16 +40,17 @@ nlohmann::json to_json(const TrialTally& tally) {
           {"alarms_closing", tally.alarms[0]},
           {"alarms_held", tally.alarms[1]},
           {"alarms_moved", tally.alarms[2]},
+          {"alarms_partial", tally.partial_alarms},
           {"trials_with_alarm", tally.alarmed},
           {"contact_s", tally.contact_s},
           {"alarms_per_hour", tally.alarms_per_hour()}};
 }
 
 std::string csv_line(int number, const Trial& trial, const TrialResult& result) {
-  return fmt::format("{},{},\"{}\",{},{},{:.3f},{},{},{},{:.2f}\n", number, trial.scene.name, trial.group,
+  return fmt::format("{},{},\"{}\",{},{},{:.3f},{},{},{},{:.2f},{}\n", number, trial.scene.name, trial.group,
                      result.onset_s ? fmt::format("{:.3f}", *result.onset_s) : "",
                      result.delay_frames ? fmt::format("{}", *result.delay_frames) : "", trial.closed_s,
-                     result.alarms[0], result.alarms[1], result.alarms[2], result.contact_s);
+                     result.alarms[0], result.alarms[1], result.alarms[2], result.contact_s, result.partial_alarms);
 }
 
 int trials(const TrialsOptions& options) {
@@ -66,7 +67,8 @@ int trials(const TrialsOptions& options) {
   if (const std::string error = settle(options.common, params, auto_grid, tree, model_text); !error.empty())
     return fail(error);
   std::string lines =
-      "trial,scene,group,onset_s,delay_frames,closed_s,alarms_closing,alarms_held,alarms_moved,contact_s\n";
+      "trial,scene,group,onset_s,delay_frames,closed_s,alarms_closing,alarms_held,alarms_moved,contact_s,alarms_"
+      "partial\n";
   TrialTable table;
   TrialTable alone;  // of hands: the left finger
   {

@@ -434,7 +434,7 @@ class Judge {
     }
     if (onset_ && !trial_.slips) return false;
     if (!onset_ && touching) ++in_contact_;
-    if (now.slip && !up_) rises_.push_back({now.frame, now.t_s});
+    if (now.slip && !up_) rises_.push_back({now.frame, now.t_s, now.level != scene::SlipLevel::kNone});
     up_ = now.slip;
     return true;
   }
@@ -457,6 +457,7 @@ class Judge {
       }
       const bool moved = trial_.moved_s > 0.0 && rise.t_s >= trial_.moved_s;
       ++result.alarms[rise.t_s < trial_.closed_s + kLag_s ? 0U : moved ? 2U : 1U];
+      result.partial_alarms += rise.partial ? 1 : 0;
     }
     return result;
   }
@@ -465,6 +466,7 @@ class Judge {
   struct Rise {
     int frame;
     double t_s;
+    bool partial;  // a part of the contact slips
   };
   const Trial& trial_;
   TrialResult result_;
@@ -529,6 +531,7 @@ void TrialTally::add(const Trial& trial, const TrialResult& result) {
     alarms[phase] += result.alarms[phase];
     any = any || result.alarms[phase] > 0;
   }
+  partial_alarms += result.partial_alarms;
   alarmed += any ? 1 : 0;
   if (!result.onset_s || !trial.slips) return;
   ++onsets;
@@ -554,22 +557,22 @@ void TrialTable::add(const Trial& trial, const TrialResult& result) {
 }
 
 std::string table_text(const TrialTable& table) {
-  std::string out =
-      fmt::format("{:<20} {:>6} {:>6} {:>9} {:>7} {:>7} | {:>7} {:>5} {:>5} {:>8} {:>9} {:>7}\n", "group", "trials",
-                  "onsets", "in time", "ever", "median", "closing", "held", "moved", "trials", "contact", "an hour");
+  std::string out = fmt::format("{:<20} {:>6} {:>6} {:>9} {:>7} {:>7} | {:>7} {:>5} {:>5} {:>7} {:>8} {:>9} {:>7}\n",
+                                "group", "trials", "onsets", "in time", "ever", "median", "closing", "held", "moved",
+                                "partial", "trials", "contact", "an hour");
   const auto line = [&](const TrialTally& t) {
     const auto median = t.median_delay();
-    out += fmt::format("{:<20} {:>6} {:>6} {:>9} {:>7} {:>7} | {:>7} {:>5} {:>5} {:>8} {:>7.0f} s {:>7.0f}\n", t.group,
-                       t.trials, t.onsets, t.onsets > 0 ? fmt::format("{:.0f} %", 100.0 * t.detected / t.onsets) : "-",
-                       t.delays.size(), median ? fmt::format("{:.1f}", *median) : "-", t.alarms[0], t.alarms[1],
-                       t.alarms[2], t.alarmed, t.contact_s, t.alarms_per_hour());
+    out += fmt::format("{:<20} {:>6} {:>6} {:>9} {:>7} {:>7} | {:>7} {:>5} {:>5} {:>7} {:>8} {:>7.0f} s {:>7.0f}\n",
+                       t.group, t.trials, t.onsets,
+                       t.onsets > 0 ? fmt::format("{:.0f} %", 100.0 * t.detected / t.onsets) : "-", t.delays.size(),
+                       median ? fmt::format("{:.1f}", *median) : "-", t.alarms[0], t.alarms[1], t.alarms[2],
+                       t.partial_alarms, t.alarmed, t.contact_s, t.alarms_per_hour());
   };
   for (const TrialTally& tally : table.groups()) line(tally);
   line(table.all());
   out +=
-      "Detections in time and ever, median delay in frames; alarms before the onset while the grip closes, holds and "
-      "is\n"
-      "moved, trials that alarm, contact without slip, alarms an hour of it.\n";
+      "Detections in time and ever, median delay in frames; alarms before the onset while the grip closes, holds and\n"
+      "is moved, those of them in partial slip, trials that alarm, contact before the onset, alarms an hour of it.\n";
   if (table.all().unreferenced > 0)
     out += fmt::format("{} trials without a rest position: their firmware judged nothing\n", table.all().unreferenced);
   return out;

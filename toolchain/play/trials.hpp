@@ -63,6 +63,7 @@ struct TrialResult {
   // Rises of `slip` before the onset: while the grip closes (and 120 ms, the imprint's lag, after it), while it holds
   // still, while the object is moved.
   std::array<int, 3> alarms{};
+  int partial_alarms = 0;  // of them, while a part of the contact slips
 };
 // `tree` null: the compiled one. A right finger is left out.
 [[nodiscard]] TrialResult run_trial(const Trial& trial, const Params& params, const model::Tree* tree = nullptr);
@@ -81,6 +82,7 @@ struct TrialTally {
   int onsets = 0;
   int detected = 0;  // within the trial's frames
   std::array<int, 3> alarms{};
+  int partial_alarms = 0;
   int alarmed = 0;  // trials with an alarm
   double contact_s = 0.0;
   std::vector<int> delays{};  // of all detections, in order

@@ -18,7 +18,8 @@ namespace {
 
 constexpr Micros kPeriod = 40ms;  // 25 fps
 
-// The request after each letter of `verdicts` ('s' slip, '.' hold), one frame period apart: '#' raised, '.' not.
+// The request after each letter of `verdicts` ('s' slip, 'g' hold, but a slip that was raised goes on, '.' hold), one
+// frame period apart: '#' raised, '.' not.
 std::string_view walk(std::string_view verdicts, const decision::Config& config, std::vector<char>& out) {
   decision::State state;
   Micros now{};
@@ -26,7 +27,7 @@ std::string_view walk(std::string_view verdicts, const decision::Config& config,
   for (const char c : verdicts) {
     now += kPeriod;
     const Verdict verdict = c == 's' ? Verdict::kSlip : Verdict::kHold;
-    out.push_back(decision::update(state, config, verdict, now) == GripRequest::kTighten ? '#' : '.');
+    out.push_back(decision::update(state, config, verdict, now, c == 'g') == GripRequest::kTighten ? '#' : '.');
   }
   return {out.data(), out.size()};
 }
@@ -34,12 +35,12 @@ std::string_view walk(std::string_view verdicts, const decision::Config& config,
 // The rule from scratch, looking back over the whole history: raised at frame n when some run of
 // `raise_frames` slips ended at frame k <= n, and since k no frame has held `hold` or longer after the latest
 // slip before it.
-bool raised_by_rule(const std::vector<Verdict>& verdicts, const std::vector<Micros>& times, std::size_t n,
-                    const decision::Config& config) {
+bool raised_by_rule(const std::vector<Verdict>& verdicts, const std::vector<bool>& goes_on,
+                    const std::vector<Micros>& times, std::size_t n, const decision::Config& config) {
   bool raised = false;
   std::size_t latest_slip = 0;
   for (std::size_t i = 0; i <= n; ++i) {
-    if (verdicts[i] == Verdict::kSlip) latest_slip = i;
+    if (verdicts[i] == Verdict::kSlip || (raised && goes_on[i])) latest_slip = i;
     const auto needed = static_cast<std::size_t>(config.raise_frames);
     bool run = i + 1 >= needed;
     for (std::size_t back = 0; run && back < needed; ++back) run = verdicts[i - back] == Verdict::kSlip;
@@ -72,6 +73,9 @@ TEST(Decision, EverySampleOfAPattern) {
       {{1, 200ms}, "s......", "#####.."},
       {{3, 40ms}, "ssss.s.ss.sss.", "..##........#."},
       {{2, 0ms}, "ss.ss.", ".#..#."},
+      // what goes on keeps a slip raised, and neither raises one nor counts for a run
+      {{2, 80ms}, "ssgg.g...g.", ".######...."},
+      {{2, 80ms}, "ggsgsgss...", ".......##.."},
       {{10, 200ms}, "sssssssss.ssssssssss", "...................#"},
   };
   for (const Case& c : cases) {
@@ -89,6 +93,7 @@ TEST(Decision, EqualToTheRuleOverRandomHistories) {
   for (int history = 0; history < 200; ++history) {
     const decision::Config config{static_cast<int>(1 + next(4)), Micros{next(6) * 50'000}};
     std::vector<Verdict> verdicts;
+    std::vector<bool> goes_on;
     std::vector<Micros> times;
     decision::State s;
     Micros now{};
@@ -97,8 +102,9 @@ TEST(Decision, EqualToTheRuleOverRandomHistories) {
       now += Micros{37'000 + next(30'000)} + (next(20) == 0 ? Micros{5h} : Micros{0});
       times.push_back(now);
       verdicts.push_back(next(5) < 2 ? Verdict::kSlip : Verdict::kHold);
-      const bool raised = decision::update(s, config, verdicts.back(), now) == GripRequest::kTighten;
-      CHECK_EQUAL(raised_by_rule(verdicts, times, i, config), raised);
+      goes_on.push_back(next(5) < 2);
+      const GripRequest request = decision::update(s, config, verdicts.back(), now, goes_on.back());
+      CHECK_EQUAL(raised_by_rule(verdicts, goes_on, times, i, config), request == GripRequest::kTighten);
     }
   }
 }

@@ -47,7 +47,6 @@ TEST_GROUP(Fusion) {
   void setup() override {
     config.fingers = 2;
     config.alone_q8 = 200;
-    config.together_q8 = 100;
     config.classifier.loaded = &tree;
   }
   // What a finger in contact with relief shows.
@@ -88,8 +87,7 @@ TEST(Fusion, GradesAFingerByTheModelsOwnThreshold) {
   };
   for (const auto& [motion_q8, strength] : {Case{0, Strength::kNone},
                                             {900, Strength::kNone},
-                                            {901, Strength::kWeak},
-                                            {1000, Strength::kWeak},
+                                            {1000, Strength::kNone},
                                             {1001, Strength::kSlip},
                                             {1200, Strength::kSlip},
                                             {1201, Strength::kStrong},
@@ -105,8 +103,7 @@ TEST(Fusion, GradesAFingerByTheModelsOwnThreshold) {
 TEST(Fusion, GradesByTheCompiledModel) {
   config.classifier = {};
   const std::int32_t threshold = slip_tree::kFirst[0].threshold;
-  CHECK_TRUE(Strength::kNone == fusion::look(config, moves(threshold - 100), 0ms).strength);
-  CHECK_TRUE(Strength::kWeak == fusion::look(config, moves(threshold - 99), 0ms).strength);
+  CHECK_TRUE(Strength::kNone == fusion::look(config, moves(threshold), 0ms).strength);
   CHECK_TRUE(Strength::kSlip == fusion::look(config, moves(threshold + 1), 0ms).strength);
   CHECK_TRUE(Strength::kStrong == fusion::look(config, moves(threshold + 201), 0ms).strength);
   Features touched = moves(threshold + 400);
@@ -116,7 +113,6 @@ TEST(Fusion, GradesByTheCompiledModel) {
 
 TEST(Fusion, WhatTwoFingersComeTo) {
   const Features still = moves(0);
-  const Features weak = moves(950);
   const Features slip = moves(1100);
   const Features strong = moves(1300);
   struct Case {
@@ -126,9 +122,7 @@ TEST(Fusion, WhatTwoFingersComeTo) {
   };
   const std::vector<Case> cases{
       {"neither moves", still, still, Verdict::kHold},
-      {"both weakly", weak, weak, Verdict::kSlipNow},
-      {"one slips, the other weakly", slip, weak, Verdict::kSlipNow},
-      {"one weakly alone", weak, still, Verdict::kHold},
+      {"both slip", slip, slip, Verdict::kSlipNow},
       {"outvoted", slip, still, Verdict::kHold},
       {"strong alone", strong, still, Verdict::kSlipNow},
       {"the other cannot see it", slip, smooth(still), Verdict::kSlipNow},
@@ -136,11 +130,10 @@ TEST(Fusion, WhatTwoFingersComeTo) {
       {"without relief against one that sees", smooth(slip), still, Verdict::kHold},
       {"without relief, both", smooth(slip), smooth(slip), Verdict::kSlipNow},
       {"the other touches nothing", slip, away(), Verdict::kSlipNow},
-      {"weakly, the other touches nothing", weak, away(), Verdict::kHold},
       {"neither touches", away(), away(), Verdict::kHold},
       {"markers of one", spreads(), still, Verdict::kHold},
       {"markers of both", spreads(), spreads(), Verdict::kSlip},
-      {"markers and weak imprint", spreads(), weak, Verdict::kSlip},
+      {"markers and imprint", spreads(), slip, Verdict::kSlip},
       {"markers, the other touches nothing", spreads(), away(), Verdict::kSlip},
   };
   for (const Case& one : cases) {
@@ -157,8 +150,8 @@ TEST(Fusion, HearsEvidenceForAPeriodAndAMargin) {
 
 // A frame that was on its way for longer tells of an earlier time.
 TEST(Fusion, TimeDoesNotRunBackBetweenFingers) {
-  CHECK_TRUE(Verdict::kHold == give(0, moves(950), 100ms));
-  CHECK_TRUE(Verdict::kSlipNow == give(1, moves(950), 70ms));
+  CHECK_TRUE(Verdict::kSlipNow == give(0, moves(1100), 100ms));
+  CHECK_TRUE(Verdict::kSlipNow == give(1, moves(1100), 70ms));
   CHECK_TRUE(state.now == 100ms);
   // One that is older than evidence may be says nothing, of itself either.
   CHECK_TRUE(Verdict::kHold == give(0, moves(0), 300ms));
@@ -168,6 +161,28 @@ TEST(Fusion, TimeDoesNotRunBackBetweenFingers) {
 TEST(Fusion, AFingerWithoutARestPositionIsNotHeard) {
   (void)fusion::update(state, config, 0, false, moves(0), 0ms);
   CHECK_TRUE(Verdict::kSlipNow == give(1, moves(1100), 10ms));
+}
+
+// A slip that was raised goes on at half of the motion that raises one, by all fingers that are heard; where none was
+// raised, half says nothing.
+TEST(Fusion, ASlipGoesOnAtHalfOfItsMotion) {
+  const auto goes_on = [&](const Features& left, const Features& right) {
+    state = {};
+    (void)give(0, moves(1300), 0ms);
+    for (int k = 1; k < 100; ++k) (void)give(k % 2, k % 2 == 0 ? left : right, k * 10ms);
+    return state.decision.raised;
+  };
+  const Features half = moves(1001 - 256);
+  const Features less = moves(1000 - 256);
+  CHECK_TRUE(goes_on(half, half));
+  CHECK_FALSE(goes_on(less, half));
+  CHECK_FALSE(goes_on(half, less));
+  CHECK_TRUE(goes_on(half, away()));
+  CHECK_FALSE(goes_on(less, away()));
+  CHECK_FALSE(goes_on(away(), away()));
+  state = {};
+  for (int k = 0; k < 100; ++k) CHECK_TRUE(Verdict::kHold == give(0, moves(1000), k * 10ms));
+  CHECK_FALSE(state.decision.raised);
 }
 
 // 2 frames in a row of each finger take as long as 2 of one: the request rises with the second frame of the first.
@@ -206,7 +221,8 @@ TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
     const Features judged = alone.raised ? classifier::while_raised(features) : features;
     const Verdict verdict =
         features.contact.raw() != 0 ? classifier::classify(config.classifier, judged) : Verdict::kHold;
-    const GripRequest request = decision::update(alone, config.decision, verdict, now);
+    const bool goes_on = alone.raised && features.contact.raw() != 0 && classifier::goes_on({}, judged);
+    const GripRequest request = decision::update(alone, config.decision, verdict, now, goes_on);
     const auto result = fusion::update(state, config, 0, true, features, now);
     CHECK_TRUE(verdict == result.verdict);
     CHECK_TRUE(request == result.request);

@@ -238,7 +238,9 @@ struct Bench {
 };
 
 std::int64_t usable(const imprint::State& state) {
-  return std::count_if(state.frames.begin(), state.frames.end(), [](const imprint::PatchPlace& f) { return f.usable; });
+  std::int64_t count = 0;
+  for (const imprint::Layout& eight : state.layout) count += std::count(eight.usable.begin(), eight.usable.end(), -1);
+  return count;
 }
 
 double um(Log2Q8 motion) {
@@ -659,9 +661,11 @@ TEST(Imprint, APatchBeginsHalfAStepFromItsDot) {
       const auto want = [&](int q8, int towards, int origin) {
         return (q8 / 256.0 + towards * 0.5 * side - (side - 1) / 2.0) / side - origin;
       };
-      const imprint::PatchPlace& frame = state->frames[idx(p)];
-      DOUBLES_EQUAL(want(dot.x.raw(), p % 2 == 0 ? 1 : -1, state->picture.left), frame.x_q12 / 4096.0, 2.0 / 4096);
-      DOUBLES_EQUAL(want(dot.y.raw(), p % 4 < 2 ? 1 : -1, state->picture.top), frame.y_q12 / 4096.0, 2.0 / 4096);
+      const imprint::Layout& eight = state->layout[idx(p / imprint::kLanes)];
+      const int x_q12 = eight.x.first_q12[idx(p % imprint::kLanes)],
+                y_q12 = eight.y.first_q12[idx(p % imprint::kLanes)];
+      DOUBLES_EQUAL(want(dot.x.raw(), p % 2 == 0 ? 1 : -1, state->picture.left), x_q12 / 4096.0, 2.0 / 4096);
+      DOUBLES_EQUAL(want(dot.y.raw(), p % 4 < 2 ? 1 : -1, state->picture.top), y_q12 / 4096.0, 2.0 / 4096);
     }
   }
 }
@@ -1086,8 +1090,7 @@ TEST(Imprint, AnyLatticeInAnyPicture) {
         LONGS_EQUAL(0, saturations.count);
         // A single line tells nothing of what lies beside it.
         if (grid.rows > 1 && grid.cols > 1) continue;
-        CHECK(std::none_of(state->frames.begin(), state->frames.end(),
-                           [](const imprint::PatchPlace& f) { return f.usable; }));
+        LONGS_EQUAL(0, usable(*state));
       }
     }
   }
