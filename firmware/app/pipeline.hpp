@@ -17,6 +17,7 @@
 #include "tactile/features.hpp"
 #include "tactile/field_features.hpp"
 #include "tactile/imprint.hpp"
+#include "tactile/load.hpp"
 #include "tactile/reference.hpp"
 #include "tactile/types.hpp"
 #include "vision/jpeg.hpp"
@@ -36,6 +37,7 @@ struct Config {
   field_features::Config field;
   imprint::Config imprint;
   contact::Config contact;
+  load::Config load;
   // Compute Features::field and Features::imprint; price: see frame_cost.
   bool with_field = classifier::needs({}, Stage::kField);
   bool with_imprint = classifier::needs({}, Stage::kImprint);
@@ -84,6 +86,7 @@ struct Result {
   GridSize grid;
   Features features;
   contact::Contact contact;
+  load::Load load;
   bool empty = false;  // nothing touches the gel, and has not for half a second; false where nobody can tell
   Verdict verdict = Verdict::kHold;          // of this frame; while slip is raised, whether the grip is to step further
   Evidence evidence = Evidence::kNone;       // that decided this frame's slip

@@ -269,7 +269,14 @@ class Page {
     const by = `${why.evidence} ${why.evidence_value} of ${why.evidence_threshold}${unit}, ${frames} in a row`;
     const grows = why.contact === "TOUCHING" && !why.slip && why.evidence_value > why.evidence_threshold;
     const words = none ? "No evidence yet" : `Evidence: ${by}${grows ? "; it does not count while the contact grows" : ""}`;
-    $("why").textContent = `Contact ${why.contact ?? "not judged"}. ${words}.`;
+    $("why").textContent = `Contact ${why.contact ?? "not judged"}. ${words}.${this.loadWords(row.load ?? null)}`;
+  }
+
+  loadWords(load) {
+    if (load === null) return "";
+    const use = load.friction_use > 0 ? `, friction use ${load.friction_use.toFixed(2)}` : "";
+    const how = load.basis === "uncalibrated" ? " (uncalibrated)" : "";
+    return ` Shear ${load.shear_n.toFixed(2)} N, normal ${load.normal_n.toFixed(2)} N${use}${how}.`;
   }
 
   // The receiver's rule: GRIP_OK counts only while the last edge of ALIVE is young.

@@ -115,6 +115,7 @@ class TimePlots {
     y_ = info_.marks.empty() ? 6 : 22;
     top_ = y_;
     why();
+    loads();
     panel("Entropy E", "nat", 128, 0, {{"a", "", series(&FrameRecord::entropy_nat, &FrameRecord::features_valid)}});
     panel("Entropy rate dE/dt", "nat/s", 96, kNone,
           {{"a", "", series(&FrameRecord::entropy_rate_nat_s, &FrameRecord::rates_valid)}});
@@ -272,6 +273,23 @@ class TimePlots {
           {{"a", "imprint", series(&FrameRecord::imprint_um, &FrameRecord::features_valid)},
            {"b", "coarse", series(&FrameRecord::coarse_um, &FrameRecord::features_valid)}},
           threshold);
+  }
+
+  // The forces, and how much of the friction they use. Without a reading nothing.
+  void loads() {
+    Points shear, normal, use;
+    load::Basis basis = load::Basis::kNone;
+    for (const FrameRecord& f : frames_) {
+      const bool known = f.features_valid && f.load_basis != load::Basis::kNone;
+      if (known) basis = f.load_basis;
+      shear.emplace_back(f.t_s(), known ? std::hypot(f.shear_x_n, f.shear_y_n) : kNone);
+      normal.emplace_back(f.t_s(), known ? f.normal_n : kNone);
+      use.emplace_back(f.t_s(), known && f.friction_use > 0 ? f.friction_use : kNone);
+    }
+    if (basis == load::Basis::kNone) return;
+    const std::string how = basis == load::Basis::kNominal ? ", uncalibrated" : "";
+    panel("Load on the gel", "N" + how, 96, 0, {{"a", "shear", shear}, {"b", "normal", normal}});
+    panel("Friction use: shear over normal load", how.empty() ? "" : how.substr(2), 84, 0, {{"a", "", use}});
   }
 
   void row_name(std::string_view name, double height) {

@@ -228,6 +228,13 @@ void Session::write_features(const FrameRecord& row, const Hand& hand) {
   add("evidence_threshold", decided, "{:.1f}", row.evidence_threshold);
   add("evidence_unit", decided, "{}", row.evidence_unit);
   add("evidence_frames", decided, "{}", row.evidence_frames);
+  const bool loaded = valid && row.load_basis != load::Basis::kNone;
+  add("shear_x_n", loaded, "{:.3f}", row.shear_x_n);
+  add("shear_y_n", loaded, "{:.3f}", row.shear_y_n);
+  add("normal_n", loaded, "{:.3f}", row.normal_n);
+  add("friction_use", loaded && row.friction_use > 0, "{:.3f}", row.friction_use);
+  add("load_within", loaded, "{:d}", row.load_within);
+  add("load_basis", loaded, "{}", load::kBasisNames[static_cast<std::size_t>(row.load_basis)]);
   if (summary_.frames <= 1) features_->stream() << names << hand.names << '\n';
   features_->stream() << cells << hand.cells << '\n';
 }
