@@ -109,7 +109,7 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
 
   info.title = fmt::format("Replay of {}", std::filesystem::path(options.input).filename().string());
   info.clip = std::filesystem::path(options.input).filename().string();
-  info.inputs = {options.input, options.common.model, options.right};
+  info.inputs = {options.input, options.common.model, options.common.settings, options.right};
   const bool find = options.reference == "auto";
   if (!find && !names_a_frame(options.reference)) info.inputs.emplace_back(options.reference);
   info.input_text = fmt::format("{} ({}x{}, {}, {:.4g} fps)", options.input, about.width, about.height,
