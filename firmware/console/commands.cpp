@@ -296,8 +296,10 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
                1);
   page.decimal("fps", measured_fps_milli(app.health()), 1000, 2);
   page.integer("markers", result.markers);
-  if (words.json) page.integer("markers_expected", result.grid.count());
-  page.yes_no("referenced", result.referenced);
+  if (words.json) {  // a screen has no line left; the state says it, too
+    page.integer("markers_expected", result.grid.count());
+    page.yes_no("referenced", result.referenced);
+  }
   page.decimal("entropy_nat", result.features.entropy.raw(), 65536, 3);
   page.decimal("entropy_rate_nat_s", result.features.entropy_rate.raw(), 256, 2);
   page.decimal("vx_mm_s", result.features.vx.raw(), 1000, 2);
