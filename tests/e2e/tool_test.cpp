@@ -46,7 +46,7 @@ const std::string kFirstSet(kFeatureSets.front().name);
 constexpr const char* kFeaturesHeader =
     "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
     "imprint_patches,imprint_um,coarse_um,contact_phase,evidence,evidence_value,evidence_threshold,evidence_unit,"
-    "evidence_frames";
+    "evidence_frames,shear_x_n,shear_y_n,normal_n,friction_use,load_within,load_basis";
 constexpr const char* kMarkersHeader = "frame,row,col,valid,x_px,y_px,dx_px,dy_px";
 
 // A grasp seen by one camera. Frame 0 shows the empty gel, the others the object being pulled.

@@ -160,12 +160,10 @@ TEST(Weigh, SaysWhatIsWrong) {
   Recording light(Force::kShear);
   light.empty(25).still(50, 90);
   light.refuses(1000.0, "the weight is too small");
-  // Steady, but no more than 25 times the empty gel's deviation.
+  // 12 mN of noise in 200: 6 %.
   Recording noisy(Force::kNormal);
-  noisy.add(
-      25, [](int k) { return k % 2 == 0 ? 20.0 : -20.0; }, false);
-  noisy.still(50, 700);
-  noisy.refuses(1000.0, "the weight is too small");
+  noisy.empty(25).add(50, [](int k) { return 200.0 + (k % 3 - 1) * 6.0; });
+  noisy.refuses(1000.0, "the weight is too small for the noise");
   Recording soft(Force::kShear);
   soft.empty(25).add(
       50, [](int) { return 800.0; }, true, false, true);

@@ -303,7 +303,6 @@ int weigh(const CalibrateOptions& options, const Params& params, bool auto_grid)
                                               {"frames", found.frames},
                                               {"reading_mn", found.reading_mn},
                                               {"spread_mn", found.spread_mn},
-                                              {"noise_mn", found.noise_mn},
                                               {"within", found.within},
                                               {std::string(scale.name), found.scale_permille}}
                            .dump());
@@ -311,10 +310,8 @@ int weigh(const CalibrateOptions& options, const Params& params, bool auto_grid)
   }
   fmt::print("weight    {:g} g, of which this gel carries {:g} %: {:.3f} N of {}\n", options.weight_g, share_pct,
              true_mn * 1e-3, force == learn::Force::kShear ? "shear" : "normal load");
-  fmt::print(
-      "reading   {:.3f} N on a gel of 35 kPa, deviation {:.1f} mN in the {} frames from {} to {}; empty gel {:.1f} "
-      "mN\n",
-      found.reading_mn * 1e-3, found.spread_mn, found.frames, found.first, found.last, found.noise_mn);
+  fmt::print("reading   {:.3f} N on a gel of 35 kPa, deviation {:.1f} mN in the {} frames from {} to {}\n",
+             found.reading_mn * 1e-3, found.spread_mn, found.frames, found.first, found.last);
   fmt::print("setting   {} = {}\n", scale.name, found.scale_permille);
   if (2 * found.within < found.frames) {
     fmt::print(

@@ -24,21 +24,6 @@ void Weighing::add(long frame, const pipeline::Result& result) {
   rows_.push_back(row);
 }
 
-double Weighing::noise_mn() const {
-  // By the median: what is about to touch already presses a little. Of a normal distribution, the standard deviation
-  // over the median of a length in the plane, and of a number's size.
-  const double normal = force_ == Force::kShear ? 0.8493 : 1.4826;
-  std::vector<double> sizes;
-  for (const Row& row : rows_) {
-    if (row.usable) break;
-    if (row.empty) sizes.push_back(std::abs(row.reading_mn));
-  }
-  if (sizes.empty()) return 0.0;
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::ranges::nth_element(sizes, middle);
-  return normal * *middle;
-}
-
 Weighing::Found Weighing::steadiest() const {
   Found best;
   for (std::size_t from = 0; from < rows_.size(); ++from) {
@@ -84,21 +69,23 @@ std::variant<Weighing::Found, std::string> Weighing::find(double true_mn) const 
   }
   Found found = steadiest();
   if (found.frames == 0) {
+    double most = 0;
+    for (const Row& row : rows_) most = std::max(most, row.usable ? row.reading_mn : 0.0);
     return fmt::format(
-        "the reading is steady within {:.0f} % for no {:.1f} s without a slip. Likely cause: {}. Next: let the weight "
-        "hang still for two seconds, or name still frames with --from and --to",
+        "the reading is steady within {:.0f} % for no {:.1f} s without a slip. Likely cause: {}. Next: {}",
         100 * kSteady, static_cast<double>(kLong.count()) * 1e-6,
-        any(&Row::slips) ? "the object slips or is moved all the time"
-                         : "the weight swings, or was taken off too soon");
+        any(&Row::slips)   ? "the object slips or is moved all the time"
+        : most < kFaint_mn ? "the weight is too small for the noise"
+                           : "the weight swings, or was taken off too soon",
+        most < kFaint_mn ? "take ten times the weight"
+                         : "let the weight hang still for two seconds, or name still frames with --from and --to");
   }
-  found.noise_mn = noise_mn();
-  const double noise = std::max(found.noise_mn, found.spread_mn);
-  if (found.reading_mn < std::max(kLeast_mn, kLeastOverNoise * noise)) {
+  if (found.reading_mn < kLeast_mn) {
     return fmt::format(
-        "the weight is too small: it reads {:.0f} mN in frames {} to {}, with {:.1f} mN of noise. Likely cause: it is "
-        "lighter than a gel can weigh to a few per cent, or does not hang on it. Next: take ten times the weight, or "
-        "name its frames with --from and --to",
-        found.reading_mn, found.first, found.last, noise);
+        "the weight is too small: it reads {:.0f} mN in frames {} to {}. Likely cause: it is lighter than a gel can "
+        "weigh to a few per cent, or does not hang on it. Next: take ten times the weight, or name its frames with "
+        "--from and --to",
+        found.reading_mn, found.first, found.last);
   }
   for (const Row& row : rows_) {
     if (row.frame < found.first || row.frame > found.last || !row.strained) continue;

@@ -3,7 +3,7 @@
 // reads while the weight rests on the gel, against what it weighs.
 //
 // Where the weight rests: of all stretches of half a second and more in which the reading stays within 4 % and nothing
-// slips, the one with the largest reading. The noise is that of the frames before anything touches.
+// slips, the one with the largest reading. What is too light for the noise is never so steady.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ class Weighing {
  public:
   static constexpr double kSteady = 0.04;  // of the mean: from the least reading of a stretch to the most
   static constexpr Micros kLong{500'000};
-  static constexpr double kLeast_mn = 100.0;       // of a gel of 35 kPa
-  static constexpr double kLeastOverNoise = 25.0;  // standard deviations: the mean of 13 frames is known to 1 %
+  static constexpr double kLeast_mn = 100.0;  // of a gel of 35 kPa
+  static constexpr double kFaint_mn = 300.0;  // below it noise may be all that is unsteady
 
   explicit Weighing(Force force) : force_(force) {}
 
@@ -34,7 +34,6 @@ class Weighing {
     int frames = 0;
     double reading_mn = 0;  // mean
     double spread_mn = 0;   // standard deviation
-    double noise_mn = 0;    // of the empty gel; 0: no frame shows it
     int within = 0;         // frames whose contact lies within the lattice
     std::int32_t scale_permille = 0;
   };
@@ -52,7 +51,6 @@ class Weighing {
     bool within = false;
     double reading_mn = 0;
   };
-  [[nodiscard]] double noise_mn() const;
   [[nodiscard]] Found steadiest() const;
 
   Force force_;
