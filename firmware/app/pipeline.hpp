@@ -38,6 +38,7 @@ struct Config {
   imprint::Config imprint;
   contact::Config contact;
   load::Config load;
+  bool with_load = true;  // read the forces: Result::load; nothing else depends on them
   // Compute Features::field and Features::imprint; price: see frame_cost.
   bool with_field = classifier::needs({}, Stage::kField);
   bool with_imprint = classifier::needs({}, Stage::kImprint);
@@ -66,6 +67,7 @@ struct State {
   contact::State contact;
   decision::State decision;
   Saturations saturations;
+  Saturations load_saturations;  // of what is only shown: apart, so that the other one is the decision's
   bool opening = false;
   std::int32_t kept_width = 0, kept_height = 0;  // of the picture that it was learned from
   bool resuming = false;  // reference.rest is an earlier process's and waits for a picture that fits it

@@ -53,6 +53,10 @@ std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inp
   return {};
 }
 
+std::uint32_t saturated(const pipeline::State& state) {
+  return state.saturations.count + state.load_saturations.count;
+}
+
 }  // namespace
 
 std::string grid_text(GridSize grid) {
@@ -280,7 +284,7 @@ Summary Session::summary() const {
   Summary out = summary_;
   out.mean_markers = out.accepted > 0 ? static_cast<double>(marker_sum_) / static_cast<double>(out.accepted) : 0.0;
   out.searches = app_->state().tracker.searches;
-  out.saturations = app_->state().saturations.count;
+  out.saturations = saturated(app_->state());
   return out;
 }
 
@@ -305,7 +309,7 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report.notes = info_.notes;
     report.notes.insert(report.notes.end(), notes.begin(), notes.end());
     report.histogram_range_mm = info_.params.histogram_range_um / 1000.0;
-    report.saturations = app_->state().saturations.count;
+    report.saturations = saturated(app_->state());
     report_file_->stream() << report_.html(report);
   }
   if (frame_log_) frame_log_->finish();
