@@ -581,7 +581,7 @@ TEST(Tool, FeaturesHaveARowForEachFrame) {
   LONGS_EQUAL(5, features.rows.size());
   for (std::size_t i = 0; i < features.rows.size(); ++i) {
     const Words& row = features.rows[i];
-    LONGS_EQUAL(21, row.size());
+    LONGS_EQUAL(27, row.size());
     LONGS_EQUAL(i, std::stol(row[0]));
     DOUBLES_EQUAL(static_cast<double>(i) / 25, std::stod(row[1]), 1e-6);  // no time in the stream: 25 fps
     for (const std::size_t always : {2U, 3U, 9U, 10U}) CHECK(!row[always].empty());
@@ -592,6 +592,8 @@ TEST(Tool, FeaturesHaveARowForEachFrame) {
     CHECK(row[11] == (i == 2 ? "" : i == 0 ? "0" : "1") || (i == 1 && row[11] == "0"));
     for (const std::size_t of_the_imprint : {12U, 13U, 14U}) CHECK(row[of_the_imprint].empty());
     for (std::size_t why = 15; why < 21; ++why) LONGS_EQUAL(i == 2, row[why].empty());
+    for (const std::size_t force : {21U, 22U, 23U, 25U, 26U}) LONGS_EQUAL(i == 2, row[force].empty());
+    STRCMP_EQUAL(i == 2 ? "" : "uncalibrated", row[26].c_str());
   }
   // All rows of markers too; those of the rejected frame say nothing.
   const Table markers = read_csv(dir / "m.csv");
