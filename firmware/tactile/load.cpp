@@ -74,7 +74,11 @@ Direction direction_of(const Forces& rough) {
 
 namespace {
 
-using namespace detail;
+using detail::Direction;
+using detail::Field;
+using detail::Folded;
+using detail::Forces;
+using detail::Reach;
 
 // The mean of the neighbours in the lattice that are seen; 0 where none is.
 void fill(const DisplacementField& from, std::int32_t at, Field& field) {
@@ -105,7 +109,7 @@ std::int64_t weighted_mn(const std::array<std::int32_t, kFolded>& weights,
 Forces forces(const Weights& weights, const Folded& folded) {
   Forces out{weighted_mn(weights.shear_x, folded.shear_x), weighted_mn(weights.shear_y, folded.shear_y),
              weighted_mn(weights.normal, folded.normal)};
-  const Direction along = direction_of(out);
+  const Direction along = detail::direction_of(out);
   out.normal += div_round(along.c_q12 * weighted_mn(weights.normal_c, folded.normal) +
                               along.s_q12 * weighted_mn(weights.normal_s, folded.diagonal),
                           4096);
@@ -143,8 +147,8 @@ Load update(const Config& config, const DisplacementField& field, Saturations& s
   if (missing > kMostMissing) return {};
   const bool by_shear = config.shear_scale_permille != 0, by_normal = config.normal_scale_permille != 0;
   out.basis = by_shear && by_normal ? Basis::kTwoWeights : by_shear || by_normal ? Basis::kOneWeight : Basis::kNominal;
-  const Folded folded = fold(u);
-  const Reach reach = reach_of(u);
+  const Folded folded = detail::fold(u);
+  const Reach reach = detail::reach_of(u);
   out.within = reach.within;
   Forces f{};
   if (reach.across_q8 < 256) f = forces(kWeights[0], folded);

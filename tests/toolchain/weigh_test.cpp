@@ -110,8 +110,10 @@ Forces at_the_end(const scene::Scene& scene) {
   return out;
 }
 
+constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
+
 Finished calibrate(const std::vector<std::string>& more) {
-  std::vector<std::string> command{HOLDFAST_BIN_DIR "/holdfast", "calibrate"};
+  std::vector<std::string> command{kTool, "calibrate"};
   command.insert(command.end(), more.begin(), more.end());
   return test::run(command);
 }
@@ -201,8 +203,7 @@ TEST(Weigh, TheCommandMeasuresTheGelsStiffness) {
     DOUBLES_EQUAL(kpa / 35.0, std::stoi(settings.substr(at + 15)) * 1e-3, 0.15 * kpa / 35.0);
 
     // And what reads by it reads the scene's newtons.
-    const Finished read = test::run(
-        {HOLDFAST_BIN_DIR "/holdfast", "sim", path, "--settings", dir / "gel.toml", "--features", dir / "f.csv"});
+    const Finished read = test::run({kTool, "sim", path, "--settings", dir / "gel.toml", "--features", dir / "f.csv"});
     LONGS_EQUAL_TEXT(0, read.status, read.err.c_str());
     const std::string csv = read_file(dir / "f.csv");
     const std::string last = csv.substr(csv.rfind('\n', csv.size() - 2) + 1);

@@ -167,8 +167,8 @@ class Contacts {
       const bool seen = std::abs(cells_[i].x) <= kHalfSeen.x && std::abs(cells_[i].y) <= kHalfSeen.y;
       out.outside += seen ? 0.0 : pressure_[i];
       for (int m = 0; m < load::kMarkers; ++m) {
-        const Vec2 marker{(m % load::kCols - 0.5 * (load::kCols - 1)) * kPitch_mm,
-                          (m / load::kCols - 0.5 * (load::kRows - 1)) * kPitch_mm};
+        const int row = m / load::kCols, col = m % load::kCols;
+        const Vec2 marker{(col - 0.5 * (load::kCols - 1)) * kPitch_mm, (row - 0.5 * (load::kRows - 1)) * kPitch_mm};
         const Kernel::Motion motion = kernel_.at({marker.x - cells_[i].x, marker.y - cells_[i].y});
         x[idx(m)] += motion.xx * shear.x + motion.xy * shear.y + motion.x * pressure_[i];
         y[idx(m)] += motion.xy * shear.x + motion.yy * shear.y + motion.y * pressure_[i];

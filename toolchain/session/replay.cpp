@@ -216,6 +216,7 @@ std::string play_right(const ReplayOptions& options, Right& right, std::string& 
   std::vector<Opening> openings;
   if (std::string error = parse_openings(options.opening, openings); !error.empty()) return error;
   std::vector<std::string> opening;
+  opening.reserve(openings.size());
   for (const Opening& one : openings) {
     opening.push_back(fmt::format("{}-{}", std::max(0L, one.from + right.offset), std::max(0L, one.to + right.offset)));
   }

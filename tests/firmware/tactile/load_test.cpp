@@ -27,7 +27,8 @@ struct Vec {
 };
 
 Vec place_mm(int i) {
-  return {(i % kCols - 4) * 2.02, (i / kCols - 3) * 2.02};
+  const int row = i / kCols, col = i % kCols;
+  return {(col - 4) * 2.02, (row - 3) * 2.02};
 }
 
 void put(DisplacementField& field, int i, Vec um) {
@@ -268,6 +269,17 @@ TEST(Load, AMissingMarkerIsItsNeighboursMean) {
     DOUBLES_EQUAL(want.shear_x.raw(), got.shear_x.raw(), 60.0);
     DOUBLES_EQUAL(want.shear_y.raw(), got.shear_y.raw(), 60.0);
   }
+}
+
+TEST(Load, AMarkerWithoutNeighboursCountsAsStill) {
+  DisplacementField field = field_of([](Vec) { return Vec{100, 0}; });
+  for (const int i : {0, 1, 9, 10}) field.markers[idx(i)].valid = false;
+  const Reference want = reference_of(field);
+  const load::Load got = read(field);
+  DOUBLES_EQUAL(want.shear_x, got.shear_x.raw(), 2.0);
+  DOUBLES_EQUAL(want.shear_y, got.shear_y.raw(), 2.0);
+  // A corner that is believed to have moved as far as the others would read more.
+  CHECK_TRUE(got.shear_x.raw() < read(field_of([](Vec) { return Vec{100, 0}; })).shear_x.raw());
 }
 
 TEST(Load, SaysNothingWithoutItsLattice) {
