@@ -21,6 +21,7 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size, const mod
   config.field.pitch_um = params.pitch_um;
   config.field.max_gap = config.features.max_gap;
   config.imprint.pitch_um = params.pitch_um;
+  config.load = {params.pitch_um, params.shear_scale, params.normal_scale};
   const auto makes = [&](Stage stage) {
     return params.all_features != 0 || classifier::needs(config.classifier, stage);
   };

@@ -156,6 +156,7 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
 
   displacement::update(config.displacement, field, state.reference.rest, state.reference.pitch, state.saturations,
                        state.displacement);
+  if (config.with_load) out.load = load::update(config.load, state.displacement, state.load_saturations);
   out.features =
       features::update(state.features, config.features, state.displacement, out.timestamp, state.saturations);
   if (config.with_field) {

@@ -17,6 +17,7 @@
 #include "tactile/features.hpp"
 #include "tactile/field_features.hpp"
 #include "tactile/imprint.hpp"
+#include "tactile/load.hpp"
 #include "tactile/reference.hpp"
 #include "tactile/types.hpp"
 #include "vision/jpeg.hpp"
@@ -36,6 +37,8 @@ struct Config {
   field_features::Config field;
   imprint::Config imprint;
   contact::Config contact;
+  load::Config load;
+  bool with_load = true;  // read the forces: Result::load; nothing else depends on them
   // Compute Features::field and Features::imprint; price: see frame_cost.
   bool with_field = classifier::needs({}, Stage::kField);
   bool with_imprint = classifier::needs({}, Stage::kImprint);
@@ -64,6 +67,7 @@ struct State {
   contact::State contact;
   decision::State decision;
   Saturations saturations;
+  Saturations load_saturations;  // of what is only shown: apart, so that the other one is the decision's
   bool opening = false;
   std::int32_t kept_width = 0, kept_height = 0;  // of the picture that it was learned from
   bool resuming = false;  // reference.rest is an earlier process's and waits for a picture that fits it
@@ -84,6 +88,7 @@ struct Result {
   GridSize grid;
   Features features;
   contact::Contact contact;
+  load::Load load;
   bool empty = false;  // nothing touches the gel, and has not for half a second; false where nobody can tell
   Verdict verdict = Verdict::kHold;          // of this frame; while slip is raised, whether the grip is to step further
   Evidence evidence = Evidence::kNone;       // that decided this frame's slip

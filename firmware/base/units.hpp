@@ -104,6 +104,14 @@ struct NatsQ16 {
 struct NatsPerSecQ8 {
   static constexpr std::int32_t kMin = -(4096 << 8), kMax = 4096 << 8;
 };
+// Force that the object lays on the gel, in millinewtons. A gel of this size is used up to some 20 N.
+struct Millinewtons {
+  static constexpr std::int32_t kMin = -32'767, kMax = 32'767;
+};
+// A ratio in thousandths; friction on silicone stays below 5.
+struct Permille {
+  static constexpr std::int32_t kMin = 0, kMax = 9'999;
+};
 
 }  // namespace unit
 
@@ -117,5 +125,7 @@ using Log2Q8 = Quantity<unit::Log2Q8>;
 using Count = Quantity<unit::Count>;
 using NatsQ16 = Quantity<unit::NatsQ16>;
 using NatsPerSecQ8 = Quantity<unit::NatsPerSecQ8>;
+using Millinewtons = Quantity<unit::Millinewtons>;
+using Permille = Quantity<unit::Permille>;
 
 }  // namespace holdfast

@@ -254,6 +254,27 @@ void evidence_of(Console& console, Page& page, bool json) {
   page.text("evidence", line.view());
 }
 
+// The forces on the gel, and how much of the friction they use.
+void load_of(const pipeline::Result& result, Page& page, bool json) {
+  const load::Load& load = result.load;
+  const std::string_view basis = load::kBasisNames[static_cast<std::size_t>(load.basis)];
+  const std::int64_t shear_mn =
+      isqrt(static_cast<std::uint64_t>(square(load.shear_x.raw()) + square(load.shear_y.raw())));
+  if (!result.quality.ok() || load.basis == load::Basis::kNone) return page.nothing("load");
+  if (json) {
+    page.text("load", basis);
+    page.yes_no("load_within", load.within);
+    page.decimal("shear_n", shear_mn, 1000, 3);
+    page.decimal("normal_n", load.normal.raw(), 1000, 3);
+    page.decimal("friction_use", load.friction_use.raw(), 1000, 3);
+    return;
+  }
+  Text<72> line;
+  line << "shear " << shear_mn << " mN, normal " << load.normal.raw() << " mN, use " << load.friction_use.raw()
+       << "/1000, " << basis;
+  page.text("load", line.view());
+}
+
 Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   if (words.count != 1) return error(Error::kArguments);
   const App& app = console.daemon().app();
@@ -270,12 +291,15 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   page.yes_no("grip_ok", outputs.grip_ok);
   page.yes_no("slip", outputs.slip);
   evidence_of(console, page, words.json);
+  load_of(result, page, words.json);
   page.decimal("age_ms", std::clamp<std::int64_t>((console.now() - result.timestamp).count(), 0, 1'000'000'000), 1000,
                1);
   page.decimal("fps", measured_fps_milli(app.health()), 1000, 2);
   page.integer("markers", result.markers);
-  if (words.json) page.integer("markers_expected", result.grid.count());
-  page.yes_no("referenced", result.referenced);
+  if (words.json) {  // a screen has no line left; the state says it, too
+    page.integer("markers_expected", result.grid.count());
+    page.yes_no("referenced", result.referenced);
+  }
   page.decimal("entropy_nat", result.features.entropy.raw(), 65536, 3);
   page.decimal("entropy_rate_nat_s", result.features.entropy_rate.raw(), 256, 2);
   page.decimal("vx_mm_s", result.features.vx.raw(), 1000, 2);

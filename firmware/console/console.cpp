@@ -5,6 +5,7 @@
 
 #include "base/math.hpp"
 #include "link/evidence_frame.hpp"
+#include "link/load_frame.hpp"
 #include "link/marker_frame.hpp"
 
 namespace holdfast::console {
@@ -434,6 +435,7 @@ void Console::telemetry() {
   const pipeline::Result& result = daemon_.app().result(finger);
   if (!result.quality.ok() || !result.referenced) return;
   send_evidence(told.reason, finger);
+  send_load(finger);
   if (finger == 0) send_markers();
 }
 
@@ -450,6 +452,13 @@ void Console::send_evidence(Reason reason, int finger) {
   frame.finger = static_cast<std::uint8_t>(finger);
   std::array<std::uint8_t, evidence_frame::kWireBytes> wire{};
   evidence_frame::encode(frame, wire);
+  send_frame(wire);
+}
+
+void Console::send_load(int finger) {
+  std::array<std::uint8_t, load_frame::kWireBytes> wire{};
+  load_frame::encode(load_frame::frame_of(seen_, static_cast<std::uint8_t>(finger), daemon_.app().result(finger).load),
+                     wire);
   send_frame(wire);
 }
 

@@ -171,6 +171,7 @@ class Console {
   void telemetry();
   void send_frame(std::span<const std::uint8_t> wire);
   void send_evidence(Reason reason, int finger);
+  void send_load(int finger);
   void send_markers();
   void trace_line();
   void go_on_with_settings();

@@ -37,12 +37,7 @@ struct EvidenceFrame {
   friend constexpr bool operator==(const EvidenceFrame&, const EvidenceFrame&) = default;
 };
 
-// Numbers are sent on the wire and never re-used.
-struct Row {
-  std::uint8_t number;
-  std::string_view name;
-  std::string_view meaning;
-};
+using link::Row;
 
 inline constexpr std::uint8_t kContactUnknown = 255;
 inline constexpr std::array<Row, 4> kContacts{{

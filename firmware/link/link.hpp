@@ -22,7 +22,15 @@ namespace holdfast::link {
 
 inline constexpr std::uint8_t kVersion = 1;
 inline constexpr std::uint8_t kLastVersion = 8;  // TAB is 9
-enum class Kind : std::uint8_t { kStatus = 1, kCommand = 2, kAnswer = 3, kDisplacement = 4, kRest = 5, kEvidence = 6 };
+enum class Kind : std::uint8_t {
+  kStatus = 1,
+  kCommand = 2,
+  kAnswer = 3,
+  kDisplacement = 4,
+  kRest = 5,
+  kEvidence = 6,
+  kLoad = 7
+};
 
 inline constexpr std::size_t kMaxPayloadBytes = 35;
 inline constexpr std::size_t kMinPayloadBytes = 4;  // version, kind, CRC
@@ -32,6 +40,13 @@ inline constexpr std::size_t kMinPayloadBytes = 4;  // version, kind, CRC
 }
 inline constexpr std::size_t kMaxWireBytes = wire_bytes(kMaxPayloadBytes);
 static_assert(cobs::max_encoded_bytes(kMaxPayloadBytes) + 1 == kMaxWireBytes);
+
+// A number of a field, or a bit of one, in words. Numbers are sent on the wire and never re-used.
+struct Row {
+  std::uint8_t number;
+  std::string_view name;
+  std::string_view meaning;
+};
 
 enum class WireType : std::uint8_t { kU8, kU16, kU32, kI16, kI32 };
 

@@ -18,6 +18,7 @@
 #include "hal/crew.hpp"
 #include "params/modes.hpp"
 #include "slip/tree_io.hpp"
+#include "tactile/load.hpp"
 #include "vision/jpeg_fast.hpp"
 #include "vision/markers.hpp"
 
@@ -52,6 +53,8 @@ struct Params {
   std::int32_t right_sensor = 0;
   std::int32_t lost_finger = 0;
   std::int32_t status_version = 1;
+  std::int32_t shear_scale = 0;
+  std::int32_t normal_scale = 0;
   friend constexpr bool operator==(const Params&, const Params&) = default;
 };
 
@@ -87,7 +90,7 @@ struct ParamInfo {
   std::int32_t default_value = Params{}.*member;
 };
 
-inline constexpr std::array<ParamInfo, 28> kParams{{
+inline constexpr std::array<ParamInfo, 30> kParams{{
     {&Params::histogram_range_um, "histogram_range_um", "um", 500, 10'000, ParamClass::kSafety,
      "larger: a slip stays in one bin, and its entropy shows nothing",
      "displacement at which the last of the 15 histogram bins begins to overflow",
@@ -169,6 +172,12 @@ inline constexpr std::array<ParamInfo, 28> kParams{{
      "a receiver that does not know the version hears nothing, and takes nothing for fine",
      "of the status frames of a device of two fingers: 1, or 2, which tells of each finger",
      "2: 3 bytes more a frame, and a receiver that knows it"},
+    {&Params::shear_scale, "shear_scale", "1/1000", 0, load::kMostScalePermille, ParamClass::kDisplay,
+     "forces are shown and recorded; none decides",
+     "shear that the gel carries, over that of a gel of 35 kPa; 0: not calibrated",
+     "none: give what `holdfast calibrate --weight` measured on this gel"},
+    {&Params::normal_scale, "normal_scale", "1/1000", 0, load::kMostScalePermille, ParamClass::kDisplay,
+     "as shear_scale", "the same of the normal load", "as shear_scale"},
 }};
 
 static_assert(sizeof(Params) == kParams.size() * sizeof(std::int32_t), "every member of Params has a row");

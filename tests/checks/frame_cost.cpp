@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// frame_cost paper|field|imprint|hand N: with the paper's features, with those of the field as well, or with those and
-// the imprint; hand: the last of two fingers, from luma to the hand's lines, N frames of each. N frames of a moving gel
-// through the pipeline, from luma to decision; for the instruction counter. The pictures are rendered before the first
-// frame and shown in turn, so N changes nothing but the number of frames.
+// frame_cost paper|field|imprint|hand N: with the paper's features, with those of the field as well, or with those, the
+// imprint and the forces; hand: the last of two fingers, from luma to the hand's lines, N frames of each. N frames of a
+// moving gel through the pipeline, from luma to decision; for the instruction counter. The pictures are rendered before
+// the first frame and shown in turn, so N changes nothing but the number of frames.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -52,7 +52,7 @@ int main(int argc, char** argv) {
   const auto state = std::make_unique<fingers::State>();
   pipeline::Config config = pipeline_config(Params{});
   config.with_field = with != "paper";
-  config.with_imprint = with == "imprint" || with == "hand";
+  config.with_imprint = config.with_load = with == "imprint" || with == "hand";
   const fingers::Config hand = fingers::config_of(2, config, supervisor_config(Params{}));
   long accepted = 0;
   const auto frame_of = [&](long i, Micros later) {

@@ -27,6 +27,7 @@ holdfast doctor	on a board; tests/toolchain/inventory_test.cpp
 .*trade firmware .*	ten minutes; tests/e2e/tool_test.cpp runs a piece
 .*evaluate --recorded .*	wants the recordings; tests/bench/recorded.sh
 .*cluster/submit\.sh.*	tests/e2e/cluster.sh
+.*(hanging\.avi|gel\.toml).*	wants a weight on a gel; tests/toolchain/weigh_test.cpp
 .*trials .*	a minute; tests/e2e/trials_test.cpp
 .*holdfast (dataset|train|fuse|evaluate|compile) .*	half an hour; the tests of learn run each in small
 LIST

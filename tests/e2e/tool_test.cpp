@@ -46,7 +46,7 @@ const std::string kFirstSet(kFeatureSets.front().name);
 constexpr const char* kFeaturesHeader =
     "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
     "imprint_patches,imprint_um,coarse_um,contact_phase,evidence,evidence_value,evidence_threshold,evidence_unit,"
-    "evidence_frames";
+    "evidence_frames,shear_x_n,shear_y_n,normal_n,friction_use,load_within,load_basis";
 constexpr const char* kMarkersHeader = "frame,row,col,valid,x_px,y_px,dx_px,dy_px";
 
 // A grasp seen by one camera. Frame 0 shows the empty gel, the others the object being pulled.
@@ -538,7 +538,7 @@ TEST(Tool, FeaturesHaveARowForEachFrame) {
   LONGS_EQUAL(5, features.rows.size());
   for (std::size_t i = 0; i < features.rows.size(); ++i) {
     const Words& row = features.rows[i];
-    LONGS_EQUAL(21, row.size());
+    LONGS_EQUAL(27, row.size());
     LONGS_EQUAL(i, std::stol(row[0]));
     DOUBLES_EQUAL(static_cast<double>(i) / 25, std::stod(row[1]), 1e-6);  // no time in the stream: 25 fps
     for (const std::size_t always : {2U, 3U, 9U, 10U}) CHECK(!row[always].empty());
@@ -549,6 +549,8 @@ TEST(Tool, FeaturesHaveARowForEachFrame) {
     CHECK(row[11] == (i == 2 ? "" : i == 0 ? "0" : "1") || (i == 1 && row[11] == "0"));
     for (const std::size_t of_the_imprint : {12U, 13U, 14U}) CHECK(row[of_the_imprint].empty());
     for (std::size_t why = 15; why < 21; ++why) LONGS_EQUAL(i == 2, row[why].empty());
+    for (const std::size_t force : {21U, 22U, 23U, 25U, 26U}) LONGS_EQUAL(i == 2, row[force].empty());
+    STRCMP_EQUAL(i == 2 ? "" : "uncalibrated", row[26].c_str());
   }
   // All rows of markers too; those of the rejected frame say nothing.
   const Table markers = read_csv(dir / "m.csv");

@@ -16,6 +16,7 @@
 #include "link/command_frame.hpp"
 #include "link/evidence_frame.hpp"
 #include "link/link.hpp"
+#include "link/load_frame.hpp"
 #include "link/status_frame.hpp"
 #include "toolchain/robot/holdfast_link.h"
 
@@ -134,6 +135,12 @@ inline bool same(const evidence_frame::EvidenceFrame& a, const holdfast_evidence
          a.coarse_log2_um_q8 == b.coarse_log2_um_q8 && a.growth_log2_q8 == b.growth_log2_q8;
 }
 
+inline bool same(const load_frame::LoadFrame& a, const holdfast_load& b) {
+  return a.sequence == b.sequence && a.finger == b.finger && a.basis == b.basis && a.flags == b.flags &&
+         a.shear_x_mn == b.shear_x_mn && a.shear_y_mn == b.shear_y_mn && a.normal_mn == b.normal_mn &&
+         a.friction_use_permille == b.friction_use_permille;
+}
+
 // What both sides make of a sound frame: the same, or a finding.
 inline std::string check_frame(const link::Payload& payload, const holdfast_receiver& robot, int kind) {
   namespace cf = command_frame;
@@ -142,11 +149,13 @@ inline std::string check_frame(const link::Payload& payload, const holdfast_rece
   const auto command = cf::read_command(payload);
   const auto answer = cf::read_answer(payload);
   const auto evidence = evidence_frame::read(payload);
+  const auto load = load_frame::read(payload);
   const bool known_state = kind == HOLDFAST_KIND_STATUS && body[10] <= 5;
   if (status.ok() != known_state) return "a status frame that one of them does not take";
   if (command.has_value() != (kind == HOLDFAST_KIND_COMMAND)) return "a command that one of them does not take";
   if (answer.has_value() != (kind == HOLDFAST_KIND_ANSWER)) return "an answer that one of them does not take";
   if (evidence.has_value() != (kind == HOLDFAST_KIND_EVIDENCE)) return "evidence that one of them does not take";
+  if (load.has_value() != (kind == HOLDFAST_KIND_LOAD)) return "a load that one of them does not take";
   holdfast_status robot_status{};
   if (kind == HOLDFAST_KIND_STATUS && (holdfast_link_status(&robot, &robot_status) != 0) != status.ok()) {
     return "a state that one of them does not take";
@@ -167,6 +176,14 @@ inline std::string check_frame(const link::Payload& payload, const holdfast_rece
     evidence_frame::encode(*evidence, wire);
     if (!same(*evidence, robot_evidence)) return "another evidence";
     if (!std::ranges::equal(wire, frame_around(body))) return "evidence that is encoded otherwise";
+  }
+  if (load) {
+    holdfast_load robot_load{};
+    holdfast_link_load(&robot, &robot_load);
+    std::array<std::uint8_t, load_frame::kWireBytes> wire{};
+    load_frame::encode(*load, wire);
+    if (!same(*load, robot_load)) return "another load";
+    if (!std::ranges::equal(wire, frame_around(body))) return "a load that is encoded otherwise";
   }
   if (command) {
     const holdfast_command sent{command->sequence, static_cast<std::uint8_t>(command->command), command->argument};
@@ -225,8 +242,8 @@ inline LinkBytes link_stream(std::span<const std::uint8_t> script) {
       for (int i = op % 16; i >= 0; --i) stream.push_back(next());
       continue;
     }
-    constexpr std::array<int, 8> kKind{0, 1, 2, 3, 0, 6, 2, 3};
-    constexpr std::array<int, 7> kBody{0, 30, 6, 6, 0, 0, 25};
+    constexpr std::array<int, 8> kKind{0, 1, 2, 3, 0, 6, 7, 3};
+    constexpr std::array<int, 8> kBody{0, 30, 6, 6, 0, 0, 25, 15};
     const int kind = kKind[op % 8U];
     const bool of_hand = kind == 1 && (op & 0x20) != 0;
     const int size = kind == 0 ? 2 + op / 4 % 16 * 2 : of_hand ? 33 : kBody[static_cast<std::size_t>(kind)];
@@ -248,13 +265,14 @@ inline std::vector<LinkBytes> link_seeds() {
   const LinkBytes answer = frame_around({1, 3, 7, 0, 5, 0});
   const LinkBytes evidence =
       frame_around({1, 6, 1, 2, 0, 2, 1, 1, 2, 45, 0, 0, 0xF0, 0, 0, 0xD0, 0x84, 0, 0, 0xF1, 5, 0, 1, 0xF4, 0xFF});
+  const LinkBytes load = frame_around({1, 7, 1, 2, 0, 2, 1, 0xD4, 0xFE, 0x90, 1, 0xE2, 4, 0x90, 1});
   const LinkBytes line = bytes_of("help\n");
   const LinkBytes zero{0};
   LinkBytes bad = status;
   bad[9] ^= 4;
   const LinkBytes cut(status.begin(), status.begin() + 20);
   return {status + status + answer,
-          status + evidence + zero + line + evidence,
+          status + evidence + load + zero + line + evidence + load,
           line + zero + status + line + zero + answer + line,
           zero + command + zero + command + line,
           line + bad + status,

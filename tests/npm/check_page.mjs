@@ -172,6 +172,7 @@ await check("the scrubber moves the arrows: every marker of every frame as in th
 
 await check("state, reason, lines, values and evidence are those of the features CSV", async () => {
   let reasons = 0;
+  let loads = 0;
   for (let i = 0; i < features.length; i += 3) {
     const want = features[i];
     await scrub(report, i);
@@ -197,10 +198,20 @@ await check("state, reason, lines, values and evidence are those of the features
         ++reasons;
       }
     }
+    assert.equal(await report.locator("#load").isVisible(), want.load_basis !== "");
+    if (want.load_basis !== "") {
+      const load = (await text(report, "load")).match(/^Shear ([\d.]+) N, normal load (-?[\d.]+) N(?:, friction use ([\d.]+))? \(uncalibrated\)\.$/);
+      assert.ok(load !== null, `frame ${i}: '${await text(report, "load")}'`);
+      near(Number(load[1]), Math.hypot(Number(want.shear_x_n), Number(want.shear_y_n)), 0.006, "shear");
+      near(Number(load[2]), Number(want.normal_n), 0.006, "normal load");
+      if (Number(want.friction_use) > 0.01) near(Number(load[3]), Number(want.friction_use), 0.006, "friction use");
+      ++loads;
+    }
     assert.ok((await text(report, "lamp-grip")).includes(want.grip_ok === "1" ? "HIGH" : "LOW"));
     assert.ok((await text(report, "lamp-decision")).includes(want.slip === "1" ? "slip" : "hold"));
   }
   assert.ok(reasons > 15, `${reasons} frames said why`);
+  assert.ok(loads > 15, `${loads} frames had a load`);
 });
 
 await check("the cursor stands at the frame's time in the plots", async () => {
@@ -487,6 +498,10 @@ await check("live: a board says what the verdict stands on, in each frame that h
     assert.deepEqual([why[1], why[2], why[5], why[6]], [want.contact, want.evidence, want.unit, String(want.run)]);
     near(Number(why[3]), want.value_milli / 1000, 0.051, "evidence");
     near(Number(why[4]), want.threshold_milli / 1000, 0.051, "threshold");
+    const load = values.loads.find((one) => one.sequence === want.sequence);
+    const words = (await text(live, "load")).match(/^Shear ([\d.]+) N, normal load (-?[\d.]+) N.*\(uncalibrated\)\.$/);
+    near(Number(words[1]), Math.hypot(load.shear_x_mn, load.shear_y_mn) / 1000, 0.0051, "shear");
+    near(Number(words[2]), load.normal_mn / 1000, 0.0051, "normal load");
   }
 });
 

@@ -8,7 +8,7 @@ import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
-import { Receiver, cobsDecode, crc16, openFrame, readEvidence, readMarkers, readStatus } from "../../toolchain/page/wire.js";
+import { Receiver, cobsDecode, crc16, openFrame, readEvidence, readLoad, readMarkers, readStatus } from "../../toolchain/page/wire.js";
 import { WIRE } from "../../toolchain/page/tables.js";
 
 const root = resolve(dirname(fileURLToPath(import.meta.url)), "../..");
@@ -26,13 +26,15 @@ function check(name, act) {
 }
 
 function receive(pieces) {
-  const got = { status: [], evidence: [], markers: [], text: [], wires: [], damaged: 0 };
+  const got = { status: [], evidence: [], loads: [], markers: [], text: [], wires: [], damaged: 0 };
   const receiver = new Receiver({
     frame: (payload) => {
       const status = readStatus(payload);
       const evidence = readEvidence(payload);
+      const load = readLoad(payload);
       if (status !== null) got.status.push(status);
       else if (evidence !== null) got.evidence.push({ behind: got.status.at(-1)?.sequence, ...evidence });
+      else if (load !== null) got.loads.push(load);
       else got.markers.push(readMarkers(payload));
     },
     text: (line) => got.text.push(line),
@@ -79,6 +81,23 @@ check("every value of the firmware's decoder, in pieces of any size", () => {
     });
     assert.deepEqual(got.text, values.texts);
   }
+});
+check("every load of the firmware", () => {
+  const { loads } = receive([bytes]);
+  assert.equal(loads.length, values.loads.length);
+  assert.ok(loads.length > 10);
+  loads.forEach((load, i) => {
+    const want = values.loads[i];
+    assert.deepEqual(load, {
+      sequence: want.sequence,
+      finger: want.finger,
+      basis: want.basis,
+      within: want.flags % 2 === 1,
+      shear_n: Math.hypot(want.shear_x_mn, want.shear_y_mn) / 1000,
+      normal_n: want.normal_mn / 1000,
+      friction_use: want.friction_use_permille / 1000,
+    });
+  });
 });
 check("every evidence of the firmware, behind its status frame", () => {
   const { evidence } = receive([bytes]);
@@ -161,6 +180,7 @@ check("an unknown kind, version or state is passed over", () => {
     assert.equal(readStatus(other), null);
     assert.equal(readMarkers(other), null);
     assert.equal(readEvidence(other), null);
+    assert.equal(readLoad(other), null);
   }
 });
 check("version 2 of a status tells of each finger, version 1 of none", () => {

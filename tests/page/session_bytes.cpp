@@ -29,6 +29,7 @@
 #include "drivers/sim/serial.hpp"
 #include "link/evidence_frame.hpp"
 #include "link/link.hpp"
+#include "link/load_frame.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
 #include "toolchain/play/play.hpp"
@@ -140,11 +141,23 @@ json evidence_of(const evidence_frame::EvidenceFrame& e) {
           {"growth_log2_q8", e.growth_log2_q8}};
 }
 
+json load_of(const load_frame::LoadFrame& l) {
+  return {{"sequence", l.sequence},
+          {"finger", l.finger},
+          {"basis", name_in(load_frame::kBases, l.basis)},
+          {"flags", l.flags},
+          {"shear_x_mn", l.shear_x_mn},
+          {"shear_y_mn", l.shear_y_mn},
+          {"normal_mn", l.normal_mn},
+          {"friction_use_permille", l.friction_use_permille}};
+}
+
 // What the firmware's decoder makes of the bytes.
 json decoded(std::span<const std::uint8_t> bytes) {
   link::Receiver receiver;
   json frames = json::array();
   json evidence = json::array();
+  json loads = json::array();
   json texts = json::array();
   std::string line;
   for (const std::uint8_t byte : bytes) {
@@ -157,6 +170,7 @@ json decoded(std::span<const std::uint8_t> bytes) {
     }
     if (event != link::Event::kFrame) continue;
     if (const auto e = evidence_frame::read(receiver.payload())) evidence.push_back(evidence_of(*e));
+    if (const auto l = load_frame::read(receiver.payload())) loads.push_back(load_of(*l));
     const auto [error, f] = status_frame::read(receiver.payload());
     if (error != link::DecodeError::kNone) continue;
     frames.push_back({{"sequence", f.sequence},
@@ -174,11 +188,8 @@ json decoded(std::span<const std::uint8_t> bytes) {
                       {"entropy_nat_q16", f.entropy_nat_q16},
                       {"entropy_rate_nat_s_q8", f.entropy_rate_nat_s_q8}});
   }
-  return {{"status", frames},
-          {"evidence", evidence},
-          {"texts", texts},
-          {"damaged", receiver.damaged()},
-          {"frames", receiver.frames()}};
+  return {{"status", frames}, {"evidence", evidence},          {"loads", loads},
+          {"texts", texts},   {"damaged", receiver.damaged()}, {"frames", receiver.frames()}};
 }
 
 int run(int argc, char** argv) {

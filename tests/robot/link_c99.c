@@ -17,6 +17,10 @@ void c99_evidence(const holdfast_receiver* receiver, holdfast_evidence* evidence
   holdfast_link_evidence(receiver, evidence);
 }
 
+void c99_load(const holdfast_receiver* receiver, holdfast_load* load) {
+  holdfast_link_load(receiver, load);
+}
+
 void c99_command(const holdfast_command* command, uint8_t* wire) {
   holdfast_link_command(command, wire);
 }
@@ -41,6 +45,8 @@ const char* c99_name(char of, uint8_t number) {
       return holdfast_contact_name(number);
     case 'e':
       return holdfast_evidence_name(number);
+    case 'b':
+      return holdfast_basis_name(number);
     case 'u':
       return holdfast_unit_name(number);
     default:

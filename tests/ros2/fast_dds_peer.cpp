@@ -125,7 +125,14 @@ void slip(Cdr& cdr, Json& out) {
       .get<U32>("evidence_frames")
       .get<double>("imprint_um")
       .get<double>("coarse_um")
-      .get<std::array<U32, 15>>("histogram");
+      .get<std::array<U32, 15>>("histogram")
+      .get<U8>("load_basis")
+      .get<bool>("load_within")
+      .get<bool>("load_strained")
+      .get<double>("shear_x_n")
+      .get<double>("shear_y_n")
+      .get<double>("normal_n")
+      .get<double>("friction_use");
 }
 
 void markers(Cdr& cdr, Json& out) {

@@ -15,6 +15,7 @@
 #include "link/command_frame.hpp"
 #include "link/evidence_frame.hpp"
 #include "link/link.hpp"
+#include "link/load_frame.hpp"
 #include "link/status_frame.hpp"
 #include "tests/fuzz/link_check.hpp"
 #include "tests/robot/link_c99.h"
@@ -25,6 +26,7 @@
 using namespace holdfast;
 namespace cf = command_frame;
 namespace ef = evidence_frame;
+namespace lf = load_frame;
 namespace sf = status_frame;
 using test::LinkBytes;
 
@@ -92,6 +94,25 @@ std::array<std::uint8_t, ef::kWireBytes> wire_of(const ef::EvidenceFrame& frame)
   return wire;
 }
 
+lf::LoadFrame any_load(std::mt19937& random) {
+  lf::LoadFrame frame;
+  frame.sequence = any<std::uint16_t>(random);
+  frame.finger = any<std::uint8_t>(random);
+  frame.basis = any<std::uint8_t>(random);
+  frame.flags = any<std::uint8_t>(random);
+  frame.shear_x_mn = any<std::int16_t>(random);
+  frame.shear_y_mn = any<std::int16_t>(random);
+  frame.normal_mn = any<std::int16_t>(random);
+  frame.friction_use_permille = any<std::uint16_t>(random);
+  return frame;
+}
+
+std::array<std::uint8_t, lf::kWireBytes> wire_of(const lf::LoadFrame& frame) {
+  std::array<std::uint8_t, lf::kWireBytes> wire{};
+  lf::encode(frame, wire);
+  return wire;
+}
+
 // What the last byte of `bytes` completes; the others complete nothing that is no text or damage.
 int pushed(holdfast_receiver& receiver, std::span<const std::uint8_t> bytes) {
   int last = 0;
@@ -125,6 +146,17 @@ TEST(RobotLink, EveryFieldOfAnEvidenceIsReadAsItWasWritten) {
     holdfast_evidence evidence{};
     c99_evidence(&receiver, &evidence);
     CHECK_TRUE(test::same(frame, evidence));
+  }
+  LONGS_EQUAL(0, receiver.damaged);
+}
+
+TEST(RobotLink, EveryFieldOfALoadIsReadAsItWasWritten) {
+  for (int i = 0; i < 20'000; ++i) {
+    const lf::LoadFrame frame = any_load(random);
+    LONGS_EQUAL(HOLDFAST_KIND_LOAD, pushed(receiver, wire_of(frame)));
+    holdfast_load load{};
+    c99_load(&receiver, &load);
+    CHECK_TRUE(test::same(frame, load));
   }
   LONGS_EQUAL(0, receiver.damaged);
 }
@@ -167,6 +199,7 @@ TEST(RobotLink, EverySingleBitFlipIsRefused) {
   for (int i = 0; i < 300; ++i) {
     flip(wire_of(any_status(random)));
     flip(wire_of(any_evidence(random)));
+    flip(wire_of(any_load(random)));
   }
   LONGS_EQUAL(0, taken);
 }
@@ -205,7 +238,7 @@ TEST(RobotLink, SaysWhatItDoesNotKnow) {
 
 TEST(RobotLink, NamesAreThoseOfTheFirmware) {
   for (int number = 0; number < 256; ++number) {
-    std::array<std::string, 7> want{"?", "?", "?", "?", "?", "?", "?"};
+    std::array<std::string, 8> want{"?", "?", "?", "?", "?", "?", "?", "?"};
     for (const StateInfo& row : kStates) {
       if (static_cast<int>(row.state) == number) want[0] = row.name;
     }
@@ -224,6 +257,9 @@ TEST(RobotLink, NamesAreThoseOfTheFirmware) {
     for (const ef::Row& row : ef::kEvidences) {
       if (row.number == number) want[5] = row.name;
     }
+    for (const link::Row& row : lf::kBases) {
+      if (row.number == number) want[7] = row.name;
+    }
     const auto byte = static_cast<std::uint8_t>(number);
     if (byte < ef::kUnits.size()) want[6] = ef::kUnits[byte];
     STRCMP_EQUAL(want[0].c_str(), c99_name('s', byte));
@@ -233,6 +269,7 @@ TEST(RobotLink, NamesAreThoseOfTheFirmware) {
     STRCMP_EQUAL(want[4].c_str(), c99_name('t', byte));
     STRCMP_EQUAL(want[5].c_str(), c99_name('e', byte));
     STRCMP_EQUAL(want[6].c_str(), c99_name('u', byte));
+    STRCMP_EQUAL(want[7].c_str(), c99_name('b', byte));
   }
 }
 
@@ -260,6 +297,8 @@ TEST(RobotLink, ConstantsAndTheirMeaningsAreThoseOfTheFirmware) {
   }
   for (const ef::Row& row : ef::kContacts) check("HOLDFAST_CONTACT_", row.name, row.number, std::string(row.meaning));
   for (const ef::Row& row : ef::kEvidences) check("HOLDFAST_EVIDENCE_", row.name, row.number, std::string(row.meaning));
+  for (const link::Row& row : lf::kBases) check("HOLDFAST_BASIS_", row.name, row.number, std::string(row.meaning));
+  for (const link::Row& row : lf::kFlags) check("HOLDFAST_LOAD_", row.name, 1U << row.number, std::string(row.meaning));
   // The enums with a tag have no others.
   std::size_t found = 0;
   for (std::size_t at = header.find("enum holdfast_"); at < header.find("static inline"); ++at) {

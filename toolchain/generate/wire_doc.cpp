@@ -21,6 +21,7 @@
 #include "link/command_frame.hpp"
 #include "link/evidence_frame.hpp"
 #include "link/link.hpp"
+#include "link/load_frame.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
 #include "params/modes.hpp"
@@ -32,6 +33,7 @@ namespace {
 namespace sf = status_frame;
 namespace cf = command_frame;
 namespace ef = evidence_frame;
+namespace lf = load_frame;
 namespace mf = marker_frame;
 
 template <typename Number>
@@ -106,6 +108,16 @@ constexpr ef::EvidenceFrame kWhy{.sequence = 513,
                                  .coarse_log2_um_q8 = 256,
                                  .growth_log2_q8 = -12};
 
+// And the forces then.
+constexpr lf::LoadFrame kForces{.sequence = 513,
+                                .finger = 0,
+                                .basis = 2,
+                                .flags = 1,
+                                .shear_x_mn = -300,
+                                .shear_y_mn = 400,
+                                .normal_mn = 1250,
+                                .friction_use_permille = 400};
+
 std::string examples() {
   std::array<std::uint8_t, sf::kWireBytes> status{};
   std::array<std::uint8_t, cf::kCommandBytes> command{};
@@ -115,6 +127,8 @@ std::string examples() {
   cf::encode(kAnswer, answer);
   std::array<std::uint8_t, ef::kWireBytes> why{};
   ef::encode(kWhy, why);
+  std::array<std::uint8_t, lf::kWireBytes> forces{};
+  lf::encode(kForces, forces);
   sf::StatusFrame of_hand = kStatus;
   of_hand.fingers = 3;
   of_hand.healthy = 2;
@@ -132,7 +146,10 @@ std::string examples() {
          ", finger 0, HELD, imprint " + text(kWhy.value_milli) + " of " + text(kWhy.threshold_milli) + " um/1000, " +
          text(kWhy.run) + " frames in a row, " + text(kWhy.patches) + " patches, motion " +
          text(kWhy.motion_log2_um_q8) + " / 256, coarse " + text(kWhy.coarse_log2_um_q8) + " / 256, growth " +
-         text(kWhy.growth_log2_q8) + " / 256.\n\n" + hex(hand) +
+         text(kWhy.growth_log2_q8) + " / 256.\n\n" + hex(forces) + "Load: sequence " + text(kForces.sequence) +
+         ", finger 0, one_weight, within, shear " + text(kForces.shear_x_mn) + " and " + text(kForces.shear_y_mn) +
+         " mN, normal " + text(kForces.normal_mn) + " mN, friction use " + text(kForces.friction_use_permille) +
+         " / 1000.\n\n" + hex(hand) +
          "Status, version 2: the first one, of a hand with two fingers, of which the right one is healthy and both are "
          "in contact.\n";
 }
@@ -151,6 +168,7 @@ std::string framing() {
               text(mf::kWireBytes)}) +
          row({text(link::Kind::kRest), "rest position", "likewise", text(mf::kWireBytes)}) +
          row({text(link::Kind::kEvidence), "evidence", "likewise, behind the status frame", text(ef::kWireBytes)}) +
+         row({text(link::Kind::kLoad), "load", "likewise, behind the evidence", text(lf::kWireBytes)}) +
          "\nCRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected, no final xor; \"123456789\" gives "
          "0x29B1. A receiver drops a frame whose length, COBS or CRC is wrong and waits for the next 0x00. It skips "
          "kinds and versions that it does not know, and ignores flag bits that it does not know.\n\n"
@@ -221,19 +239,35 @@ std::string why() {
   return out;
 }
 
+std::string forces() {
+  std::string out = "\n## Load frame, version " + text(link::kVersion) + "\n\n" +
+                    "On the port `host`, after the console's command `watch on`: behind every evidence frame, the "
+                    "forces that the displacement field of that picture stands for, and the share of the friction that "
+                    "they use. They are **uncalibrated** until a known weight was used (`holdfast calibrate "
+                    "--weight`), and nothing is decided by them. How exact they are: "
+                    "[toolchain](../../toolchain/README.md#forces).\n\n" +
+                    layout(lf::kFields) + "\n### Basis\n\n" + head({"number", "name", "meaning"});
+  for (const link::Row& row_of : lf::kBases) out += row({text(row_of.number), code(row_of.name), row_of.meaning});
+  out += "\n### Load flags\n\n" + head({"bit", "name", "meaning"});
+  for (const link::Row& row_of : lf::kFlags) out += row({text(row_of.number), row_of.name, row_of.meaning});
+  return out;
+}
+
 // What `watch on` takes of a line, with the 0x00 before each frame.
 std::string budget() {
   constexpr std::size_t kFps = 25, kBytesPerSecond = 115'200 / 10;
   const std::size_t pieces = idx(mf::frames_of({7, 9})) * (mf::kWireBytes + 1);
   const std::size_t status = kFps * (sf::kWireBytes + 1);
   const std::size_t why = kFps * (ef::kWireBytes + 1);
+  const std::size_t load = kFps * (lf::kWireBytes + 1);
   const std::size_t displacement = kFps / mf::kEvery * pieces;
   const std::size_t rest = kFps * pieces / mf::kRestEvery;
-  const std::size_t sum = status + why + displacement + rest;
+  const std::size_t sum = status + why + load + displacement + rest;
   return "\n## What `watch on` takes of a line\n\nWith 63 markers and " + text(kFps) +
          " pictures a second, the 0x00 before each frame included:\n\n" + head({"frames", "bytes a second"}) +
-         row({"status", text(status)}) + row({"evidence", text(why)}) + row({"displacement", text(displacement)}) +
-         row({"rest position", text(rest)}) + row({"all", text(sum)}) + "\n115200 baud carry " + text(kBytesPerSecond) +
+         row({"status", text(status)}) + row({"evidence", text(why)}) + row({"load", text(load)}) +
+         row({"displacement", text(displacement)}) + row({"rest position", text(rest)}) + row({"all", text(sum)}) +
+         "\n115200 baud carry " + text(kBytesPerSecond) +
          " bytes a second: " + text((sum * 100 + kBytesPerSecond / 2) / kBytesPerSecond) +
          " % are taken, the rest is for answers.\n";
 }
@@ -259,7 +293,8 @@ std::string_view name_of(link::WireType type) {
 std::string link_markdown() {
   std::string out =
       "<!-- SPDX-License-Identifier: Apache-2.0 -->\n"
-      "<!-- Written by wire_doc from firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame}.hpp "
+      "<!-- Written by wire_doc from "
+      "firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame,load_frame}.hpp "
       "and "
       "firmware/base/status.hpp; do not edit. -->\n"
       "# Frames on serial\n\n"
@@ -298,7 +333,7 @@ std::string link_markdown() {
          text(mf::kPerFrame) +
          " markers a frame, and the rest positions when they are learned and now and then. A marker that is seen and "
          "has a rest position stands at the sum of both.\n\n" +
-         layout(mf::kDisplacementFields) + why() + budget();
+         layout(mf::kDisplacementFields) + why() + forces() + budget();
   return out + "\n## Examples\n\n" + examples();
 }
 

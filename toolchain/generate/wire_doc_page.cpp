@@ -8,6 +8,7 @@
 #include "base/status.hpp"
 #include "link/evidence_frame.hpp"
 #include "link/link.hpp"
+#include "link/load_frame.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
 #include "params/params.hpp"
@@ -20,6 +21,7 @@ namespace {
 
 namespace sf = status_frame;
 namespace ef = evidence_frame;
+namespace lf = load_frame;
 namespace mf = marker_frame;
 using Json = nlohmann::ordered_json;
 
@@ -33,7 +35,7 @@ Json places(const Table& table) {
 template <typename Rows>
 Json names_of(const Rows& rows) {
   Json out = Json::object();
-  for (const ef::Row& row : rows) out[std::to_string(row.number)] = row.name;
+  for (const link::Row& row : rows) out[std::to_string(row.number)] = row.name;
   return out;
 }
 
@@ -62,12 +64,13 @@ std::string page_tables() {
   const Json kinds = {{"status", static_cast<int>(link::Kind::kStatus)},
                       {"displacement", static_cast<int>(link::Kind::kDisplacement)},
                       {"rest", static_cast<int>(link::Kind::kRest)},
-                      {"evidence", static_cast<int>(link::Kind::kEvidence)}};
+                      {"evidence", static_cast<int>(link::Kind::kEvidence)},
+                      {"load", static_cast<int>(link::Kind::kLoad)}};
 
   std::string out =
       "// SPDX-License-Identifier: Apache-2.0\n"
       "// Written by wire_doc from "
-      "firmware/{link/{link,status_frame,marker_frame,evidence_frame},params/params,base/status}.hpp; "
+      "firmware/{link/{link,status_frame,marker_frame,evidence_frame,load_frame},params/params,base/status}.hpp; "
       "do not edit.\n"
       "export const WIRE = {\n";
   const auto entry = [&](std::string_view name, const std::string& value) {
@@ -93,6 +96,9 @@ std::string page_tables() {
   entry("contacts", names_of(ef::kContacts).dump());
   entry("evidences", names_of(ef::kEvidences).dump());
   entry("units", Json(ef::kUnits).dump());
+  entry("loadBytes", std::to_string(lf::kPayloadBytes));
+  entry("load", places(lf::kFields).dump());
+  entry("bases", names_of(lf::kBases).dump());
   entry("maxMarkers", std::to_string(kMaxMarkers));
   entry("freshMs", std::to_string(sf::kFreshFor.count() / 1000));
   entry("bins", std::to_string(kHistogramBins));

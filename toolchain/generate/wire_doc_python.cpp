@@ -9,6 +9,7 @@
 #include "link/command_frame.hpp"
 #include "link/evidence_frame.hpp"
 #include "link/link.hpp"
+#include "link/load_frame.hpp"
 #include "link/marker_frame.hpp"
 #include "link/status_frame.hpp"
 #include "toolchain/generate/wire_doc.hpp"
@@ -19,6 +20,7 @@ namespace {
 namespace sf = status_frame;
 namespace cf = command_frame;
 namespace ef = evidence_frame;
+namespace lf = load_frame;
 namespace mf = marker_frame;
 
 template <typename Number>
@@ -45,7 +47,7 @@ std::string python_frame(int version, link::Kind kind, std::string_view name, co
 template <typename Rows>
 std::string python_rows(const Rows& rows) {
   std::string out;
-  for (const ef::Row& r : rows) {
+  for (const link::Row& r : rows) {
     out += "    " + digits(r.number) + ": " + python_text(r.name) + ",  # " + std::string(r.meaning) + "\n";
   }
   return out;
@@ -56,7 +58,8 @@ std::string python_rows(const Rows& rows) {
 std::string python_tables() {
   std::string out =
       "# SPDX-License-Identifier: Apache-2.0\n"
-      "# Written by wire_doc from firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame}.hpp and "
+      "# Written by wire_doc from "
+      "firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame,load_frame}.hpp and "
       "firmware/base/status.hpp; do not edit.\n"
       "\"\"\"Numbers and layouts of the frames on serial.\"\"\"\n\n";
   out += "VERSION = " + digits(link::kVersion) + "  # of what is sent\n";
@@ -71,6 +74,7 @@ std::string python_tables() {
   out += python_frame(link::kVersion, link::Kind::kDisplacement, "displacement", mf::kDisplacementFields);
   out += python_frame(link::kVersion, link::Kind::kRest, "rest", mf::kRestFields);
   out += python_frame(link::kVersion, link::Kind::kEvidence, "evidence", ef::kFields);
+  out += python_frame(link::kVersion, link::Kind::kLoad, "load", lf::kFields);
   out += "}\n\nFLAGS = {  # name: bit\n";
   for (const sf::Flag& f : sf::kFlags) {
     out += "    " + python_text(f.name) + ": " + digits(f.bit) + ",  # " + std::string(f.meaning) + "\n";
@@ -95,6 +99,7 @@ std::string python_tables() {
   }
   out += "}\n\nCONTACTS = {\n" + python_rows(ef::kContacts);
   out += "}\n\nEVIDENCES = {\n" + python_rows(ef::kEvidences);
+  out += "}\n\nBASES = {\n" + python_rows(lf::kBases);
   out += "}\n\nUNITS = (\n";
   for (const std::string_view unit : ef::kUnits) out += "    " + python_text(unit) + ",\n";
   return out + ")\n";

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// holdfast calibrate: what a gel does when nothing touches it, and whether a model's thresholds stand clear of that.
+// holdfast calibrate: what a gel does when nothing touches it, and whether a model's thresholds stand clear of that;
+// or, with a known weight on it, the scale of its forces.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -7,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -16,10 +18,14 @@
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/calibrate.hpp"
 #include "toolchain/learn/firmware_row.hpp"
+#include "toolchain/learn/weigh.hpp"
 #include "toolchain/log/recording_file.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/play/reference_picture.hpp"
 #include "toolchain/play/rig.hpp"
+#include "toolchain/sealed/record_file.hpp"
+#include "toolchain/sealed/settings_toml.hpp"
+#include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -37,12 +43,18 @@ struct CalibrateOptions {
   long from = 0;
   long to = std::numeric_limits<long>::max();
   double fps = 0;
+  double weight_g = 0;  // 0: no weight, the gel at rest
+  std::string as = "shear";
+  double share_pct = 0;  // 0: half of it as shear, all of it as normal load
+  std::string output;
 };
+
+// One frame of the firmware.
+using Look = std::function<void(long frame, const pipeline::Result&, const pipeline::State&, const pipeline::Config&)>;
 
 // The frames asked for, of which the first still ones teach the rest position unless there is a picture of it.
 // Empty, or an error line.
-std::string watch_recording(const CalibrateOptions& options, const Params& params, bool auto_grid,
-                            learn::RestStudy& study) {
+std::string watch_recording(const CalibrateOptions& options, const Params& params, bool auto_grid, const Look& look) {
   auto opened = log::open_recording(options.input, {options.fps});
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
@@ -63,16 +75,18 @@ std::string watch_recording(const CalibrateOptions& options, const Params& param
   Progress progress("calibrate", recording.info().frames);
   sim::Read read = sim::Read::kFrame;
   Reason reason = Reason::kNone;
+  bool any = false;
   while (!interrupted() && (read = recording.next(recorded)) == sim::Read::kFrame && recorded.index <= options.to) {
     progress.update(recorded.index + 1);
     if (recorded.index < options.from) continue;
     const pipeline::Result result = pipeline::update(*state, config, jpeg.get(), sim::as_frame(recorded));
     if (!result.quality.ok()) reason = result.quality.reason;
-    study.add(recorded.index, result, *state, config);
+    any = any || (result.quality.ok() && result.referenced);
+    look(recorded.index, result, *state, config);
   }
   if (interrupted()) return interrupted_line();
   if (read == sim::Read::kError) return recording.error();
-  if (study.rest().empty() && reason != Reason::kNone) {
+  if (!any && reason != Reason::kNone) {
     const ReasonInfo& why = holdfast::info(reason);
     return fmt::format("{}: no frame could be used: {}. Likely cause: {}. Next: {}", options.input, why.what, why.cause,
                        why.next);
@@ -80,7 +94,7 @@ std::string watch_recording(const CalibrateOptions& options, const Params& param
   return {};
 }
 
-std::string watch_scene(const CalibrateOptions& options, Params params, scene::Scene scene, learn::RestStudy& study) {
+std::string watch_scene(const CalibrateOptions& options, Params params, scene::Scene scene, const Look& look) {
   // Features of a true rest position are not what the device has.
   if (scene.level.inject == scene::Inject::kFeatures) scene.level.inject = scene::Inject::kMarkers;
   params.grid_rows = scene.markers.rows;
@@ -98,13 +112,13 @@ std::string watch_scene(const CalibrateOptions& options, Params params, scene::S
     progress.update(truth.frame + 1);
     if (truth.frame > options.to) break;
     if (truth.frame < options.from) continue;
-    if (truth.contact.normal_n >= kTouch_n) {
+    if (options.weight_g == 0 && truth.contact.normal_n >= kTouch_n) {
       return fmt::format(
           "{}: not empty: an object presses with {:.2f} N in frame {}. Likely cause: a scene of a grasp. Next: give "
           "tests/scenes/empty_gel.json, or the empty frames with --from and --to",
           options.input, truth.contact.normal_n, truth.frame);
     }
-    study.add(truth.frame, app.result(), app.state(), pipeline_config(params));
+    look(truth.frame, app.result(), app.state(), pipeline_config(params));
   }
   return interrupted() ? interrupted_line() : "";
 }
@@ -204,6 +218,20 @@ void print_json(const learn::RestStudy& study, const learn::ModelCheck& check, c
   fmt::print("{}\n", out.dump());
 }
 
+// Every frame asked for. false: a line has said why not.
+bool watch(const CalibrateOptions& options, const Params& params, bool auto_grid, const Look& look) {
+  std::string error;
+  if (std::filesystem::path(options.input).extension() == ".json") {
+    const std::optional<scene::Scene> scene = load_scene(options.input);
+    if (!scene) return false;
+    error = watch_scene(options, params, *scene, look);
+  } else {
+    error = watch_recording(options, params, auto_grid, look);
+  }
+  if (!error.empty()) (void)fail(error);
+  return error.empty();
+}
+
 // What is wrong with the model on this gel. Empty: nothing.
 std::string complaint(const learn::ModelCheck& check, const std::string& model_text, std::size_t frames) {
   constexpr std::string_view kNext =
@@ -228,6 +256,77 @@ std::string complaint(const learn::ModelCheck& check, const std::string& model_t
   return {};
 }
 
+// The scale in a file of settings, whose other values stay. Empty, or an error line.
+std::string write_scale(const std::string& path, const ParamInfo& scale, std::int32_t permille) {
+  Params params;
+  std::string text;
+  if (std::filesystem::exists(path)) {
+    if (std::string error = read_small_file(path, "settings", "a TOML file", text); !error.empty()) return error;
+    if (std::string error = settings_of_toml(text, path, params); !error.empty()) return error;
+  }
+  params.*scale.member = permille;
+  AtomicFile out(path);
+  if (!out.error().empty()) return out.error();
+  out.stream() << toml_of_settings(params);
+  return out.commit();
+}
+
+// With a known weight on the gel: how stiff it is.
+int weigh(const CalibrateOptions& options, const Params& params, bool auto_grid) {
+  const auto force = options.as == "shear" ? learn::Force::kShear : learn::Force::kNormal;
+  const ParamInfo& scale = *find_param(force == learn::Force::kShear ? "shear_scale" : "normal_scale");
+  const double share_pct = options.share_pct > 0 ? options.share_pct : force == learn::Force::kShear ? 50.0 : 100.0;
+  constexpr double kMillinewtonsPerGram = 9.80665;
+  const double true_mn = options.weight_g * kMillinewtonsPerGram * share_pct / 100.0;
+  learn::Weighing weighing(force);
+  if (!watch(options, params, auto_grid,
+             [&](long frame, const pipeline::Result& result, const pipeline::State&, const pipeline::Config&) {
+               weighing.add(frame, result);
+             })) {
+    return 1;
+  }
+  const auto result = weighing.find(true_mn);
+  if (const auto* wrong = std::get_if<std::string>(&result)) return fail(options.input + ": " + *wrong);
+  const auto& found = std::get<learn::Weighing::Found>(result);
+  if (!options.output.empty()) {
+    if (const std::string error = write_scale(options.output, scale, found.scale_permille); !error.empty()) {
+      return fail(error);
+    }
+  }
+  if (options.common.json) {
+    fmt::print("{}\n", nlohmann::ordered_json{{"force", options.as},
+                                              {"weight_g", options.weight_g},
+                                              {"share_pct", share_pct},
+                                              {"true_mn", true_mn},
+                                              {"first", found.first},
+                                              {"last", found.last},
+                                              {"frames", found.frames},
+                                              {"reading_mn", found.reading_mn},
+                                              {"spread_mn", found.spread_mn},
+                                              {"within", found.within},
+                                              {std::string(scale.name), found.scale_permille}}
+                           .dump());
+    return 0;
+  }
+  fmt::print("weight    {:g} g, of which this gel carries {:g} %: {:.3f} N of {}\n", options.weight_g, share_pct,
+             true_mn * 1e-3, force == learn::Force::kShear ? "shear" : "normal load");
+  fmt::print("reading   {:.3f} N on a gel of 35 kPa, deviation {:.1f} mN in the {} frames from {} to {}\n",
+             found.reading_mn * 1e-3, found.spread_mn, found.frames, found.first, found.last);
+  fmt::print("setting   {} = {}\n", scale.name, found.scale_permille);
+  if (2 * found.within < found.frames) {
+    fmt::print(
+        "note      the contact is not known to lie within the lattice, and the scale takes its error along: an "
+        "object that touches on less than 6 mm, in the middle, is exact\n");
+  }
+  fmt::print(
+      "next      {}\n",
+      options.output.empty()
+          ? fmt::format("`set {} {}` and `save` on the device's console, or -o settings.toml", scale.name,
+                        found.scale_permille)
+          : fmt::format("holdfast settings compile {}, or `set` and `save` on the device's console", options.output));
+  return 0;
+}
+
 int calibrate(const CalibrateOptions& options) {
   Params params;
   bool auto_grid = false;
@@ -238,6 +337,7 @@ int calibrate(const CalibrateOptions& options) {
   if (const std::string error = settle(common, params, auto_grid, unused_tree, model_text); !error.empty()) {
     return fail(error);
   }
+  if (options.weight_g > 0) return weigh(options, params, auto_grid);
   params = learn::with_all_features(params);
   treec::Model model;
   if (options.common.model.empty()) {
@@ -247,16 +347,11 @@ int calibrate(const CalibrateOptions& options) {
     model_text = fmt::format("{} ({})", model.name, options.common.model);
   }
   learn::RestStudy study;
-  std::string error;
-  if (std::filesystem::path(options.input).extension() == ".json") {
-    const std::optional<scene::Scene> scene = load_scene(options.input);
-    if (!scene) return 1;
-    error = watch_scene(options, params, *scene, study);
-  } else {
-    error = watch_recording(options, params, auto_grid, study);
-  }
-  if (error.empty()) error = check_study(options, study);
-  if (!error.empty()) return fail(error);
+  const bool watched = watch(options, params, auto_grid,
+                             [&](long frame, const pipeline::Result& result, const pipeline::State& state,
+                                 const pipeline::Config& config) { study.add(frame, result, state, config); });
+  if (!watched) return 1;
+  if (const std::string error = check_study(options, study); !error.empty()) return fail(error);
   const learn::ModelCheck check = learn::check_rest(model, study.rest());
   const std::string complained = complaint(check, model_text, study.rest().size());
   if (common.json) {
@@ -284,7 +379,9 @@ std::string frame_rate(const std::string& text) {
 void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
   auto options = std::make_shared<CalibrateOptions>();
   CLI::App* command =
-      app.add_subcommand("calibrate", "learn a gel's noise at rest and hold a model's thresholds against it");
+      app.add_subcommand("calibrate",
+                         "learn a gel's noise at rest and hold a model's thresholds against it; or, with a known "
+                         "weight on it, the scale of its forces");
   command
       ->add_option("INPUT", options->input,
                    "recording of the empty gel as for replay, ten seconds or more; or a scene (.json)")
@@ -305,11 +402,33 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--mode", options->common.mode, "speed setting for JPEG pictures")->capture_default_str();
   command->add_option("--fps", options->fps, "frames per second of inputs that carry no time (else 25), or a wrong one")
       ->check(frame_rate);
+  CLI::Option* const weight =
+      command->add_option("--weight", options->weight_g, "grams that hang on the gel or stand on it in INPUT")
+          ->check(CLI::Range(1.0, 5000.0));
+  command->add_option("--as", options->as, "what the weight is to this gel: shear or normal")
+      ->needs(weight)
+      ->check(CLI::IsMember({"shear", "normal"}))
+      ->capture_default_str();
+  command
+      ->add_option("--share", options->share_pct,
+                   "percent of the weight that this gel carries; 50 as shear (two like fingers), 100 as normal")
+      ->needs(weight)
+      ->check(CLI::Range(1.0, 100.0));
+  command->add_option("-o,--output", options->output, "settings to write the scale into, TOML; others in it stay")
+      ->needs(weight)
+      ->check(not_empty);
   command->add_flag("--json", options->common.json, "print the figures as JSON, features in raw units");
   command->footer(
       "Exit status 0: every threshold that matters stands six sigmas clear; 1: not, or the gel was not at rest.\n"
       "It can see that the gel is still, and that it is empty only by a reference picture.\n"
+      "With --weight: one second of the empty gel, then the weight on it, still for two seconds.\n"
+      "  shear   close the grip on an object of that weight and lift it clear; the gels hang upright. Two like "
+      "fingers\n"
+      "          carry half each; a finger whose other side rolls freely carries all\n"
+      "  normal  lay the sensor down, gel up and level, and stand the weight on it by a round foot of 5 to 8 mm\n"
+      "One of them gives both scales, because both stand on the gel's stiffness.\n"
       "Example:\n  holdfast calibrate empty.avi --model slip_v2.tree\n"
+      "  holdfast calibrate --weight 200 hanging.avi -o gel.toml\n"
       "  holdfast calibrate grasp.avi --from 304 --to 449");
   commands.push_back({command, [options] { return calibrate(*options); }});
 }

@@ -109,7 +109,7 @@ int sim_grasp(const SimOptions& options) {
   }
 
   SessionInfo info{};
-  info.inputs = {options.scene, options.common.model};
+  info.inputs = {options.scene, options.common.model, options.common.settings};
   CommonOptions common = options.common;
   if (common.grid.empty()) common.grid = fmt::format("{}x{}", scene.markers.cols, scene.markers.rows);
   std::unique_ptr<model::Tree> tree;

@@ -56,6 +56,14 @@ FrameRecord facts_of(const App& app, long frame, double t_s, bool alive) {
   row.contact = contact::phase_of(result.contact, f.imprint.growth);
   row.imprint_um = um_of(f.imprint.motion);
   row.coarse_um = um_of(f.imprint.coarse);
+  const load::Load& load = result.load;
+  row.load_basis = load.basis;
+  row.load_within = load.within;
+  row.load_strained = load.strained;
+  row.shear_x_n = load.shear_x.raw() / 1000.0;
+  row.shear_y_n = load.shear_y.raw() / 1000.0;
+  row.normal_n = load.normal.raw() / 1000.0;
+  row.friction_use = load.friction_use.raw() / 1000.0;
   return row;
 }
 

@@ -14,6 +14,7 @@
 #include "base/status.hpp"
 #include "slip/evidence.hpp"
 #include "tactile/contact.hpp"
+#include "tactile/load.hpp"
 #include "tactile/types.hpp"
 #include "toolchain/log/ros_message.hpp"
 
@@ -69,6 +70,14 @@ struct FrameRecord {
   double imprint_um = 0;
   double coarse_um = 0;
   std::array<std::uint32_t, kHistogramBins> histogram{};
+  // The load on the gel; 0 all, where nobody knows.
+  load::Basis load_basis = load::Basis::kNone;
+  bool load_within = false;
+  bool load_strained = false;
+  double shear_x_n = 0;
+  double shear_y_n = 0;
+  double normal_n = 0;
+  double friction_use = 0;
 
   [[nodiscard]] double t_s() const {
     const std::uint64_t us = time_ns() / 1000;
@@ -200,6 +209,14 @@ struct Message<FrameRecord> {
       field("imprint_um", &FrameRecord::imprint_um, "how far the imprint moved against the gel in 0.16 s, um"),
       field("coarse_um", &FrameRecord::coarse_um, "the same of what is smoother than a patch, um"),
       field("histogram", &FrameRecord::histogram, "markers by the length of their displacement"),
+      field("load_basis", &FrameRecord::load_basis,
+            "of the forces: 0 none, 1 uncalibrated, 2 one_weight, 3 two_weights"),
+      field("load_within", &FrameRecord::load_within, "the contact is known to lie within the lattice"),
+      field("load_strained", &FrameRecord::load_strained, "beyond the gel's linear range"),
+      field("shear_x_n", &FrameRecord::shear_x_n, "force that the object lays on the gel, N"),
+      field("shear_y_n", &FrameRecord::shear_y_n, "N"),
+      field("normal_n", &FrameRecord::normal_n, "N"),
+      field("friction_use", &FrameRecord::friction_use, "shear over normal load; 0: too little presses to tell"),
   };
 };
 template <>

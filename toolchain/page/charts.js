@@ -166,6 +166,7 @@ export class Plots {
       ["a", "Vx", (r) => (r.ratesValid ? r.vx : null)],
       ["b", "Vy", (r) => (r.ratesValid ? r.vy : null)],
     ]);
+    if (recorded !== null) y = this.loads(y);
     if (recorded !== null && recorded.series !== null) {
       const { name, unit, points } = recorded.series;
       const truth = points.map(([t_s, v]) => ({ t_s, v }));
@@ -218,6 +219,20 @@ export class Plots {
       ["b", "coarse", (r) => (r.featuresValid ? r.coarse : null)],
     ];
     return this.panel(y, "Imprint's motion against the gel in 0.16 s", "um", 128, 0, curves, threshold);
+  }
+
+  // The forces, and how much of the friction they use. Without a reading nothing.
+  loads(y) {
+    const basis = this.rows.findLast((r) => r.load)?.load.basis;
+    if (basis === undefined) return y;
+    const how = basis === "uncalibrated" ? ", uncalibrated" : "";
+    const curves = [
+      ["a", "shear", (r) => r.load?.shear_n ?? null],
+      ["b", "normal", (r) => r.load?.normal_n ?? null],
+    ];
+    const use = (r) => (r.load && r.load.friction_use > 0 ? r.load.friction_use : null);
+    const next = this.panel(y, "Load on the gel", `N${how}`, 96, 0, curves);
+    return this.panel(next, "Friction use: shear over normal load", how.slice(2), 84, 0, [["a", "", use]]);
   }
 
   // The onset is named first, the others where there is room left: their lines stay, the summary names them.

@@ -2,7 +2,7 @@
 // A session as the views see it, recorded or live: rows in order of time, and for each of them markers and a picture,
 // or those of the nearest row before it.
 import { WIRE } from "./tables.js";
-import { Receiver, readEvidence, readStatus, readMarkers } from "./wire.js";
+import { Receiver, readEvidence, readLoad, readStatus, readMarkers } from "./wire.js";
 
 const kLost = -32768; // track.cpp
 
@@ -80,7 +80,7 @@ export class Recording {
   readRows(bytes) {
     const view = new DataView(bytes.buffer);
     const rows = [];
-    for (let at = 0; at < bytes.length; at += 74) {
+    for (let at = 0; at < bytes.length; at += 88) {
       const flags = view.getUint8(at + 18);
       const flag = (bit) => ((flags >> bit) & 1) === 1;
       const row = {
@@ -107,6 +107,7 @@ export class Recording {
         coarse: view.getFloat32(at + 70, true),
       };
       row.why = row.featuresValid ? this.whyOf(view, at + 55, row.slip) : null;
+      row.load = row.featuresValid ? this.loadOf(view, at + 74) : null;
       rows.push(row);
     }
     return rows;
@@ -125,6 +126,18 @@ export class Recording {
       evidence_threshold: round(view.getFloat32(at + 6, true)),
       evidence_unit: unit,
       evidence_frames: view.getUint8(at + 10),
+    };
+  }
+
+  loadOf(view, at) {
+    const basis = view.getUint8(at);
+    if (basis === 0) return null;
+    return {
+      basis: WIRE.bases[basis],
+      within: view.getUint8(at + 1) === 1,
+      shear_n: view.getFloat32(at + 2, true),
+      normal_n: view.getFloat32(at + 6, true),
+      friction_use: view.getFloat32(at + 10, true),
     };
   }
 
@@ -289,6 +302,8 @@ export class LiveSession {
     if (markers !== null) return this.takeMarkers(markers);
     const evidence = readEvidence(payload);
     if (evidence !== null) return this.takeEvidence(evidence);
+    const load = readLoad(payload);
+    if (load !== null) return this.takeLoad(load);
     ++this.unknown;
   }
 
@@ -319,6 +334,7 @@ export class LiveSession {
       field: null,
       picture: null,
       why: null,
+      load: null,
     };
     const gap = before === undefined ? 0 : (status.sequence - before.frame - 1) & 0xffff;
     if (gap < 1000) this.missing += gap;
@@ -344,6 +360,11 @@ export class LiveSession {
   takeEvidence(evidence) {
     const row = this.rows[this.rows.length - 1];
     if (row !== undefined && row.frame === evidence.sequence) row.why = { slip: row.slip, ...evidence.why };
+  }
+
+  takeLoad(load) {
+    const row = this.rows[this.rows.length - 1];
+    if (row !== undefined && row.frame === load.sequence) row.load = load.basis === "none" ? null : load;
   }
 
   // By the board's clock as long as that goes on steadily; after a restart by our own.

@@ -258,6 +258,7 @@ class Page {
     this.lamp("decision", row.slip ? "on slip" : "", row.slip ? "slip" : "hold");
     this.showLines(row);
     this.showWhy(row);
+    this.showLoad(row);
   }
 
   // What the verdict stands on, where it is known.
@@ -272,6 +273,16 @@ class Page {
     const grows = why.contact === "TOUCHING" && !why.slip && why.evidence_value > why.evidence_threshold;
     const words = none ? "No evidence yet" : `Evidence: ${by}${grows ? "; it does not count while the contact grows" : ""}`;
     $("why").textContent = `Contact ${why.contact ?? "not judged"}. ${words}.`;
+  }
+
+  // The forces on the gel, where there is a reading.
+  showLoad(row) {
+    const load = row.load ?? null;
+    $("load").hidden = load === null;
+    if (load === null) return;
+    const use = load.friction_use > 0 ? `, friction use ${load.friction_use.toFixed(2)}` : "";
+    const how = load.basis === "uncalibrated" ? " (uncalibrated)" : "";
+    $("load").textContent = `Shear ${load.shear_n.toFixed(2)} N, normal load ${load.normal_n.toFixed(2)} N${use}${how}.`;
   }
 
   // The receiver's rule: GRIP_OK counts only while the last edge of ALIVE is young.

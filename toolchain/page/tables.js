@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Written by wire_doc from firmware/{link/{link,status_frame,marker_frame,evidence_frame},params/params,base/status}.hpp; do not edit.
+// Written by wire_doc from firmware/{link/{link,status_frame,marker_frame,evidence_frame,load_frame},params/params,base/status}.hpp; do not edit.
 export const WIRE = {
   version: 1,
   lastVersion: 8,
   minWireBytes: 6,
   maxWireBytes: 37,
-  kinds: {"status":1,"displacement":4,"rest":5,"evidence":6},
+  kinds: {"status":1,"displacement":4,"rest":5,"evidence":6,"load":7},
   statusBytes: 32,
   status: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"timestamp_us":[4,"u32"],"age_100us":[8,"u16"],"state":[10,"u8"],"reason":[11,"u8"],"flags":[12,"u8"],"markers":[13,"u8"],"vx_um_s":[14,"i32"],"vy_um_s":[18,"i32"],"entropy_nat_q16":[22,"i32"],"entropy_rate_nat_s_q8":[26,"i32"],"crc16":[30,"u16"]},
   handVersion: 2,
@@ -21,6 +21,9 @@ export const WIRE = {
   contacts: {"0":"EMPTY","1":"TOUCHING","2":"HELD","255":"UNKNOWN"},
   evidences: {"0":"none","1":"imprint","2":"coarse","3":"markers","4":"contact"},
   units: ["-","um","um/s","nat","nat/s","log2","1e-6/s","1","patches"],
+  loadBytes: 17,
+  load: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"finger":[4,"u8"],"basis":[5,"u8"],"flags":[6,"u8"],"shear_x_mn":[7,"i16"],"shear_y_mn":[9,"i16"],"normal_mn":[11,"i16"],"friction_use_permille":[13,"u16"],"crc16":[15,"u16"]},
+  bases: {"0":"none","1":"uncalibrated","2":"one_weight","3":"two_weights"},
   maxMarkers: 128,
   freshMs: 150,
   bins: 15,

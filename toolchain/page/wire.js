@@ -88,6 +88,22 @@ export function readEvidence(payload) {
   return frame;
 }
 
+// The forces on the gel in the picture of that status frame; null: of another kind, version or length.
+export function readLoad(payload) {
+  if (payload[0] !== WIRE.version || payload[1] !== WIRE.kinds.load) return null;
+  if (payload.length !== WIRE.loadBytes) return null;
+  const at = reader(payload, WIRE.load);
+  return {
+    sequence: at("sequence"),
+    finger: at("finger"),
+    basis: WIRE.bases[at("basis")] ?? "?",
+    within: (at("flags") & 1) === 1,
+    shear_n: Math.hypot(at("shear_x_mn"), at("shear_y_mn")) / 1000,
+    normal_n: at("normal_mn") / 1000,
+    friction_use: at("friction_use_permille") / 1000,
+  };
+}
+
 // Null: of another kind, version or length, or no lattice has such a marker. `list`: the markers in this frame as
 // {index, x_um, y_um, valid}; `what`: "displacement" or "rest".
 export function readMarkers(payload) {

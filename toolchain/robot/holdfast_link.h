@@ -21,6 +21,7 @@ enum {
   HOLDFAST_COMMAND_PAYLOAD = 8,
   HOLDFAST_ANSWER_PAYLOAD = 8,
   HOLDFAST_EVIDENCE_PAYLOAD = 27,
+  HOLDFAST_LOAD_PAYLOAD = 17,
   HOLDFAST_COMMAND_WIRE = 11,  // what holdfast_link_command() writes: one 0x00 before the frame as well
   HOLDFAST_GRIP_FRESH_MS = 150
 };
@@ -31,6 +32,7 @@ enum {
   HOLDFAST_KIND_COMMAND = 2,
   HOLDFAST_KIND_ANSWER = 3,
   HOLDFAST_KIND_EVIDENCE = 6,
+  HOLDFAST_KIND_LOAD = 7,
   HOLDFAST_LINK_DAMAGED = -1,  // what began as a frame is none; dropped
   HOLDFAST_LINK_OTHER = -2     // a sound frame of a version, kind or length that this header does not know
 };
@@ -135,6 +137,18 @@ enum holdfast_evidence_number {
   HOLDFAST_EVIDENCE_COARSE = 2,  // motion of what is smoother or finer than the relief
   HOLDFAST_EVIDENCE_MARKERS = 3,  // a feature of the markers
   HOLDFAST_EVIDENCE_CONTACT = 4  // the contact was lost: the patches of relief that are left
+};
+
+enum holdfast_basis {
+  HOLDFAST_BASIS_NONE = 0,  // no reading: another lattice or pitch, or too many markers are missing
+  HOLDFAST_BASIS_UNCALIBRATED = 1,  // of a gel of 35 kPa, as the simulator has it: no weight was used
+  HOLDFAST_BASIS_ONE_WEIGHT = 2,  // of this gel, by a weight for shear or for the normal load; the other has its scale
+  HOLDFAST_BASIS_TWO_WEIGHTS = 3  // of this gel, by a weight for each
+};
+
+enum holdfast_load_flag {
+  HOLDFAST_LOAD_WITHIN = 1,  // the contact is known to lie within the lattice; otherwise the errors are larger
+  HOLDFAST_LOAD_STRAINED = 2  // a marker moved by more than a quarter of the gel's thickness: beyond the linear range
 };
 
 // As in LINK.md; "?": a number from a newer firmware.
@@ -251,6 +265,16 @@ static inline const char *holdfast_evidence_name(uint8_t number) {
   }
 }
 
+static inline const char *holdfast_basis_name(uint8_t number) {
+  switch (number) {
+    case HOLDFAST_BASIS_NONE: return "none";
+    case HOLDFAST_BASIS_UNCALIBRATED: return "uncalibrated";
+    case HOLDFAST_BASIS_ONE_WEIGHT: return "one_weight";
+    case HOLDFAST_BASIS_TWO_WEIGHTS: return "two_weights";
+    default: return "?";
+  }
+}
+
 static inline const char *holdfast_unit_name(uint8_t number) {
   switch (number) {
     case 0: return "-";
@@ -309,6 +333,17 @@ typedef struct {
   int16_t coarse_log2_um_q8;  // log2(um)/256; motion of what is smoother or finer; 0: none
   int16_t growth_log2_q8;  // log2/256; of the relief since the picture that it is compared with
 } holdfast_evidence;
+
+typedef struct {
+  uint16_t sequence;  // 1; of the status frame that came before it
+  uint8_t finger;  // 0: left, or the only one; 1: right
+  uint8_t basis;  // what the forces stand on; see Basis
+  uint8_t flags;  // bits; see Load flags
+  int16_t shear_x_mn;  // mN; force that the object lays on the gel, +x right
+  int16_t shear_y_mn;  // mN; likewise, +y down
+  int16_t normal_mn;  // mN; into the gel; below 0 by noise
+  uint16_t friction_use_permille;  // 1/1000; shear over normal load; 0: less than 200 mN press
+} holdfast_load;
 
 static inline uint8_t holdfast_get_uint8(const uint8_t *p) { return p[0]; }
 
@@ -408,7 +443,8 @@ static inline int holdfast_link_push(holdfast_receiver *receiver, uint8_t byte) 
   if ((bytes[1] == HOLDFAST_KIND_STATUS && size == HOLDFAST_STATUS_PAYLOAD) ||
       (bytes[1] == HOLDFAST_KIND_COMMAND && size == HOLDFAST_COMMAND_PAYLOAD) ||
       (bytes[1] == HOLDFAST_KIND_ANSWER && size == HOLDFAST_ANSWER_PAYLOAD) ||
-      (bytes[1] == HOLDFAST_KIND_EVIDENCE && size == HOLDFAST_EVIDENCE_PAYLOAD)) {
+      (bytes[1] == HOLDFAST_KIND_EVIDENCE && size == HOLDFAST_EVIDENCE_PAYLOAD) ||
+      (bytes[1] == HOLDFAST_KIND_LOAD && size == HOLDFAST_LOAD_PAYLOAD)) {
     return bytes[1];
   }
   return HOLDFAST_LINK_OTHER;
@@ -441,6 +477,18 @@ static inline void holdfast_link_answer(const holdfast_receiver *receiver, holdf
   answer->sequence = holdfast_get_uint16(receiver->bytes + 2);
   answer->command = holdfast_get_uint8(receiver->bytes + 4);
   answer->result = holdfast_get_uint8(receiver->bytes + 5);
+}
+
+// After HOLDFAST_KIND_LOAD, before the next push.
+static inline void holdfast_link_load(const holdfast_receiver *receiver, holdfast_load *load) {
+  load->sequence = holdfast_get_uint16(receiver->bytes + 2);
+  load->finger = holdfast_get_uint8(receiver->bytes + 4);
+  load->basis = holdfast_get_uint8(receiver->bytes + 5);
+  load->flags = holdfast_get_uint8(receiver->bytes + 6);
+  load->shear_x_mn = holdfast_get_int16(receiver->bytes + 7);
+  load->shear_y_mn = holdfast_get_int16(receiver->bytes + 9);
+  load->normal_mn = holdfast_get_int16(receiver->bytes + 11);
+  load->friction_use_permille = holdfast_get_uint16(receiver->bytes + 13);
 }
 
 // After HOLDFAST_KIND_EVIDENCE, before the next push.

@@ -126,6 +126,13 @@ void Dds::write(const log::FrameRecord& record) {
   sample.coarse_um = record.coarse_um;
   static_assert(std::size(decltype(sample.histogram){}) == kHistogramBins);
   std::copy(record.histogram.begin(), record.histogram.end(), std::begin(sample.histogram));
+  sample.load_basis = static_cast<std::uint8_t>(record.load_basis);
+  sample.load_within = record.load_within;
+  sample.load_strained = record.load_strained;
+  sample.shear_x_n = record.shear_x_n;
+  sample.shear_y_n = record.shear_y_n;
+  sample.normal_n = record.normal_n;
+  sample.friction_use = record.friction_use;
   put(slip_, &sample);
 }
 

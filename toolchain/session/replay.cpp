@@ -109,7 +109,7 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
 
   info.title = fmt::format("Replay of {}", std::filesystem::path(options.input).filename().string());
   info.clip = std::filesystem::path(options.input).filename().string();
-  info.inputs = {options.input, options.common.model, options.right};
+  info.inputs = {options.input, options.common.model, options.common.settings, options.right};
   const bool find = options.reference == "auto";
   if (!find && !names_a_frame(options.reference)) info.inputs.emplace_back(options.reference);
   info.input_text = fmt::format("{} ({}x{}, {}, {:.4g} fps)", options.input, about.width, about.height,
@@ -215,6 +215,7 @@ std::string play_right(const ReplayOptions& options, Right& right, std::string& 
   std::vector<Opening> openings;
   if (std::string error = parse_openings(options.opening, openings); !error.empty()) return error;
   std::vector<std::string> opening;
+  opening.reserve(openings.size());
   for (const Opening& one : openings) {
     opening.push_back(fmt::format("{}-{}", std::max(0L, one.from + right.offset), std::max(0L, one.to + right.offset)));
   }

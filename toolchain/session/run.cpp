@@ -16,6 +16,8 @@
 #include "slip/model_file.hpp"
 #include "toolchain/learn/calibrate.hpp"
 #include "toolchain/log/messages.hpp"
+#include "toolchain/sealed/record_file.hpp"
+#include "toolchain/sealed/settings_toml.hpp"
 #include "toolchain/support/cli.hpp"
 
 namespace holdfast::tool {
@@ -124,6 +126,10 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
                   "model, text or compiled, to decide with instead of the tree that is compiled in")
       ->check(not_empty);
   command
+      .add_option("--settings", options.settings,
+                  "a device's settings, TOML as for `settings compile`: scales of the forces and all but grid and mode")
+      ->check(not_empty);
+  command
       .add_option("--feature-set", options.feature_set,
                   fmt::format("make sure that the model reads this set (paper without --model: a tree of the paper's "
                               "four features): {}",
@@ -155,6 +161,13 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
 
 std::string settle(const CommonOptions& options, Params& params, bool& auto_grid, std::unique_ptr<model::Tree>& tree,
                    std::string& model_text) {
+  if (!options.settings.empty()) {
+    std::string text;
+    if (std::string error = read_small_file(options.settings, "settings", "a TOML file", text); !error.empty()) {
+      return error;
+    }
+    if (std::string error = settings_of_toml(text, options.settings, params); !error.empty()) return error;
+  }
   if (std::string error = parse_grid(options.grid, params, auto_grid); !error.empty()) return error;
   if (!parse("mode", options.mode, params).ok() || !find_mode(options.mode)) {
     return fmt::format("--mode '{}': no such mode. Likely cause: a typing error. Next: give one of {}", options.mode,

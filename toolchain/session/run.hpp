@@ -20,6 +20,7 @@ struct CommonOptions {
   std::string mode = "fast";
   std::string model;
   std::string feature_set;  // empty = whatever the tree reads
+  std::string settings;     // a device's, as TOML; grid and mode are those above
   bool json = false;
 };
 

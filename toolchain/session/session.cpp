@@ -53,6 +53,10 @@ std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inp
   return {};
 }
 
+std::uint32_t saturated(const pipeline::State& state) {
+  return state.saturations.count + state.load_saturations.count;
+}
+
 }  // namespace
 
 std::string grid_text(GridSize grid) {
@@ -228,6 +232,13 @@ void Session::write_features(const FrameRecord& row, const Hand& hand) {
   add("evidence_threshold", decided, "{:.1f}", row.evidence_threshold);
   add("evidence_unit", decided, "{}", row.evidence_unit);
   add("evidence_frames", decided, "{}", row.evidence_frames);
+  const bool loaded = valid && row.load_basis != load::Basis::kNone;
+  add("shear_x_n", loaded, "{:.3f}", row.shear_x_n);
+  add("shear_y_n", loaded, "{:.3f}", row.shear_y_n);
+  add("normal_n", loaded, "{:.3f}", row.normal_n);
+  add("friction_use", loaded && row.friction_use > 0, "{:.3f}", row.friction_use);
+  add("load_within", loaded, "{:d}", row.load_within);
+  add("load_basis", loaded, "{}", load::kBasisNames[static_cast<std::size_t>(row.load_basis)]);
   if (summary_.frames <= 1) features_->stream() << names << hand.names << '\n';
   features_->stream() << cells << hand.cells << '\n';
 }
@@ -273,7 +284,7 @@ Summary Session::summary() const {
   Summary out = summary_;
   out.mean_markers = out.accepted > 0 ? static_cast<double>(marker_sum_) / static_cast<double>(out.accepted) : 0.0;
   out.searches = app_->state().tracker.searches;
-  out.saturations = app_->state().saturations.count;
+  out.saturations = saturated(app_->state());
   return out;
 }
 
@@ -298,7 +309,7 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report.notes = info_.notes;
     report.notes.insert(report.notes.end(), notes.begin(), notes.end());
     report.histogram_range_mm = info_.params.histogram_range_um / 1000.0;
-    report.saturations = app_->state().saturations.count;
+    report.saturations = saturated(app_->state());
     report_file_->stream() << report_.html(report);
   }
   if (frame_log_) frame_log_->finish();

@@ -145,6 +145,8 @@ void Track::keep_row(const FrameRecord& f, bool event) {
   row.put(static_cast<std::uint8_t>(evidence)).put(f.evidence_value, true).put(f.evidence_threshold, true);
   row.put(static_cast<std::uint8_t>(std::min(f.evidence_frames, 255U)));
   row.put(f.imprint_um, f.features_valid).put(f.coarse_um, f.features_valid);
+  row.put(static_cast<std::uint8_t>(f.load_basis)).put(static_cast<std::uint8_t>(f.load_within));
+  row.put(std::hypot(f.shear_x_n, f.shear_y_n), true).put(f.normal_n, true).put(f.friction_use, true);
   rows_.keep({frames_, event, row.take()});
 }
 

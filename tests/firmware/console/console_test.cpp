@@ -15,6 +15,7 @@
 
 #include "base/crc32.hpp"
 #include "link/evidence_frame.hpp"
+#include "link/load_frame.hpp"
 #include "link/marker_frame.hpp"
 #include "params/mode_prices.gen.hpp"
 #include "store/slot_store.hpp"
@@ -37,7 +38,8 @@ namespace {
 struct Heard {
   std::vector<status_frame::StatusFrame> statuses;
   std::vector<evidence_frame::EvidenceFrame> evidences;
-  bool in_pairs = true;  // each evidence came directly behind the status frame of its number
+  std::vector<load_frame::LoadFrame> loads;
+  bool in_pairs = true;  // each evidence came directly behind the status frame of its number, a load behind that
   std::vector<marker_frame::MarkerFrame> displacements, rests;
   std::vector<command_frame::AnswerFrame> answers;
   std::string text;
@@ -60,6 +62,11 @@ Heard take_apart(const std::string& bytes) {
         if (const auto e = evidence_frame::read(receiver.payload()); e) {
           heard.evidences.push_back(*e);
           heard.in_pairs &= before == e->sequence;
+        }
+        if (const auto l = load_frame::read(receiver.payload()); l) {
+          heard.loads.push_back(*l);
+          heard.in_pairs &=
+              heard.loads.size() == heard.evidences.size() && heard.evidences.back().sequence == l->sequence;
         }
         before = -1;
         if (const auto status = status_frame::read(receiver.payload()); status.ok()) {
@@ -1411,6 +1418,7 @@ TEST(Console, StreamsFramesBetweenTheLines) {
     LONGS_EQUAL(heard.statuses[k - 1].sequence + 1, heard.statuses[k].sequence);
   }
   LONGS_EQUAL(heard.statuses.size(), heard.evidences.size());
+  LONGS_EQUAL(heard.statuses.size(), heard.loads.size());
   CHECK(heard.in_pairs);
   LONGS_EQUAL(13, heard.rests.size());
   CHECK(heard.displacements.size() >= 5 * 13);
@@ -1437,7 +1445,7 @@ TEST(Console, StreamsStatusAloneWhileItLearns) {
   desk.run(150ms);
   const Heard heard = take_apart(desk.heard());
   CHECK(!heard.statuses.empty());
-  LONGS_EQUAL(0, heard.evidences.size() + heard.displacements.size() + heard.rests.size());
+  LONGS_EQUAL(0, heard.evidences.size() + heard.loads.size() + heard.displacements.size() + heard.rests.size());
 }
 
 // What it says of a picture is what `status` says.
@@ -1482,9 +1490,38 @@ TEST(Console, StreamsTheEvidenceThatStatusShows) {
   says("evidence_threshold", tenths(last.threshold_milli));
   says("evidence_unit", quoted(evidence_frame::kUnits[last.unit]));
   says("evidence_frames", std::to_string(last.run));
+
+  const load_frame::LoadFrame& load = heard.loads.back();
+  CHECK(load_frame::frame_of(last.sequence, 0, result.load) == load);
+  LONGS_EQUAL(1, load.basis);
+  CHECK(load.shear_x_mn != 0);
+  says("load", quoted("uncalibrated"));
+  const auto thousandths = [](int milli) -> std::string {
+    return StringFromFormat("%s%d.%03d", milli < 0 ? "-" : "", std::abs(milli) / 1000, std::abs(milli) % 1000)
+        .asCharString();
+  };
+  says("normal_n", thousandths(load.normal_mn));
+  says("friction_use", thousandths(load.friction_use_permille));
 }
 
-// LINK.md, What `watch on` takes of a line: 25 * 35 of status, 25 * 30 of evidence, 5 * 13 * 33 of displacement and,
+// In thousandths of what a gel of 35 kPa would carry: from the next frame on, without a word to the decision.
+TEST(Console, TakesTheScaleOfAWeight) {
+  desk.film(40, 12);
+  start();
+  desk.run(2s);
+  check_says("status", "uncalibrated");
+  (void)desk.unlock();
+  check_ok("set shear_scale 2000");
+  const App& app = desk.daemon->app();
+  const std::uint16_t before = app.told().sequence;
+  for (int k = 0; k < 100 && app.told().sequence == before; ++k) desk.run(1ms);
+  check_says("status", "one_weight");
+  check_says("status json", R"("load":"one_weight","load_within":)");
+  CHECK(app.told().state == DeviceState::kOk || app.told().state == DeviceState::kSlip);
+}
+
+// LINK.md, What `watch on` takes of a line: 25 * 35 of status, 25 * 30 of evidence, 25 * 20 of load, 5 * 13 * 33 of
+// displacement and,
 // every five seconds, 13 * 33 of rest position; a picture more at either end.
 TEST(Console, StreamsNoMoreBytesThanALineCarries) {
   start();
@@ -1492,8 +1529,8 @@ TEST(Console, StreamsNoMoreBytesThanALineCarries) {
   (void)desk.heard();
   desk.run(10s);
   const std::size_t bytes = desk.heard().size();
-  CHECK(bytes <= 10 * (875 + 750 + 2145) + 3 * 429 + 65 + 429);
-  CHECK(bytes >= 10 * (875 + 750 + 2145));
+  CHECK(bytes <= 10 * (875 + 750 + 500 + 2145) + 3 * 429 + 85 + 429);
+  CHECK(bytes >= 10 * (875 + 750 + 500 + 2145));
 }
 
 TEST(Console, TracesEveryFrameAndWatchesFiveTimesASecond) {

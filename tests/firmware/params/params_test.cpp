@@ -60,7 +60,9 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"left_sensor", 0},
                       {"right_sensor", 0},
                       {"lost_finger", 0},
-                      {"status_version", 1}};
+                      {"status_version", 1},
+                      {"shear_scale", 0},
+                      {"normal_scale", 0}};
   LONGS_EQUAL(std::size(want), kParams.size());
   for (const Row& row : want) {
     const auto* const info =
@@ -160,9 +162,10 @@ TEST(Params, ModesHaveNamesAndGrowMorePrecise) {
 TEST(Params, AreSafetyUnlessTheyCannotTurnAFaultIntoFine) {
   const std::string_view tuning[] = {"jpeg_threads", "jpeg_lanes",    "start_force",  "force_step",
                                      "grow_pct",     "position_step", "release_step", "grip_speed"};
+  const std::string_view display[] = {"all_features", "status_version", "shear_scale", "normal_scale"};
   for (const ParamInfo& row : kParams) {
     const bool tunes = std::find(std::begin(tuning), std::end(tuning), row.name) != std::end(tuning);
-    const bool shows = row.name == "all_features" || row.name == "status_version";
+    const bool shows = std::find(std::begin(display), std::end(display), row.name) != std::end(display);
     const auto wanted = tunes   ? holdfast::ParamClass::kTuning
                         : shows ? holdfast::ParamClass::kDisplay
                                 : holdfast::ParamClass::kSafety;

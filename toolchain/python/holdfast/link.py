@@ -11,6 +11,7 @@ from .tables import (
     COMMANDS,
     CONTACTS,
     EVIDENCES,
+    BASES,
     FLAGS,
     FRAMES,
     FRESH_MS,
@@ -95,6 +96,8 @@ def decode(payload):
         out.contact_name = CONTACTS.get(out.contact, "?")
         out.evidence_name = EVIDENCES.get(out.evidence, "?")
         out.unit_name = UNITS[out.unit] if out.unit < len(UNITS) else "?"
+    elif name == "load":
+        out.basis_name = BASES.get(out.basis, "?")
     return out
 
 

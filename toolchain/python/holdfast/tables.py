@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Written by wire_doc from firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame}.hpp and firmware/base/status.hpp; do not edit.
+# Written by wire_doc from firmware/link/{link,status_frame,command_frame,marker_frame,evidence_frame,load_frame}.hpp and firmware/base/status.hpp; do not edit.
 """Numbers and layouts of the frames on serial."""
 
 VERSION = 1  # of what is sent
@@ -145,6 +145,23 @@ FRAMES = {
             ("crc16", 25, "u16"),  # -; CRC-16 over bytes 0 to 24
         ),
     ),
+    (1, 7): (
+        "load",
+        17,
+        (
+            ("version", 0, "u8"),  # -; layout of this table: 1
+            ("kind", 1, "u8"),  # -; 7: load frame
+            ("sequence", 2, "u16"),  # 1; of the status frame that came before it
+            ("finger", 4, "u8"),  # -; 0: left, or the only one; 1: right
+            ("basis", 5, "u8"),  # -; what the forces stand on; see Basis
+            ("flags", 6, "u8"),  # bits; see Load flags
+            ("shear_x_mn", 7, "i16"),  # mN; force that the object lays on the gel, +x right
+            ("shear_y_mn", 9, "i16"),  # mN; likewise, +y down
+            ("normal_mn", 11, "i16"),  # mN; into the gel; below 0 by noise
+            ("friction_use_permille", 13, "u16"),  # 1/1000; shear over normal load; 0: less than 200 mN press
+            ("crc16", 15, "u16"),  # -; CRC-16 over bytes 0 to 14
+        ),
+    ),
 }
 
 FLAGS = {  # name: bit
@@ -249,6 +266,13 @@ EVIDENCES = {
     2: "coarse",  # motion of what is smoother or finer than the relief
     3: "markers",  # a feature of the markers
     4: "contact",  # the contact was lost: the patches of relief that are left
+}
+
+BASES = {
+    0: "none",  # no reading: another lattice or pitch, or too many markers are missing
+    1: "uncalibrated",  # of a gel of 35 kPa, as the simulator has it: no weight was used
+    2: "one_weight",  # of this gel, by a weight for shear or for the normal load; the other has its scale
+    3: "two_weights",  # of this gel, by a weight for each
 }
 
 UNITS = (
