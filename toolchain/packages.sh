@@ -25,6 +25,7 @@ build libopencv-videoio-dev 4.6.0+dfsg-12
 build libopencv-ml-dev 4.6.0+dfsg-12
 build libopencv-features2d-dev 4.6.0+dfsg-12
 build libopencv-video-dev 4.6.0+dfsg-12
+build libavformat-dev 7:5.1.9-0+deb12u1
 build libjpeg62-turbo-dev 1:2.1.5-2
 build libcli11-dev 2.1.2+ds-1
 build libfmt-dev 9.1.0+ds1-2
