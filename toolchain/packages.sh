@@ -80,6 +80,7 @@ cross qemu-user-static 1:7.2+dfsg-7+deb12u18+b3
 system qemu-system-arm 1:7.2+dfsg-7+deb12u18+b3
 system mmdebstrap 1.3.5-7
 system arch-test 0.20-1
+system libusbredirparser-dev 0.13.0-2
 system e2fsprogs 1.47.0-2+b2
 system kmod 30+20221128-1
 system cpio 2.13+dfsg-7.1
