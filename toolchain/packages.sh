@@ -33,7 +33,6 @@ build libcamera-dev 0.0.3-6
 build libgpiod-dev 1.6.3-1+b3
 build libhidapi-dev 0.13.1-1
 build libusb-1.0-0-dev 2:1.0.26-1
-build libedit-dev 3.1-20221030-2
 build libsodium-dev 1.0.18-1+deb12u1
 build libcpp-httplib-dev 0.11.4+ds-1+deb12u1
 build zlib1g-dev 1:1.2.13.dfsg-1

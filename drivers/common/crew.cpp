@@ -80,9 +80,6 @@ constexpr unsigned kPausesPerLook = 32;  // 1 us on x86, 0.1 us on a Cortex-A72;
 
 Threads::Threads(const Config& config) {
   const std::size_t wanted = std::clamp<std::size_t>(config.workers, 1, hal::kMaxWorkers) - 1;
-  const auto note = [](int& fault, int error) {
-    if (fault == 0) fault = error;
-  };
   for (std::size_t i = 0; i < wanted; ++i) {
     Helper& helper = helpers_[i];
     helper.crew = this;
@@ -92,23 +89,9 @@ Threads::Threads(const Config& config) {
       self->crew->serve(self->worker);
       return nullptr;
     };
-    if (const int error = pthread_create(&helper.thread, nullptr, entry, &helper); error != 0) {
-      note(faults_.create, error);
-      break;
-    }
+    if (pthread_create(&helper.thread, nullptr, entry, &helper) != 0) break;
     ++helpers_made_;
     pthread_setname_np(helper.thread, "holdfast-helper");
-    if (config.cores[i] >= 0) {
-      cpu_set_t cores;
-      CPU_ZERO(&cores);
-      CPU_SET(static_cast<std::size_t>(config.cores[i]), &cores);  // a number beyond the set leaves it empty: EINVAL
-      note(faults_.pin, pthread_setaffinity_np(helper.thread, sizeof cores, &cores));
-    }
-    if (config.fifo_priority != 0) {
-      sched_param parameter{};
-      parameter.sched_priority = config.fifo_priority;
-      note(faults_.priority, pthread_setschedparam(helper.thread, SCHED_FIFO, &parameter));
-    }
   }
 }
 

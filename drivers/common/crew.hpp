@@ -8,8 +8,7 @@
 //
 // One thread at a time calls run(), and a job does not call it. Give helpers the caller's priority: one that
 // was preempted inside the job keeps the caller waiting. Helpers inherit the signal mask of the thread that makes
-// them. Errors: none stops the firmware. faults() says what the kernel refused; a thread it did not grant makes size()
-// less.
+// them. Errors: none stops the firmware; a thread that the kernel did not grant makes size() less.
 #pragma once
 
 #include <pthread.h>
@@ -31,15 +30,7 @@ class Threads final : public hal::Crew {
   static constexpr std::chrono::nanoseconds kSpin{50'000};
 
   struct Config {
-    std::size_t workers = hal::kMaxWorkers;          // the caller included; cut to 1..kMaxWorkers
-    std::array<int, kMaxHelpers> cores{-1, -1, -1};  // of worker 1, 2, 3; -1: wherever the kernel likes
-    int fifo_priority = 0;                           // SCHED_FIFO, 1 to 99; 0: as the thread that makes them
-  };
-  // errno of the first refusal of each kind; 0: none. EPERM for the priority: the process lacks CAP_SYS_NICE.
-  struct Faults {
-    int create = 0;
-    int pin = 0;
-    int priority = 0;
+    std::size_t workers = hal::kMaxWorkers;  // the caller included; cut to 1..kMaxWorkers
   };
   // Since start; for the thread that calls run().
   struct Counts {
@@ -52,7 +43,6 @@ class Threads final : public hal::Crew {
   Threads(const Threads&) = delete;
   Threads& operator=(const Threads&) = delete;
 
-  [[nodiscard]] const Faults& faults() const { return faults_; }
   [[nodiscard]] const Counts& counts() const { return counts_; }
   // Helpers that sleep, or are about to, and have to be woken by the next run.
   [[nodiscard]] std::size_t asleep() const;
@@ -75,7 +65,6 @@ class Threads final : public hal::Crew {
 
   alignas(64) std::array<Helper, kMaxHelpers> helpers_{};
   std::size_t helpers_made_ = 0;
-  Faults faults_;
   Counts counts_;
 };
 

@@ -20,7 +20,6 @@ constexpr microseconds kUntilItFails{500'000};  // of an activation that does
 
 constexpr std::uint8_t kAct = 0x01;
 constexpr std::uint8_t kGto = 0x08;
-constexpr std::uint8_t kAtr = 0x10;
 
 constexpr std::uint8_t kObjMoving = 0;
 constexpr std::uint8_t kObjClosing = 2;
@@ -145,7 +144,6 @@ void HandE::go_on(double dt) {
 void HandE::stop_at_fault(std::uint8_t fault) {
   fault_ = fault;
   stopped_by_fault_ = true;
-  releasing_ = false;
 }
 
 void HandE::activate_on(double dt) {
@@ -161,12 +159,7 @@ void HandE::activate_on(double dt) {
 
 void HandE::move(double dt) {
   if (!powered_ || stopped_by_fault_ || !told(kAct)) return;
-  if (releasing_) {
-    open_to(std::min(kStroke_mm, width_mm_ + config_.release_mm_s * dt));
-    if (width_mm_ < kStroke_mm) return;
-    stop_at_fault(0xF);
-    sta_ = 0;
-  } else if (sta_ == 1) {
+  if (sta_ == 1) {
     activate_on(dt);
   } else if (sta_ == 3 && told(kGto)) {
     go_on(dt);
@@ -217,7 +210,7 @@ void HandE::power(bool on) {
   powered_ = on;
   outputs_ = {};
   sta_ = obj_ = fault_ = 0;
-  stopped_by_fault_ = releasing_ = asked_ = false;
+  stopped_by_fault_ = asked_ = false;
   line_count_ = 0;
   renew();
 }
@@ -238,7 +231,6 @@ void HandE::outputs_changed(std::uint8_t before) {
   if (fault_ == 9) fault_ = 0;
   if (!told(kAct)) {
     sta_ = 0;
-    releasing_ = false;
     if (told(kGto) && fault_ == 0) fault_ = 7;
     return;
   }
@@ -249,11 +241,6 @@ void HandE::outputs_changed(std::uint8_t before) {
     fault_ = 0;
     stopped_by_fault_ = false;
     activated_at_ = now_;
-  }
-  if (told(kAtr) && (before & kAtr) == 0 && !stopped_by_fault_) {
-    releasing_ = true;
-    sta_ = 0;
-    fault_ = 0xB;
   }
   if (told(kGto) && sta_ == 1 && fault_ == 0) fault_ = 5;
   move(0);
@@ -307,7 +294,6 @@ bool HandE::write_outputs(std::uint32_t address, std::span<const std::uint8_t> v
   return true;
 }
 
-// A request of functions 3, 4 and 23 names address and count in the same place; so do their replies.
 std::size_t HandE::read_status(std::span<const std::uint8_t> request, Frame& reply) const {
   const std::uint32_t address = word(request, 2);
   const std::uint32_t bytes = 2 * word(request, 4);
@@ -321,27 +307,20 @@ std::size_t HandE::read_status(std::span<const std::uint8_t> request, Frame& rep
 std::size_t HandE::answer(std::span<const std::uint8_t> request, Frame& reply) {
   const std::uint8_t function = request[1];
   std::copy_n(request.begin(), 2, reply.begin());
-  const auto record = [&](std::size_t at) {
-    requests_.push({now_, function, static_cast<std::uint16_t>(word(request, at)),
-                    static_cast<std::uint16_t>(word(request, at + 2))});
+  const auto record = [&] {
+    requests_.push(
+        {now_, function, static_cast<std::uint16_t>(word(request, 2)), static_cast<std::uint16_t>(word(request, 4))});
   };
   if ((function == 3 || function == 4) && request.size() == 8) {
-    record(2);
+    record();
     return read_status(request, reply);
   }
   if (function == 16 && request.size() >= 9 && request.size() == 9U + request[6] &&
       request[6] == 2 * word(request, 4)) {
-    record(2);
+    record();
     if (!write_outputs(word(request, 2), request.subspan(7, request[6]))) return 0;
     std::copy_n(request.begin() + 2, 4, reply.begin() + 2);
     return 6;
-  }
-  if (function == 23 && request.size() >= 13 && request.size() == 13U + request[10] &&
-      request[10] == 2 * word(request, 8)) {
-    record(6);
-    if (!write_outputs(word(request, 6), request.subspan(11, request[10]))) return 0;
-    renew();  // the manual: it moves for a cycle and updates its status before it replies
-    return read_status(request, reply);
   }
   return 0;
 }

@@ -2,9 +2,9 @@
 // A Robotiq Hand-E in virtual time, as the other end of a serial line: what is written to it are requests, what is read
 // from it are its replies, byte by byte as 115200 baud bring them. It shares no code with the firmware's master.
 //
-// Modelled, after the instruction manual, chapter 4: functions 3, 4, 16 and 23; the registers, renewed every 10 ms;
+// Modelled, after the instruction manual, chapter 4: functions 3, 4 and 16; the registers, renewed every 10 ms;
 // silence instead of exceptions; activation; stroke and speed; contact and grip force; thin objects that are never
-// reported; losing the object; the emergency release; every gFLT; the watchdog of the line; power cycles.
+// reported; losing the object; every gFLT that is set; the watchdog of the line; power cycles.
 // Assumed, the manual is silent: position 13 to 230 over the stroke of 50 mm, linear; speed 20 to 150 mm/s and force
 // 20 to 185 N linear in rSP and rFR; the force follows rFR at once, in both directions; an object yields linearly;
 // motor current falls to 0 when the fingers have stood for 300 ms; gFLT 9 goes away with the next write.
@@ -49,7 +49,6 @@ class HandE final : public hal::Serial {
     std::chrono::microseconds watchdog{1'000'000};
     std::chrono::microseconds spacing{5'000};  // a request that comes sooner is not heard
     double thin_mm = 3;                        // objects below this are held, and reported as gOBJ 3
-    double release_mm_s = 10;                  // speed of the emergency release
   };
   struct Object {
     double width_mm = 20;
@@ -138,7 +137,6 @@ class HandE final : public hal::Serial {
   std::uint8_t obj_ = 0;  // gOBJ
   std::uint8_t fault_ = 0;
   bool stopped_by_fault_ = false;
-  bool releasing_ = false;
   bool activation_fails_ = false;
   std::chrono::microseconds activated_at_{};
   double width_mm_ = 50;

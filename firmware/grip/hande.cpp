@@ -12,7 +12,6 @@ namespace {
 // ACTION REQUEST, the high byte of the first output register.
 constexpr std::uint16_t kActivate = 0x0100;  // rACT
 constexpr std::uint16_t kGo = 0x0800;        // rGTO
-constexpr std::uint16_t kRelease = 0x3000;   // rATR, and rARD: by opening
 
 // GRIPPER STATUS
 constexpr std::uint8_t kActive = 0x01;  // gACT
@@ -262,8 +261,10 @@ void take(State& state, const Config& config, modbus_rtu::Progress result, Micro
       break;
     case modbus_rtu::Progress::kOk:
       state.misses = 0;
-      if (state.exchange != Exchange::kRead) write_was_taken(state, now);
-      if (state.exchange == Exchange::kWrite) break;
+      if (state.exchange == Exchange::kWrite) {
+        write_was_taken(state, now);
+        break;
+      }
       state.in_step = true;
       status_came(state, config, now);
       break;
@@ -283,32 +284,26 @@ std::optional<Outputs> outputs_for(State& state, const Wanted& wanted) {
   if (state.step == Step::kClear) return Outputs{};
   if (state.step == Step::kSet) return Outputs{kActivate};
   if (state.step != Step::kNone || (state.action & kActive) == 0) return std::nullopt;
-  const bool releases = wanted.emergency_release;
-  if (!releases && state.latched != Reason::kNone) return std::nullopt;
-  if (wanted.go && !releases) {
+  if (state.latched != Reason::kNone) return std::nullopt;
+  if (wanted.go) {
     state.kept = wanted;
     state.commanded = true;
   }
-  if (!releases && !state.commanded) return std::nullopt;
-  const unsigned action = kActivate | (releases ? kRelease : wanted.go ? kGo : 0U);
+  if (!state.commanded) return std::nullopt;
+  const unsigned action = kActivate | (wanted.go ? kGo : 0U);
   return Outputs{static_cast<std::uint16_t>(action), state.kept.position,
                  static_cast<std::uint16_t>(state.kept.speed << 8 | state.kept.force)};
 }
 
 void begin_write(State& state, const Config& config, const Outputs& outputs) {
-  const bool opens = (outputs[0] & kRelease) == kRelease ||
-                     ((outputs[0] & kGo) != 0 &&
-                      (position_in(outputs) - state.position) * (state.closing ? 1 : -1) < -config.same_counts);
+  const bool opens = (outputs[0] & kGo) != 0 &&
+                     (position_in(outputs) - state.position) * (state.closing ? 1 : -1) < -config.same_counts;
   if (opens) forget_contact(state);
   state.outputs = outputs;
   state.acknowledged = false;
   count_up(state.counters.writes);
-  state.exchange = config.read_write ? Exchange::kReadWrite : Exchange::kWrite;
-  if (config.read_write) {
-    modbus_rtu::begin_read_write(state.bus, config.bus, kStatus, kRegisters, kOutputs, outputs);
-  } else {
-    modbus_rtu::begin_write(state.bus, config.bus, kOutputs, outputs);
-  }
+  state.exchange = Exchange::kWrite;
+  modbus_rtu::begin_write(state.bus, config.bus, kOutputs, outputs);
 }
 
 // A late reply to an earlier try is refused for its length, which comes again with the sixth further try: with the
@@ -318,7 +313,7 @@ void begin_read(State& state, const Config& config) {
   static_assert(kRegisters + kLengths - 1 <= modbus_rtu::kMaxRegisters);
   const auto more = static_cast<std::size_t>(state.misses % kLengths);
   state.exchange = Exchange::kRead;
-  modbus_rtu::begin_read(state.bus, config.bus, config.read, kStatus, kRegisters + more);
+  modbus_rtu::begin_read(state.bus, config.bus, kStatus, kRegisters + more);
 }
 
 void begin(State& state, const Config& config, const Wanted& wanted, Micros now) {
@@ -332,7 +327,7 @@ void begin(State& state, const Config& config, const Wanted& wanted, Micros now)
     begin_write(state, config, *outputs);
     return;
   }
-  const bool busy = wanted.go || wanted.emergency_release || state.step != Step::kNone;
+  const bool busy = wanted.go || state.step != Step::kNone;
   const bool due = now - state.bus.sent >= (busy ? config.poll : config.idle_poll);
   if (!due && state.exchange != Exchange::kWrite) return;
   if (has_them) count_up(state.counters.suppressed);

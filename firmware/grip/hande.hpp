@@ -31,9 +31,6 @@ using Outputs = std::array<std::uint16_t, kRegisters>;
 
 struct Config {
   modbus_rtu::Config bus;
-  modbus_rtu::Read read = modbus_rtu::Read::kInput;  // older manuals and most drivers: kHolding
-  // Write and read in one exchange: an answer 5 ms sooner. Not in older grippers.
-  bool read_write = false;
   // Between two status reads while the gripper has something to do, and otherwise. The gripper renews its status every
   // 10 ms; shorter gains nothing, longer sees a lost object later.
   Micros poll{20'000};
@@ -71,14 +68,13 @@ struct Config {
 }
 
 // go: move to the position and hold there. Without it the fingers stay where they are; nothing is written before the
-// first go. emergency_release opens slowly, whatever else is wanted, and ends in a fault. A rising edge of reactivate
-// ends a fault of the gripper, opens the fingers, and is not heard without such a fault.
+// first go. A rising edge of reactivate ends a fault of the gripper, opens the fingers, and is not heard without such a
+// fault.
 struct Wanted {
   bool go = false;
   std::uint8_t position = 0;  // 0 open, 255 closed
   std::uint8_t speed = 0;
   std::uint8_t force = 0;
-  bool emergency_release = false;
   bool reactivate = false;
 };
 
@@ -119,7 +115,7 @@ enum class Step : std::uint8_t {
 };
 
 // Which exchange is under way.
-enum class Exchange : std::uint8_t { kRead, kWrite, kReadWrite };
+enum class Exchange : std::uint8_t { kRead, kWrite };
 
 struct State {
   modbus_rtu::State bus;

@@ -9,8 +9,8 @@
 namespace holdfast::modbus_rtu {
 namespace {
 
+constexpr std::uint8_t kRead = 4;
 constexpr std::uint8_t kWrite = 16;
-constexpr std::uint8_t kReadWrite = 23;
 constexpr std::uint8_t kExceptionBit = 0x80;
 constexpr std::size_t kAcknowledgement = 8;  // bytes of the reply to a write
 
@@ -41,11 +41,6 @@ void open(State& state, const Config& config, std::uint8_t function) {
   state.request_size = 0;
   put(state, config.slave);
   put(state, function);
-}
-
-void put_values(State& state, std::span<const std::uint16_t> registers) {
-  put(state, static_cast<std::uint8_t>(2 * registers.size()));
-  for (const std::uint16_t value : registers) put16(state, value);
 }
 
 void close(State& state, std::size_t read_count) {
@@ -154,9 +149,9 @@ std::uint16_t crc(std::span<const std::uint8_t> bytes) {
   return sum;
 }
 
-void begin_read(State& state, const Config& config, Read function, std::uint16_t address, std::size_t count) {
+void begin_read(State& state, const Config& config, std::uint16_t address, std::size_t count) {
   assert(count >= 1 && count <= kMaxRegisters);
-  open(state, config, static_cast<std::uint8_t>(function));
+  open(state, config, kRead);
   put16(state, address);
   put16(state, count);
   close(state, count);
@@ -167,21 +162,9 @@ void begin_write(State& state, const Config& config, std::uint16_t address, std:
   open(state, config, kWrite);
   put16(state, address);
   put16(state, registers.size());
-  put_values(state, registers);
+  put(state, static_cast<std::uint8_t>(2 * registers.size()));
+  for (const std::uint16_t value : registers) put16(state, value);
   close(state, 0);
-}
-
-void begin_read_write(State& state, const Config& config, std::uint16_t read_address, std::size_t read_count,
-                      std::uint16_t address, std::span<const std::uint16_t> registers) {
-  assert(read_count >= 1 && read_count <= kMaxRegisters);
-  assert(!registers.empty() && registers.size() <= kMaxRegisters);
-  open(state, config, kReadWrite);
-  put16(state, read_address);
-  put16(state, read_count);
-  put16(state, address);
-  put16(state, registers.size());
-  put_values(state, registers);
-  close(state, read_count);
 }
 
 Progress update(State& state, const Config& config, hal::Serial& port, Micros now) {

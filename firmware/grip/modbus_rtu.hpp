@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Modbus RTU master: one request at a time, fixed memory, never blocks. Functions 3 and 4 (read), 16 (write) and 23
-// (write, then read), as in "MODBUS over serial line" V1.02 and "MODBUS application protocol" V1.1b3.
+// Modbus RTU master: one request at a time, fixed memory, never blocks. Functions 4 (read input registers) and 16
+// (write), as in "MODBUS over serial line" V1.02 and "MODBUS application protocol" V1.1b3.
 //
 // begin_...() lays a request out; update() sends it as soon as the line may be used and gathers the reply from whatever
 // bytes have come. A reply counts only when its length, CRC, slave, function and counts are those that the request
@@ -22,7 +22,7 @@
 namespace holdfast::modbus_rtu {
 
 inline constexpr std::size_t kMaxRegisters = 8;  // of one request in each direction; the Hand-E has no more
-inline constexpr std::size_t kMaxRequest = 13 + 2 * kMaxRegisters;
+inline constexpr std::size_t kMaxRequest = 9 + 2 * kMaxRegisters;
 inline constexpr std::size_t kMaxReply = 5 + 2 * kMaxRegisters;
 inline constexpr std::size_t kException = 5;  // bytes of an exception reply, less than any other has
 
@@ -41,8 +41,6 @@ struct Config {
   Micros quiet{1'750};
   Micros settled{10'000};
 };
-
-enum class Read : std::uint8_t { kHolding = 3, kInput = 4 };
 
 enum class Progress : std::uint8_t {
   kIdle,       // nothing was begun
@@ -89,10 +87,8 @@ struct State {
 }
 
 // Only while idle(). Range: 1 to kMaxRegisters registers.
-void begin_read(State& state, const Config& config, Read function, std::uint16_t address, std::size_t count);
+void begin_read(State& state, const Config& config, std::uint16_t address, std::size_t count);
 void begin_write(State& state, const Config& config, std::uint16_t address, std::span<const std::uint16_t> registers);
-void begin_read_write(State& state, const Config& config, std::uint16_t read_address, std::size_t read_count,
-                      std::uint16_t address, std::span<const std::uint16_t> registers);
 
 // Range: now never runs backwards. Each result but kIdle and kBusy is told once.
 [[nodiscard]] Progress update(State& state, const Config& config, hal::Serial& port, Micros now);

@@ -23,12 +23,4 @@ Decoded decode(std::span<const std::uint8_t> wire) {
   return error == DecodeError::kNone ? read(payload) : Decoded{error, {}};
 }
 
-std::optional<Decoded> Receiver::push(std::uint8_t byte) {
-  const link::Event event = frames_.push(byte);
-  if (event == link::Event::kDamaged) return Decoded{DecodeError::kFraming, {}};
-  if (event != link::Event::kFrame) return std::nullopt;
-  const Decoded decoded = read(frames_.payload());
-  return decoded.error == DecodeError::kKind ? std::nullopt : std::optional(decoded);
-}
-
 }  // namespace holdfast::status_frame

@@ -183,14 +183,4 @@ Decoded read(const link::Payload& payload);
 // `wire`: one frame, from behind the delimiter before it up to and with its own.
 Decoded decode(std::span<const std::uint8_t> wire);
 
-// For who wants nothing else: hears status frames, passes over text and frames of other kinds.
-class Receiver {
- public:
-  // A result with each delimiter that ends a status frame or a damaged one; nothing in between.
-  std::optional<Decoded> push(std::uint8_t byte);
-
- private:
-  link::Receiver frames_;
-};
-
 }  // namespace holdfast::status_frame

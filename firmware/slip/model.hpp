@@ -2,8 +2,8 @@
 // A slip tree that was loaded instead of compiled in: a table of nodes in fixed memory, of any feature set.
 //
 // Same predicate as the compiled form: x <= t. The nodes lie in preorder, so that the child of a true predicate is the
-// next node, and one pass from the first to the last sees every path (model_file.hpp: check()). Price against the
-// compiled form: tests/bench/tree_bench.cpp. Whoever fills a table has checked it; evaluate() is bounded all the same.
+// next node, and one pass from the first to the last sees every path (model_file.hpp: check()). Whoever fills a
+// table has checked it; evaluate() is bounded all the same.
 #pragma once
 
 #include <algorithm>

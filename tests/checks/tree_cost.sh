@@ -1,20 +1,19 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Instructions that one verdict costs in each form of a tree (tests/bench/tree_bench.cpp), counted by callgrind:
-#   tree_cost.sh VALGRIND TREE_BENCH FORM TREE...
+# Instructions that one verdict costs in each form of the committed tree (tests/bench/tree_bench.cpp), counted by callgrind:
+#   tree_cost.sh VALGRIND TREE_BENCH FORM
 # runs every form with 1000 and 11000 calls; the difference over 10000 is the cost of a call. What the loop, the call and
 # the return cost (form "empty") is taken off the others.
-# Fails when FORM costs more than 0.75 of emlearn's inline shape, or more than an eighth of cv::ml::DTrees::predict.
+# Fails when FORM costs more than 0.75 of emlearn's inline shape.
 set -euo pipefail
-if (($# < 4)); then
-  echo "usage: tree_cost.sh VALGRIND TREE_BENCH FORM TREE..." >&2
+if (($# != 3)); then
+  echo "usage: tree_cost.sh VALGRIND TREE_BENCH FORM" >&2
   exit 2
 fi
 valgrind=$1 program=$2 judged=$3
-shift 3
 few=1000 many=11000
 
-# count FORM TREE N: instructions of the whole program.
+# count FORM N: instructions of the whole program.
 count() {
   local output
   if ! output=$("$valgrind" --tool=callgrind --callgrind-out-file=/dev/null "$program" "$@" 2>&1) ||
@@ -25,23 +24,18 @@ count() {
   fi
 }
 
-status=0
-for tree in "$@"; do
-  declare -A cost=()
-  for form in header loaded emlearn opencv empty; do
-    short=$(count "$form" "$tree" "$few")
-    long=$(count "$form" "$tree" "$many")
-    cost[$form]=$(((long - short) * 10 / (many - few)))  # tenths
-  done
-  line="$tree:"
-  for form in header loaded emlearn opencv; do
-    cost[$form]=$((cost[$form] - cost[empty]))
-    line+=" $form $((cost[$form] / 10)).$((cost[$form] % 10))"
-  done
-  ((cost[$judged] > 0 && cost[emlearn] > 0)) || { echo "$line: a form that costs nothing" >&2; exit 1; }
-  percent=$((cost[$judged] * 100 / cost[emlearn])) times=$((cost[opencv] * 10 / cost[$judged]))
-  echo "$line instructions (taken off: $((cost[empty] / 10)).$((cost[empty] % 10))); $judged is $((percent / 100)).$(printf %02d $((percent % 100))) of emlearn's shape (limit 0.75)," \
-    "opencv $((times / 10)).$((times % 10)) times $judged (at least 8)"
-  ((cost[$judged] * 100 <= cost[emlearn] * 75 && cost[opencv] >= cost[$judged] * 8)) || status=1
+declare -A cost=()
+for form in header emlearn empty; do
+  short=$(count "$form" "$few")
+  long=$(count "$form" "$many")
+  cost[$form]=$(((long - short) * 10 / (many - few)))  # tenths
 done
-exit "$status"
+line="slip_tree:"
+for form in header emlearn; do
+  cost[$form]=$((cost[$form] - cost[empty]))
+  line+=" $form $((cost[$form] / 10)).$((cost[$form] % 10))"
+done
+((cost[$judged] > 0 && cost[emlearn] > 0)) || { echo "$line: a form that costs nothing" >&2; exit 1; }
+percent=$((cost[$judged] * 100 / cost[emlearn]))
+echo "$line instructions (taken off: $((cost[empty] / 10)).$((cost[empty] % 10))); $judged is $((percent / 100)).$(printf %02d $((percent % 100))) of emlearn's shape (limit 0.75)"
+((cost[$judged] * 100 <= cost[emlearn] * 75))

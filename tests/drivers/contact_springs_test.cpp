@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Oracles: the closed forms of support/closed_forms.hpp (tested on their own), Masing's rule for the way back,
+// Oracles: the closed forms of support/closed_forms.hpp (tested on their own),
 // Ciavarella's and Jaeger's rule for any round body, energy balance, symmetry, and point springs by the thousand.
 #include "drivers/sim/scene/contact/springs.hpp"
 
@@ -77,18 +77,6 @@ Vec2 marker(int index) {
   const int row = index / 9;
   const int column = index % 9;
   return {(column - 4) * 1.976, (row - 3) * 1.907};
-}
-
-// Along x to where friction carries `load_n`, found by halving.
-const SpringState& carry(SpringContact& contact, double depth_mm, double load_n) {
-  double least = -5.0;
-  double most = 5.0;
-  for (int i = 0; i < 60; ++i) {
-    const double middle = 0.5 * (least + most);
-    SpringContact trial(contact);
-    (trial.move_to(depth_mm, {middle, 0.0}).force_n.x < load_n ? least : most) = middle;
-  }
-  return contact.move_to(depth_mm, {most, 0.0});
 }
 
 void check_finite(const SpringState& s) {
@@ -186,104 +174,6 @@ TEST(ContactSprings, AnyRoundBodyFollowsItsOwnIndentationCurve) {
   }
 }
 
-TEST(ContactSprings, TheWayBackIsMasings) {
-  const FrictionContact exact = closed();
-  const double gross = gross_displacement_mm(exact);
-  const auto virgin = [&](double way) { return shear_by_displacement(exact, way).force_n; };
-  const double depth = depth_of(kPress_n);
-  for (const double most : {0.3 * gross, 0.8 * gross}) {
-    SpringContact contact(setup_of(kMostSprings));
-    contact.move_to(depth, {most, 0.0});
-    const double top = contact.state().force_n.x;
-    const double old_stick_mm = shear_by_displacement(exact, most).stick_radius_mm;
-    // Every spring sticks at once.
-    CHECK(contact.move_to(depth, {most * (1.0 - 1e-9), 0.0}).stick_fraction > 1.0 - 1e-6);
-    constexpr int kSteps = 200;
-    double area = 0.0;  // of the loop, from the closed form
-    for (int i = 1; i <= kSteps; ++i) {
-      const double way = most - 2.0 * most * i / kSteps;
-      const SpringState& state = contact.move_to(depth, {way, 0.0});
-      const double expected = virgin(most) - 2.0 * virgin(0.5 * (most - way));
-      DOUBLES_EQUAL(expected, state.force_n.x, 2e-5 * kLimit_n);  // 3 x 0.36 N^-2
-      // The new stick disc is that of half the way.
-      const double c = shear_by_displacement(exact, 0.5 * (most - way)).stick_radius_mm;
-      // Exact where the room of the last springs is linear in their pressure: all in the old annulus, turned round.
-      // Elsewhere a spring, 0.02 mm.
-      const bool in_annulus = c < state.contact_radius_mm - 0.1 && c > old_stick_mm + 0.1;
-      if (i < kSteps) DOUBLES_EQUAL(c, state.stick_radius_mm, in_annulus ? 1e-6 : 0.02);
-    }
-    DOUBLES_EQUAL(-top, contact.state().force_n.x, 1e-12 * kLimit_n);
-    const double lost = contact.state().dissipated_mj;
-    for (int i = 1; i <= kSteps; ++i) contact.move_to(depth, {-most + 2.0 * most * i / kSteps, 0.0});
-    DOUBLES_EQUAL(top, contact.state().force_n.x, 1e-12 * kLimit_n);  // the loop closes
-    constexpr int kStrips = 20000;
-    for (int i = 0; i < kStrips; ++i) {
-      const double way = most - 2.0 * most * (i + 0.5) / kStrips;
-      const double back = virgin(most) - 2.0 * virgin(0.5 * (most - way));
-      const double there = -virgin(most) + 2.0 * virgin(0.5 * (most + way));
-      area += (there - back) * 2.0 * most / kStrips;
-    }
-    // Energy lost in one full cycle: 2 x the way back.
-    const double cycle = contact.state().dissipated_mj;
-    SpringContact half(setup_of(kMostSprings));
-    half.move_to(depth, {most, 0.0});
-    const double first = half.state().dissipated_mj;
-    DOUBLES_EQUAL(area, cycle - first, 1e-3 * area);
-    DOUBLES_EQUAL(0.5 * area, lost - first, 1e-3 * area);
-  }
-}
-
-TEST(ContactSprings, PressingHarderUnderLoadSticksEverything) {
-  SpringContact contact(setup_of(kMostSprings, kFriction, 12.0));
-  const SpringState before = carry(contact, depth_of(8.0), 4.0);
-  CHECK(before.slip_fraction > 0.3);
-  const SpringState pressed = carry(contact, depth_of(12.0), 4.0);
-  DOUBLES_EQUAL(before.displacement_mm.x, pressed.displacement_mm.x, 1e-12);
-  DOUBLES_EQUAL(before.dissipated_mj, pressed.dissipated_mj, 1e-12);
-  // The outer springs are fresh. They slip once mu dP is added (Mindlin & Deresiewicz); before, 8 G a / (2 - nu).
-  CHECK(pressed.stick_fraction > 0.999);
-  const double stiffness = 8.0 * kGel.shear_modulus_mpa * pressed.contact_radius_mm / (2.0 - kGel.poisson);
-  const SpringState nudged = carry(contact, depth_of(12.0), 4.001);
-  DOUBLES_EQUAL(0.001 / stiffness, nudged.displacement_mm.x - before.displacement_mm.x, 0.01 * 0.001 / stiffness);
-  // From Q + mu dP on nobody can tell that the force grew on the way.
-  for (const double load : {6.5, 6.9, 7.1}) {
-    const SpringState& state = carry(contact, depth_of(12.0), load);
-    const Shear shear = shear_by_force(closed(12.0), load);
-    DOUBLES_EQUAL(shear.displacement_mm, state.displacement_mm.x, 1e-4 * shear.displacement_mm);
-    DOUBLES_EQUAL(shear.stick_radius_mm, state.stick_radius_mm, 0.02);
-  }
-}
-
-TEST(ContactSprings, AGripThatLoosensSlidesWhenFrictionIsUsedUp) {
-  SpringContact contact(setup_of(kMostSprings));
-  constexpr double kLoad_n = 2.0;
-  for (double press_n = kPress_n; press_n > 1e-9 + kLoad_n / kFriction; press_n -= 0.02) {
-    const SpringState& state = carry(contact, depth_of(press_n), kLoad_n);
-    const Shear shear = shear_by_force(closed(press_n), kLoad_n);
-    CHECK_FALSE(state.sliding);
-    DOUBLES_EQUAL(kLoad_n, state.force_n.x, 1e-11);
-    // Falling P under constant Q leads through the states of monotone shear (Mindlin & Deresiewicz 1953).
-    DOUBLES_EQUAL(shear.displacement_mm, state.displacement_mm.x, 3e-4 * shear.displacement_mm);
-  }
-  carry(contact, depth_of(kLoad_n / kFriction * 1.0001), kLoad_n);
-  CHECK_FALSE(contact.state().sliding);
-  DOUBLES_EQUAL(0.0, norm(contact.state().slid_mm), 0.0);
-  carry(contact, depth_of(kLoad_n / kFriction * 0.9999), kLoad_n);
-  CHECK_TRUE(contact.state().sliding);
-  DOUBLES_EQUAL(0.9999 * kLoad_n, contact.state().force_n.x, 1e-9);
-  DOUBLES_EQUAL(1.0, contact.state().slip_fraction, 0.0);
-  const double slid_mm = contact.state().slid_mm.x;
-  contact.move_to(contact.state().depth_mm, {contact.state().displacement_mm.x + 5.0, 0.0});
-  DOUBLES_EQUAL(5.0, contact.state().slid_mm.x - slid_mm, 1e-3);
-  const SpringState off = contact.move_to(0.0, {9.0, 0.0});
-  CHECK(off.force_n == Vec2{});
-  CHECK(off.slid_mm == Vec2{});
-  DOUBLES_EQUAL(0.0, off.contact_radius_mm, 0.0);
-  CHECK_FALSE(off.sliding);
-  // Touched again elsewhere it starts anew.
-  CHECK(contact.move_to(depth_of(4.0), {9.0, 0.0}).force_n == Vec2{});
-}
-
 TEST(ContactSprings, AnyPathAgreesWithThousandsOfPointSprings) {
   constexpr int kMany = 3000;
   const SpringSetup setup = setup_of(64);
@@ -324,49 +214,6 @@ TEST(ContactSprings, AnyPathAgreesWithThousandsOfPointSprings) {
     }
   }
   CHECK(worst < 1e-3);  // of mu P: some times N^-2 = 2.4e-4
-}
-
-TEST(ContactSprings, ATurnedPathGivesTheTurnedResult) {
-  SpringContact straight(setup_of(32));
-  SpringContact turned(setup_of(32));
-  const auto turn = [](Vec2 v) { return Vec2{0.6 * v.x - 0.8 * v.y, 0.8 * v.x + 0.6 * v.y}; };
-  Dice dice;
-  for (int i = 0; i < 200; ++i) {
-    const double depth = depth_of(kPress_n) * dice.next();
-    const Vec2 value{4.0 * dice.next() - 2.0, 4.0 * dice.next() - 2.0};
-    const SpringState& a = straight.move_to(depth, value);
-    const SpringState& b = turned.move_to(depth, turn(value));
-    DOUBLES_EQUAL(turn(a.force_n).x, b.force_n.x, 1e-9 * kLimit_n);
-    DOUBLES_EQUAL(turn(a.force_n).y, b.force_n.y, 1e-9 * kLimit_n);
-    DOUBLES_EQUAL(a.dissipated_mj, b.dissipated_mj, 1e-9 * (1.0 + a.dissipated_mj));
-  }
-}
-
-TEST(ContactSprings, CirclesStayInsideCoulombsAndLoseWhatTheyAreGiven) {
-  for (const double radius : {0.3, 0.9, 3.0}) {
-    SpringContact contact(setup_of(64));
-    const double way = radius * gross_displacement_mm(closed());
-    constexpr int kSteps = 5000;
-    double work = 0.0;
-    Vec2 force;
-    Vec2 at;
-    double lost = 0.0;
-    for (int i = 0; i <= kSteps; ++i) {
-      const double angle = 4.0 * pi * i / kSteps;
-      const Vec2 next{way * std::cos(angle), way * std::sin(angle)};
-      const SpringState& state = contact.move_to(depth_of(kPress_n), next);
-      CHECK(norm(state.force_n) <= kLimit_n * (1.0 + 1e-12));
-      CHECK(state.dissipated_mj >= lost);
-      lost = state.dissipated_mj;
-      if (i > 0)
-        work += 0.5 * ((force.x + state.force_n.x) * (next.x - at.x) + (force.y + state.force_n.y) * (next.y - at.y));
-      if (i == 0) work = state.dissipated_mj + state.stored_mj;
-      force = state.force_n;
-      at = next;
-    }
-    // First order in a step of 2.5e-3 of the radius.
-    DOUBLES_EQUAL(work, lost + contact.state().stored_mj, 2e-3 * work);
-  }
 }
 
 TEST(ContactSprings, WithoutFrictionNothingWithEndlessFrictionNoSlip) {
@@ -463,47 +310,6 @@ TEST(ContactSprings, FieldMeetsTheClosedFormAtSecondOrder) {
   }
 }
 
-TEST(ContactSprings, FieldOfTheWayBackIsMasingsAndFarAwayAPointLoads) {
-  const FrictionContact exact = closed();
-  const double gross = gross_displacement_mm(exact);
-  SpringContact contact(setup_of(128));
-  const double most = 0.9 * gross;
-  contact.move_to(depth_of(kPress_n), {0.0, most});
-  for (const double way : {0.7 * gross, 0.1 * gross, -0.5 * gross}) {
-    contact.move_to(depth_of(kPress_n), {0.0, way});
-    const Traction traction = contact.traction();
-    for (const Vec2 at : kPoints) {
-      const Vec2 along{at.y, -at.x};
-      const Vec2 there = shear_field_mm(exact, shear_by_displacement(exact, most), along);
-      const Vec2 back = shear_field_mm(exact, shear_by_displacement(exact, 0.5 * (most - way)), along);
-      const Vec2 u = field_at(traction, at);
-      DOUBLES_EQUAL(there.x - 2.0 * back.x, u.y, 2e-4 * gross);  // a few N^-2
-      DOUBLES_EQUAL(-(there.y - 2.0 * back.y), u.x, 2e-4 * gross);
-    }
-    const double r = 1e4;
-    const double point = contact.state().force_n.y / (2.0 * pi * kGel.shear_modulus_mpa * r);
-    DOUBLES_EQUAL(point, field_at(traction, {0.0, r}).y, 2e-4 * kLimit_n / (2.0 * pi * 0.1 * r));
-  }
-}
-
-TEST(ContactSprings, RememberedFieldIsTheField) {
-  std::array<Vec2, 63> points;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    points[i] = marker(static_cast<int>(i));
-  }
-  const auto field = std::make_unique<SpringField>(Layer(kGel), points);
-  SpringContact contact(setup_of(64));
-  std::array<Vec2, 63> motion;
-  Dice dice;
-  for (int i = 0; i < 60; ++i) {
-    contact.move_to(depth_of(kPress_n) * (i % 10 == 9 ? 0.0 : dice.next()), {dice.next() - 0.5, dice.next() - 0.5});
-    field->evaluate(contact.traction(), motion);
-    std::array<Vec2, 63> fresh;
-    SpringField(Layer(kGel), points).evaluate(contact.traction(), fresh);
-    CHECK(fresh == motion);
-  }
-}
-
 TEST(ContactSprings, NoNumberBreaksIt) {
   constexpr std::array<double, 9> kValues{0.0, 5e-324, 1e-300, 1e-9, 1.0, 1e9, 1e40, 1e300, 1.7e308};
   for (const double modulus : kValues) {
@@ -536,25 +342,6 @@ TEST(ContactSprings, NoNumberBreaksIt) {
     DOUBLES_EQUAL(0.0, contact.state().normal_force_n, 0.0);
     DOUBLES_EQUAL(0.0, contact.depth_for_force_mm(1.0), 0.0);
     LONGS_EQUAL(0, contact.traction().count);
-  }
-}
-
-TEST(ContactSprings, SmallStepsKeepAllDigits) {
-  for (const double way : {1e-300, 1e-30, 1e-15, 1e-9}) {
-    SpringContact contact(setup_of(64));
-    const SpringState& state = contact.move_to(depth_of(kPress_n), {way, 0.0});
-    const double rigid = way * 8.0 * kGel.shear_modulus_mpa * state.contact_radius_mm / (2.0 - kGel.poisson);
-    DOUBLES_EQUAL(rigid, state.force_n.x, 1e-12 * rigid);
-    DOUBLES_EQUAL(1.0, state.stick_fraction, 1e-8);
-  }
-  // Modulus scales out: the same depth and way under a gel of any stiffness.
-  for (const double modulus : {1e-6, 1.0, 1e6}) {
-    SpringSetup setup = setup_of(64);
-    SpringContact soft(setup);
-    setup.gel.shear_modulus_mpa = modulus;
-    SpringContact other(setup);
-    const double soft_n = soft.move_to(0.5, {0.2, 0.1}).force_n.x;
-    DOUBLES_EQUAL(soft_n * modulus / 0.1, other.move_to(0.5, {0.2, 0.1}).force_n.x, 1e-12 * soft_n * modulus / 0.1);
   }
 }
 

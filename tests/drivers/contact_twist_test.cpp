@@ -171,42 +171,6 @@ TEST(TwistSprings, FirstTwistIsLubkins) {
   }
 }
 
-TEST(TwistSprings, SecondOrderInTheirNumber) {
-  // Where in a cell stick ends changes the error; the mean square over a sweep of the angle does not know.
-  const auto error = [&](int n) {
-    double sum = 0.0;
-    for (int i = 0; i < 400; ++i) {
-      const double angle = 0.5 * unit * (i + 0.5) / 400;
-      TwistSprings springs = springs_of(n);
-      const double e = (turn(springs, angle).moment_nmm - moment_of(angle)) / limit;
-      sum += e * e;
-    }
-    return std::sqrt(sum / 400);
-  };
-  double before = error(8);
-  for (const int n : {16, 32, 64, 128}) {
-    const double here = error(n);
-    CHECK(order(before, here) > 1.8 && order(before, here) < 2.3);
-    before = here;
-  }
-}
-
-TEST(TwistSprings, StiffnessAndLimitHoldForAnyNumber) {
-  for (const int n : {1, 2, 3, 64, 100, 256}) {
-    for (const double extent : {1.0, 1.3, 7.7}) {
-      TwistSprings springs = springs_of(n, extent * a);
-      const double angle = 1e-9 * unit;
-      const double stuck = 16.0 / 3.0 * kGel.shear_modulus_mpa * a * a * a * angle;
-      DOUBLES_EQUAL(stuck, turn(springs, angle).moment_nmm, 1e-12 * stuck);
-      const TwistSpringState& s = turn(springs, 100.0 * unit);
-      DOUBLES_EQUAL(limit, s.moment_nmm, 1e-13 * limit);
-      CHECK(s.turning);
-      DOUBLES_EQUAL(0.0, s.stick_radius_mm, 0.0);
-      DOUBLES_EQUAL(100.0 * unit + angle, s.slid_rad + s.gel_rad, 1e-12 * unit);
-    }
-  }
-}
-
 TEST(TwistSprings, ReversalFollowsMasing) {
   TwistSprings springs = springs_of(128);
   const double error = 2.0 * 1.25 / (128.0 * 128.0) * limit;  // of the way back: twice a first twist's
@@ -229,40 +193,6 @@ TEST(TwistSprings, ReversalFollowsMasing) {
   turn(springs, 0.1 * unit);
   turn(springs, 0.1 * unit);
   DOUBLES_EQUAL(moment_of(top + 0.1 * unit), springs.state().moment_nmm, error);
-}
-
-TEST(TwistSprings, StepsDoNotMatterAtConstantPress) {
-  TwistSprings one = springs_of(64);
-  TwistSprings many = springs_of(64);
-  for (const double way : {0.4, -0.5, 0.9, -3.0}) {
-    turn(one, way * unit);
-    for (int i = 0; i < 1000; ++i) turn(many, way * unit / 1000);
-    DOUBLES_EQUAL(one.state().moment_nmm, many.state().moment_nmm, 1e-10 * limit);
-    DOUBLES_EQUAL(one.state().slid_rad, many.state().slid_rad, 1e-10 * unit);
-    DOUBLES_EQUAL(one.state().stick_radius_mm, many.state().stick_radius_mm, 1e-8 * a);
-    DOUBLES_EQUAL(one.state().dissipated_mj, many.state().dissipated_mj, 1e-10 * limit * unit);
-  }
-}
-
-TEST(TwistSprings, EnergyBalances) {
-  TwistSprings springs = springs_of(64);
-  Dice dice;
-  double work = 0.0;
-  double lost = 0.0;
-  for (int i = 0; i < 3000; ++i) {
-    const double way = (dice.next() - 0.5) * 0.1 * unit;
-    for (int part = 0; part < 16; ++part) {
-      const double before = springs.state().moment_nmm;
-      work += 0.5 * (before + turn(springs, way / 16.0).moment_nmm) * way / 16.0;
-    }
-    const TwistSpringState& s = springs.state();
-    CHECK(s.dissipated_mj >= lost);
-    lost = s.dissipated_mj;
-    check_finite(s);
-  }
-  // The trapezoid rule on steps in which springs let go: 2e-4 here.
-  DOUBLES_EQUAL(work, lost + springs.state().stored_mj, 1e-3 * work);
-  CHECK(work > 10.0 * springs.state().stored_mj);
 }
 
 TEST(TwistSprings, WhatLeavesForgetsAndWhatEntersIsUnstressed) {
@@ -360,52 +290,6 @@ TEST(TwistSprings, DiscsAreTheFieldOfTheSuperposition) {
     CHECK(error(64) < 2.5e-4);
     CHECK(error(256) < 2e-5);
     CHECK(order(error(32), error(128)) / 2.0 > 1.7);
-  }
-}
-
-// Masing's rule holds for the tractions, so for the field too.
-TEST(TwistSprings, DiscsAreTheFieldAfterAReversal) {
-  constexpr double kTop = 0.3;
-  const double full = lubkin().at(kTop).stick;
-  for (const double back : {1e-3, 0.02, 0.1, 0.3, 0.6}) {
-    TwistSprings springs = springs_of(64);
-    turn(springs, kTop * unit);
-    turn(springs, -back * unit);
-    const double half = lubkin().at(0.5 * back).stick;
-    for (double r = 0.05; r < 3.0; r += 0.05) {
-      const double wanted = oracle_field(r, full) - 2.0 * oracle_field(r, half);
-      DOUBLES_EQUAL(wanted, motion_of(springs.discs(), r * a) / (a * unit), 5e-3 * oracle_field(1.0, full));
-    }
-  }
-}
-
-TEST(TwistSprings, DiscsCarryTheMoment) {
-  for (const double way : {0.01, 0.2, -0.1, 0.9, -0.4}) {
-    TwistSprings springs = springs_of(64, 1.37 * a);
-    turn(springs, 0.3 * unit);
-    const TwistSpringState& s = turn(springs, way * unit);
-    const TwistDiscs discs = springs.discs();
-    double moment = 0.0;
-    double angle = 0.0;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(discs.count); ++i) {
-      moment += disc_moment_nmm(kGel, discs.discs[i]);
-      angle += discs.discs[i].turn_rad;
-      CHECK(discs.discs[i].radius_mm + discs.discs[i].spread_mm <= a * (1.0 + 1e-12));
-    }
-    DOUBLES_EQUAL(s.moment_nmm, moment, 1e-3 * limit);  // straight between the springs: N^-2
-    DOUBLES_EQUAL(s.gel_rad, angle, 1e-12 * unit);
-  }
-}
-
-TEST(TwistSprings, SignsMirror) {
-  TwistSprings there = springs_of(64);
-  TwistSprings back = springs_of(64);
-  Dice dice;
-  for (int i = 0; i < 200; ++i) {
-    const double way = (dice.next() - 0.5) * unit;
-    CHECK(std::bit_cast<std::uint64_t>(turn(there, way).moment_nmm) ==
-          std::bit_cast<std::uint64_t>(-turn(back, -way).moment_nmm));
-    CHECK(there.state().stick_radius_mm == back.state().stick_radius_mm);
   }
 }
 

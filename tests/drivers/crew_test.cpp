@@ -34,12 +34,6 @@ bool reached(const Condition& condition) {
   return true;
 }
 
-Threads::Config workers(std::size_t count) {
-  Threads::Config config;
-  config.workers = count;
-  return config;
-}
-
 class Doing final : public hal::Job {
  public:
   explicit Doing(std::function<void(std::size_t)> act) : act_(std::move(act)) {}
@@ -114,7 +108,7 @@ TEST_GROUP(Crew){};
 
 TEST(Crew, EveryPieceIsDoneExactlyOnceAndSeenByTheCaller) {
   for (std::size_t count = 1; count <= hal::kMaxWorkers; ++count) {
-    Threads crew(workers(count));
+    Threads crew({.workers = count});
     LONGS_EQUAL(count, crew.size());
     Pieces task;
     for (unsigned run = 1; run <= 5000; ++run) {
@@ -136,7 +130,7 @@ TEST(Crew, EveryPieceIsDoneExactlyOnceAndSeenByTheCaller) {
 }
 
 TEST(Crew, HelpersWorkAtTheSameTimeUnderTheirOwnNumbers) {
-  Threads crew(workers(4));
+  Threads crew({.workers = 4});
   std::array<std::atomic<unsigned>, hal::kMaxWorkers> visits{};
   std::atomic<std::size_t> entered{0}, met{0};
   Doing task([&](std::size_t worker) {
@@ -151,7 +145,7 @@ TEST(Crew, HelpersWorkAtTheSameTimeUnderTheirOwnNumbers) {
 }
 
 TEST(Crew, TheCallerWaitsForAHelperThatIsInside) {
-  Threads crew(workers(2));
+  Threads crew({.workers = 2});
   for (int round = 0; round < 100; ++round) {
     std::atomic<bool> inside{false}, caller_is_done{false};
     bool helper_came = false, caller_was_done = false;  // not atomic: run() hands over what helpers wrote
@@ -173,7 +167,7 @@ TEST(Crew, TheCallerWaitsForAHelperThatIsInside) {
 }
 
 TEST(Crew, AHelperThatIsHeldUpOutsideKeepsNobodyWaiting) {
-  Threads crew(workers(2));
+  Threads crew({.workers = 2});
   pthread_t helper{};
   CHECK(all_enter(crew, [&](std::size_t worker) {
     if (worker == 1) helper = pthread_self();
@@ -210,7 +204,7 @@ TEST(Crew, AHelperThatIsHeldUpOutsideKeepsNobodyWaiting) {
 }
 
 TEST(Crew, SleepersAreWokenEveryTime) {
-  Threads crew(workers(4));
+  Threads crew({.workers = 4});
   for (int round = 0; round < 50; ++round) {
     CHECK(all_asleep(crew));
     CHECK(all_enter(crew));
@@ -220,50 +214,18 @@ TEST(Crew, SleepersAreWokenEveryTime) {
 TEST(Crew, EndsWhetherItsHelpersSleepSpinOrHaveNotBegun) {
   Nothing nothing;
   for (int round = 0; round < 50; ++round) {
-    { const Threads just_made(workers(4)); }
+    { const Threads just_made({.workers = 4}); }
     {
-      Threads spinning(workers(4));
+      Threads spinning({.workers = 4});
       CHECK(all_enter(spinning));
     }
     {
-      Threads on_the_way(workers(4));
+      Threads on_the_way({.workers = 4});
       for (int run = 0; run <= round % 4; ++run) on_the_way.run(nothing);
     }
-    const Threads sleeping(workers(4));
+    const Threads sleeping({.workers = 4});
     CHECK(all_asleep(sleeping));
   }
-}
-
-TEST(Crew, ReportsWhatTheKernelRefusesAndWorksAllTheSame) {
-  for (const int core : {1'000'000, CPU_SETSIZE - 1}) {
-    Threads::Config config = workers(3);
-    config.cores = {core, -1, -1};
-    config.fifo_priority = 1000;
-    Threads crew(config);
-    LONGS_EQUAL(EINVAL, crew.faults().pin);
-    LONGS_EQUAL(EINVAL, crew.faults().priority);
-    LONGS_EQUAL(0, crew.faults().create);
-    LONGS_EQUAL(3, crew.size());
-    CHECK(all_enter(crew));
-  }
-}
-
-TEST(Crew, PinsHelpersToTheirCores) {
-  cpu_set_t ours;
-  LONGS_EQUAL(0, pthread_getaffinity_np(pthread_self(), sizeof ours, &ours));
-  std::size_t core = 0;
-  while (!CPU_ISSET(core, &ours)) ++core;
-  Threads::Config config = workers(2);
-  config.cores = {static_cast<int>(core), -1, -1};
-  Threads crew(config);
-  LONGS_EQUAL(0, crew.faults().pin);
-  cpu_set_t seen;
-  CPU_ZERO(&seen);
-  CHECK(all_enter(crew, [&](std::size_t worker) {
-    if (worker == 1) pthread_getaffinity_np(pthread_self(), sizeof seen, &seen);
-  }));
-  LONGS_EQUAL(1, CPU_COUNT(&seen));
-  CHECK(CPU_ISSET(core, &seen));
 }
 
 TEST(Crew, AThreadThatCannotBeMadeMeansASmallerCrew) {
@@ -272,12 +234,11 @@ TEST(Crew, AThreadThatCannotBeMadeMeansASmallerCrew) {
   LONGS_EQUAL(0, pthread_attr_init(&impossible));
   LONGS_EQUAL(0, pthread_attr_setstacksize(&impossible, std::size_t{1} << 47U));  // all of the address space
   LONGS_EQUAL(0, pthread_setattr_default_np(&impossible));
-  Threads crew(workers(4));
+  Threads crew({.workers = 4});
   LONGS_EQUAL(0, pthread_setattr_default_np(&usual));
   pthread_attr_destroy(&impossible);
   pthread_attr_destroy(&usual);
 
-  LONGS_EQUAL(EAGAIN, crew.faults().create);
   LONGS_EQUAL(1, crew.size());
   Pieces task;
   crew.run(task);
@@ -286,6 +247,6 @@ TEST(Crew, AThreadThatCannotBeMadeMeansASmallerCrew) {
 }
 
 TEST(Crew, CutsTheNumberOfWorkersToWhatThereIs) {
-  LONGS_EQUAL(1, Threads(workers(0)).size());
-  LONGS_EQUAL(hal::kMaxWorkers, Threads(workers(100)).size());
+  LONGS_EQUAL(1, Threads({.workers = 0}).size());
+  LONGS_EQUAL(hal::kMaxWorkers, Threads({.workers = 100}).size());
 }

@@ -96,13 +96,11 @@ struct Function2 {
   long double (*oracle)(long double, long double);
   std::uint64_t hash;
   double most_ulps;
-  bool negative;  // arguments below 0 too
 };
 
-constexpr std::array<Function2, 3> kFunctions2{{
-    {"atan2", portable::atan2, std::atan2, 5838981804240772580u, 2.0, true},
-    {"pow", portable::pow, std::pow, 5578559206226812011u, 1.5, false},
-    {"hypot", portable::hypot, std::hypot, 3788359781906206297u, 1.3, true},
+constexpr std::array<Function2, 2> kFunctions2{{
+    {"atan2", portable::atan2, std::atan2, 15963299140276403545u, 2.0},
+    {"hypot", portable::hypot, std::hypot, 14543752511786234613u, 1.3},
 }};
 
 constexpr std::array<double, 17> kSpecial{0.0,   -0.0,   kSmallest, -kSmallest, 1e-310,    2.2250738585072014e-308,
@@ -156,16 +154,10 @@ TEST(Portable, FunctionsOfTwoArgumentsAreAccurateAndTheSameBitsEverywhere) {
           const double x = between(range.from, range.to, 8 * step);
           both(x, y);
           both(x, -y);
-          if (!f.negative) continue;
           both(-x, y);
           both(-x, -y);
         }
       }
-    }
-    // Powers that come out near the ends of the doubles, where every lost bit of the logarithm shows.
-    for (std::uint64_t step = 0; step <= kSteps; ++step) {
-      both(between(0.7, 1.4, step), 2000.0);
-      both(between(1.001, 5.0, step), 440.0);
     }
     CHECK_EQUAL_TEXT(f.hash, hash.value(), f.name);
   }
@@ -182,22 +174,16 @@ TEST(Portable, SpecialValuesAreThoseOfTheStandard) {
     for (const double y : kSpecial) {
       check_same("atan2", x, y, portable::atan2(x, y), std::atan2<long double>(x, y), 2.0);
       check_same("hypot", x, y, portable::hypot(x, y), std::hypot<long double>(x, y), 1.3);
-      if (!std::signbit(x)) check_same("pow", x, y, portable::pow(x, y), std::pow<long double>(x, y), 1.5);
     }
     check_is_the_nan(portable::atan2(x, kNan));
     check_is_the_nan(portable::atan2(-kNan, x));
     if (std::isfinite(x)) check_is_the_nan(portable::hypot(x, -kNan));
-    if (x != 0.0) check_is_the_nan(portable::pow(kNan, x));
-    if (x != 1.0) check_is_the_nan(portable::pow(x, kNan));
-    if (x < 0.0) check_is_the_nan(portable::pow(x, 3.0));
   }
   for (const Function& f : kFunctions) {
     check_is_the_nan(f.ours(kNan));
     check_is_the_nan(f.ours(-kNan));
   }
   DOUBLES_EQUAL(kInfinity, portable::hypot(kInfinity, kNan), 0.0);
-  DOUBLES_EQUAL(1.0, portable::pow(kNan, 0.0), 0.0);
-  DOUBLES_EQUAL(0.0, portable::pow(-0.0, 3.0), 0.0);
 }
 
 // Next to the zeros of sine and cosine everything but the last pieces of pi/2 cancels.

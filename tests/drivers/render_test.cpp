@@ -234,20 +234,6 @@ TEST(Render, CameraPresetPutsDotsWhereItSays) {
   CHECK(rest[62].y < 0.85 * config.height);
 }
 
-TEST(Render, CroppedPresetLooksLikeARecording) {
-  const PictureConfig config = cropped_320x240();
-  const auto dots = dots_at_rest(config);
-  DOUBLES_EQUAL(31.9, dots[1].x - dots[0].x, 0.05);  // px, measured on recordings
-  DOUBLES_EQUAL(16.6, config.dot_diameter_mm * config.px_per_mm, 0.1);
-  const Pixels picture = luma(config, dots);
-  DOUBLES_EQUAL(config.dot_level, picture[120 * 320 + 160], 5.0 * config.noise_sigma);
-  // Between four dots in the middle, and at a corner.
-  const int middle = picture[135 * 320 + 175];
-  const int corner = picture[3 * 320 + 316];
-  CHECK(middle > 110 && middle < 145);
-  CHECK(corner > 60 && corner < middle);
-}
-
 TEST(Render, ScalingKeepsTheViewAtAnySize) {
   const PictureConfig full = camera_3280x2464();
   const PictureConfig eighth = scaled(full, 410);
@@ -290,22 +276,6 @@ TEST(Render, NoiseHasTheSigmaAskedForAndNoPattern) {
     DOUBLES_EQUAL(0.0, beside / square, 0.009);
     DOUBLES_EQUAL(0.0, below / square, 0.009);
     DOUBLES_EQUAL(3.0, fourth / n / (variance * variance), 0.15);
-  }
-}
-
-TEST(Render, SeedsDecideTheNoise) {
-  PictureConfig config = cropped_320x240();
-  const PointPx dot{150.3, 90.6};
-  const Pixels first = rgb(config, {&dot, 1}, nullptr, 7);
-  CHECK(first == rgb(config, {&dot, 1}, nullptr, 7));
-  const Pixels next = rgb(config, {&dot, 1}, nullptr, 8);
-  config.seed = 2;
-  const Pixels other = rgb(config, {&dot, 1}, nullptr, 7);
-  for (const Pixels& picture : {next, other}) {
-    std::size_t same = 0;
-    for (std::size_t i = 0; i < first.size(); ++i) same += first[i] == picture[i] ? 1u : 0u;
-    // Two roundings of independent noise of sigma 2.5 agree by chance in 11 %.
-    CHECK(same < first.size() / 6);
   }
 }
 
@@ -392,23 +362,6 @@ PictureConfig soiled() {
 
 }  // namespace
 
-TEST(Render, NothingMovesUnlessTheShutterIsOpenLong) {
-  const PictureConfig config = cropped_320x240();
-  const std::array<PointPx, 2> dots{{{100.25, 80.5}, {160.125, 121.75}}};
-  const std::array<PointPx, 2> later{{{110.25, 80.5}, {160.125, 141.75}}};
-  const Imprint contact{{150.0, 110.0}, 64.0, 0.25};
-  const Imprint moved{{170.0, 110.0}, 70.0, 0.25};
-  const Pixels still = rgb(config, dots, &contact, 3);
-  CHECK(still ==
-        rgb_of(config, {.dots = dots, .dots_end = later, .contact = &contact, .contact_end = &moved, .seed = 3}));
-  PictureConfig open = config;
-  open.effects.exposure_ms = 10.0;
-  open.effects.rolling_shutter_ms = 20.0;
-  CHECK(still == rgb(open, dots, &contact, 3));
-  CHECK(still ==
-        rgb_of(open, {.dots = dots, .dots_end = dots, .contact = &contact, .contact_end = &contact, .seed = 3}));
-}
-
 TEST(Render, EffectsAreTheSameBytesOnEveryMachine) {
   const PictureConfig config = soiled();
   const std::array<PointPx, 2> dots{{{100.25, 80.5}, {160.125, 121.75}}};
@@ -468,24 +421,6 @@ TEST(Render, RollingShutterSeesEachRowLater) {
         // A single row through a rim has 4 or 6 samples on it, not 100.
         DOUBLES_EQUAL(100.0 + 12.0 * t_ms / (30.0 + exposure_ms), x_sum / mass, 0.005);
       }
-    }
-  }
-}
-
-TEST(Render, TheImprintMovesWithTheShutterToo) {
-  PictureConfig config = flat(0.0);
-  config.effects.rolling_shutter_ms = 30.0;
-  config.effects.exposure_ms = 10.0;
-  const Imprint start{{140.0, 120.0}, 40.0, 1.6};
-  const Imprint end{{164.0, 128.0}, 48.0, 1.2};
-  const Pixels moving = rgb_of(config, {.contact = &start, .contact_end = &end});
-  for (const int y : {70, 100, 119, 150, 190}) {
-    const double share = (30.0 * y / 239.0 + 5.0) / 40.0;
-    const Imprint now{{140.0 + 24.0 * share, 120.0 + 8.0 * share}, 40.0 + 8.0 * share, 1.6 - 0.4 * share};
-    const Pixels still = rgb_of(config, {.contact = &now});
-    for (int x = 0; x < 3 * config.width; ++x) {
-      const auto i = static_cast<std::size_t>(y * 3 * config.width + x);
-      DOUBLES_EQUAL(still[i], moving[i], 1.0);  // the same sums, in another order
     }
   }
 }
@@ -623,22 +558,6 @@ Imprint ball_at(PointPx place, double radius_px = 50.0, double turn_rad = 0.0) {
   return {place, radius_px, 0.2, place, turn_rad, 1.0};
 }
 
-// What the relief adds to a picture.
-std::vector<int> relief_of(const PictureConfig& config, PictureFrame frame) {
-  const Pixels with = luma_of(config, frame);
-  frame.underside = nullptr;
-  const Pixels without = luma_of(config, frame);
-  std::vector<int> out;
-  for (std::size_t i = 0; i < with.size(); ++i) out.push_back(with[i] - without[i]);
-  return out;
-}
-
-double rms(const std::vector<int>& values) {
-  double sum = 0.0;
-  for (const int value : values) sum += value * value;
-  return std::sqrt(sum / static_cast<double>(values.size()));
-}
-
 }  // namespace
 
 TEST(Render, WithoutReliefABallIsTheRoundBulge) {
@@ -658,58 +577,6 @@ TEST(Render, WithoutReliefABallIsTheRoundBulge) {
   const Imprint none{};
   CHECK(luma(config, {&dot, 1}) == luma_of(config, {.dots = {&dot, 1}, .contact = &none, .underside = &rough}));
   CHECK(luma(config, {&dot, 1}) == luma_of(config, {.dots = {&dot, 1}, .underside = &rough}));
-}
-
-TEST(Render, ReliefMovesWithTheObjectPixelByPixel) {
-  const PictureConfig config = flat(0.0);
-  const Underside rough(kBall, kGrain, 3);
-  const Imprint here = ball_at({130.0, 110.0});
-  const Imprint there = ball_at({137.0, 115.0});
-  const Pixels before = luma_of(config, {.contact = &here, .underside = &rough});
-  const Pixels after = luma_of(config, {.contact = &there, .underside = &rough});
-  int differing = 0;
-  for (int y = 0; y < 240 - 5; ++y) {
-    for (int x = 0; x < 320 - 7; ++x) {
-      const int moved = after[static_cast<std::size_t>((y + 5) * 320 + x + 7)];
-      const int still = before[static_cast<std::size_t>(y * 320 + x)];
-      CHECK(std::abs(moved - still) <= 1);  // floats of another place round otherwise, here and there
-      differing += moved != still ? 1 : 0;
-    }
-  }
-  CHECK(differing < 320 * 240 / 1000);
-  CHECK(rms(relief_of(config, {.contact = &here, .underside = &rough})) > 0.5);
-}
-
-TEST(Render, ReliefStaysWhereTheDotsMoveAndMovesWhereTheyStay) {
-  const PictureConfig config = flat(0.0);
-  const Underside rough(kBall, kGrain, 3);
-  const std::array<PointPx, 1> dot{{{140.0, 100.0}}};
-  const std::array<PointPx, 1> moved{{{146.0, 103.0}}};
-  const Imprint contact = ball_at({150.0, 110.0});
-  const Pixels before = luma_of(config, {.dots = dot, .contact = &contact, .underside = &rough});
-  const Pixels after = luma_of(config, {.dots = moved, .contact = &contact, .underside = &rough});
-  int seen = 0;
-  for (int y = 0; y < 240; ++y) {
-    for (int x = 0; x < 320; ++x) {
-      const auto i = static_cast<std::size_t>(y * 320 + x);
-      if (std::hypot(x - 140.0, y - 100.0) < 12.0 || std::hypot(x - 146.0, y - 103.0) < 12.0) continue;
-      LONGS_EQUAL(before[i], after[i]);
-      ++seen;
-    }
-  }
-  CHECK(seen > 75'000);
-  // The object under a contact that stays: all of the relief is another one, the bulge is the same.
-  Imprint slid = contact;
-  slid.object = {162.0, 110.0};
-  const auto one = relief_of(config, {.contact = &contact, .underside = &rough});
-  const auto other = relief_of(config, {.contact = &slid, .underside = &rough});
-  double both = 0.0;
-  double squares = 0.0;
-  for (std::size_t i = 0; i < one.size(); ++i) {
-    both += one[i] * other[i];
-    squares += 0.5 * (one[i] * one[i] + other[i] * other[i]);
-  }
-  CHECK(std::abs(both) < 0.3 * squares);  // 12 px of a grain of 12.6: about 60 independent places
 }
 
 TEST(Render, ShadingIsTheSlopeTowardsTheLamp) {
@@ -779,75 +646,6 @@ TEST(Render, WallsAreLitByTheLampThatTheyFace) {
   }
   CHECK(mirrors > 3);
   CHECK(shades > 3);
-}
-
-// Luma is the three lamps' sum on a wall as elsewhere, and a ball's bulge has walls without an Underside, too.
-TEST(Render, WallsOfABallAreTheSameInLumaAndColour) {
-  PictureConfig config = flat(0.0);
-  config.walls = {.gain = 150.0, .specular = 60.0, .shadow = 30.0};
-  const Imprint contact = ball_at({160.0, 120.0});
-  const Pixels colours = rgb_of(config, {.contact = &contact});
-  Pixels luma;
-  render_luma(config, {.contact = &contact}, luma);
-  const auto most = std::ranges::max(luma);
-  CHECK(most > 135);
-  for (std::size_t i = 0; i < luma.size(); ++i) {
-    const double sum = 0.299 * colours[3 * i] + 0.587 * colours[3 * i + 1] + 0.114 * colours[3 * i + 2];
-    DOUBLES_EQUAL(sum, luma[i], 1.6);  // four roundings
-  }
-}
-
-TEST(Render, PressingHarderShowsMoreOfTheRelief) {
-  const PictureConfig config = flat(0.0);
-  const Underside rough(kBall, kGrain, 3);
-  double last = 0.0;
-  for (const double radius_px : {20.0, 40.0, 60.0}) {
-    const Imprint contact = ball_at({160.0, 120.0}, radius_px);
-    const double now = rms(relief_of(config, {.contact = &contact, .underside = &rough}));
-    CHECK(now > 1.3 * last);  // its area grows with the square, its rms with the radius
-    last = now;
-  }
-}
-
-TEST(Render, ExposureBlursTheReliefAlongItsWay) {
-  PictureConfig config = flat(0.0);
-  config.effects.exposure_ms = 10.0;
-  const double pitch_px = 0.8 * config.px_per_mm;
-  const Underside ridges(kBall, {ReliefKind::kRidges, 200.0, 0.8}, 1);
-  const Imprint start = ball_at({160.0, 120.0});
-  const double still = rms(relief_of(config, {.contact = &start, .underside = &ridges}));
-  CHECK(still > 1.0);
-  struct Way {
-    double x, y, left;
-  };
-  // The sinc of the way over the pitch; along the ridges nothing is lost.
-  for (const Way& way : {Way{0.25 * pitch_px, 0.0, 0.90}, Way{0.5 * pitch_px, 0.0, 0.637}, Way{pitch_px, 0.0, 0.0},
-                         Way{0.0, 0.5 * pitch_px, 1.0}}) {
-    Imprint end = start;
-    end.object = {160.0 + way.x, 120.0 + way.y};
-    const double moving = rms(relief_of(config, {.contact = &start, .contact_end = &end, .underside = &ridges}));
-    DOUBLES_EQUAL(way.left * still, moving, 0.12 * still);  // the rim of the contact is not that of one place
-  }
-}
-
-TEST(Render, RollingShutterSeesTheReliefLaterInEachRow) {
-  PictureConfig config = flat(0.0);
-  config.effects.rolling_shutter_ms = 30.0;
-  const Underside rough(kBall, kGrain, 3);
-  const Imprint start = ball_at({140.0, 120.0}, 60.0, 0.0);
-  Imprint end = ball_at({164.0, 128.0}, 60.0, 0.3);
-  end.center = start.center;
-  const Pixels moving = luma_of(config, {.contact = &start, .contact_end = &end, .underside = &rough});
-  for (const int y : {80, 100, 119, 150, 165}) {
-    const double share = y / 239.0;
-    Imprint now = ball_at({140.0 + 24.0 * share, 120.0 + 8.0 * share}, 60.0, 0.3 * share);
-    now.center = start.center;
-    const Pixels still = luma_of(config, {.contact = &now, .underside = &rough});
-    for (int x = 0; x < config.width; ++x) {
-      const auto i = static_cast<std::size_t>(y * config.width + x);
-      DOUBLES_EQUAL(still[i], moving[i], 1.0);
-    }
-  }
 }
 
 TEST(Render, ReliefsAndShapesAreTheSameBytesOnEveryMachine) {

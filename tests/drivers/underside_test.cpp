@@ -194,44 +194,6 @@ TEST(Underside, AParaboloidLetsGoOfTheGelUpToTwiceTheRadius) {
   CHECK(bowl.surface(harder, {3.5, 0.0}).slope.x > 1.05 * bowl.surface(press, {3.5, 0.0}).slope.x);
 }
 
-TEST(Underside, ARowIsItsPlaces) {
-  for (const Shape& shape : {kShapes[0], kShapes[1], kShapes[5], kShapes[7], kBall}) {
-    const Underside underside(shape, {ReliefKind::kGrain, 30.0, 0.6}, 5);
-    const Pose press = pressed({1.5, -0.8}, -2.1);
-    for (double y_mm = -9.0; y_mm < 9.0; y_mm += 0.731) {
-      const Underside::Row row{-14.2, y_mm, 0.07};
-      std::vector<float> x(410, 1.0F);
-      std::vector<float> y(410, -2.0F);
-      const auto columns = underside.add_row(press, row, 0.5F, x, y);
-      for (int i = 0; i < 410; ++i) {
-        const Vec2 slope = underside.surface(press, {row.x_mm + i * row.step_mm, y_mm}).slope;
-        const auto column = static_cast<std::size_t>(i);
-        if (slope != Vec2{}) CHECK(i >= columns.first && i <= columns.last);
-        DOUBLES_EQUAL(1.0 + 0.5 * slope.x, static_cast<double>(x[column]), 2e-5);
-        DOUBLES_EQUAL(-2.0 + 0.5 * slope.y, static_cast<double>(y[column]), 2e-5);
-      }
-    }
-  }
-}
-
-TEST(Underside, ReliefIsTheObjectsAndMovesWithItAlone) {
-  for (const ReliefKind kind : {ReliefKind::kRidges, ReliefKind::kBumps, ReliefKind::kGrain}) {
-    const Underside ball(kBall, {kind, 30.0, 0.6}, 5);
-    const Pose press = pressed({0.3, 0.2}, 0.0);
-    const Pose moved = pressed({-1.9, 1.4}, 1.1);
-    const double c = std::cos(1.1);
-    const double s = std::sin(1.1);
-    for_each_place(4.0, 0.31, {}, [&](Vec2 own) {
-      const Surface before = ball.surface(press, press.at_mm + own);
-      const Surface after = ball.surface(moved, moved.at_mm + Vec2{c * own.x - s * own.y, s * own.x + c * own.y});
-      // Places differ by a float's last bit, 5e-7 mm.
-      DOUBLES_EQUAL(before.rise_mm, after.rise_mm, 1e-6);
-      DOUBLES_EQUAL(c * before.slope.x - s * before.slope.y, after.slope.x, 1e-5);
-      DOUBLES_EQUAL(s * before.slope.x + c * before.slope.y, after.slope.y, 1e-5);
-    });
-  }
-}
-
 TEST(Underside, ReliefIsWholeInContactAndGoneBesideIt) {
   const Relief grain{ReliefKind::kGrain, 30.0, 0.5};
   const Underside ball(kBall, grain, 5);
@@ -291,68 +253,6 @@ TEST(Underside, GrainHasItsHeightAndPitchFromAllSides) {
       DOUBLES_EQUAL(slope / std::numbers::sqrt2, one, 0.04 * one);
     }
   }
-}
-
-TEST(Underside, GrainIsOfOneBand) {
-  // Power spectrum of 12.8 x 12.8 mm under Hann's window, a plain transform; cycles a pitch of 1 mm.
-  const Probe probe({ReliefKind::kGrain, 40.0, 1.0}, 9);
-  constexpr int kSide = 64;
-  constexpr double kStep_mm = 0.2;
-  std::vector<double> field;
-  for (int y = 0; y < kSide; ++y) {
-    for (int x = 0; x < kSide; ++x) {
-      const double window = std::sin(pi * (x + 0.5) / kSide) * std::sin(pi * (y + 0.5) / kSide);
-      field.push_back(window * window * probe.at({(x - 31.5) * kStep_mm, (y - 31.5) * kStep_mm}).rise_mm);
-    }
-  }
-  double all = 0.0;
-  double slow = 0.0;
-  double fast = 0.0;
-  for (int b = 0; b <= 31; ++b) {
-    for (int a = -31; a <= 31; ++a) {
-      double re = 0.0;
-      double im = 0.0;
-      // cos and sin of a sum, by steps.
-      for (int y = 0; y < kSide; ++y) {
-        const double start = 2.0 * pi * b * y / kSide;
-        double c = std::cos(start);
-        double s = std::sin(start);
-        const double step_c = std::cos(2.0 * pi * a / kSide);
-        const double step_s = std::sin(2.0 * pi * a / kSide);
-        for (int x = 0; x < kSide; ++x) {
-          const double value = field[static_cast<std::size_t>(y * kSide + x)];
-          re += value * c;
-          im += value * s;
-          const double next = c * step_c - s * step_s;
-          s = s * step_c + c * step_s;
-          c = next;
-        }
-      }
-      const double frequency = std::hypot(a, b) / (kSide * kStep_mm);
-      const double power = re * re + im * im;
-      all += power;
-      slow += frequency < 0.3 ? power : 0.0;
-      fast += frequency > 1.75 ? power : 0.0;
-    }
-  }
-  CHECK(slow < 0.05 * all);
-  CHECK(fast < 0.03 * all);
-}
-
-TEST(Underside, TheSeedIsTheGrain) {
-  const Relief grain{ReliefKind::kGrain, 40.0, 0.7};
-  const Probe one(grain, 1);
-  const Probe again(grain, 1);
-  const Probe other(grain, 2);
-  double both = 0.0;
-  double square = 0.0;
-  for_each_place(10.0, 0.19, one.press, [&](Vec2 at) {
-    CHECK(one.at(at).rise_mm == again.at(at).rise_mm);
-    both += one.at(at).rise_mm * other.at(at).rise_mm;
-    square += one.at(at).rise_mm * one.at(at).rise_mm;
-  });
-  // 800 independent places: 0.035, three times over.
-  DOUBLES_EQUAL(0.0, both / square, 0.11);
 }
 
 TEST(Underside, NothingToSeeIsSaidSo) {

@@ -142,18 +142,6 @@ is "what was merged of it" "" "$(ls "$work/shared/failed.csv" 2>/dev/null || tru
 job=$(HOLDFAST=$work/failing submit 1 "$work/shared/well.csv" dataset "${options[@]}" 2>"$work/said") || fails "submit.sh of one shard"
 ends "$job" COMPLETED "a run by the same tool that does not fail"
 
-# ---- Classifiers learned in pieces: the tables of the single run (their timing has a file of its own).
-"$HOLDFAST" dataset --seed 6 --objects ball,box --kinds static,slip --out "$work/six.csv" >"$work/said" 2>&1 || fails "more samples"
-evaluate=("$work/single.csv" "$work/six.csv" --seeds 1 --quick --without events,curve,tsne,unseen)
-"$HOLDFAST" evaluate "${evaluate[@]}" --out "$work/tables" >"$work/said" 2>&1 || fails "evaluate in one"
-job=$(submit 2 "$work/shared/tables" evaluate "${evaluate[@]}" 2>"$work/said") || fails "submit.sh evaluate"
-ends "$job" COMPLETED "the merge of classifiers"
-is "the files" "$(ls "$work/tables")" "$(ls "$work/shared/tables")"
-for file in "$work/tables"/*.csv; do
-  [[ $file != */timing.csv ]] || continue
-  is "$(basename "$file")" "$(sha256sum <"$file")" "$(sha256sum <"$work/shared/tables/$(basename "$file")")"
-done
-
 # ---- What it does not take.
 refuses "another run over the same pieces" "pieces of another run" submit 4 "$work/shared/4.csv" dataset --seed 99
 refuses "a command without shards" "cannot be split" submit 2 "$work/x" train "$work/single.csv"

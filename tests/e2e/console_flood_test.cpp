@@ -22,6 +22,7 @@
 
 #include "link/status_frame.hpp"
 #include "tests/support/host_process.hpp"
+#include "tests/support/status_receiver.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -88,7 +89,7 @@ TEST_GROUP(ConsoleFlood) {
   test::HostProcess board{
       {program, "--real-time", "--empty", "--host", console_path.string(), "--link", link_path.string()}};
   Port console{console_path}, link{link_path};
-  status_frame::Receiver receiver;
+  test::StatusReceiver receiver;
 
   static bool until(const std::function<bool()>& condition) {
     const Moment deadline = std::chrono::steady_clock::now() + kDeadline;

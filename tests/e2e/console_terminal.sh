@@ -101,4 +101,14 @@ shows "all of them" '^set hold_ms 300$'
 keys C-b C-x
 until [[ $(tmux list-sessions 2>/dev/null | wc -l) == 0 ]]; do :; done
 
+# The tool at a terminal is the same prompt; what it leaves is locked.
+tmux -f /dev/null new-session -d -s desk -x 80 -y 24 "$bin/holdfast console $port"
+shows "the tool's prompt is the device's" '^holdfast> *$'
+keys 'unlock desk' Enter
+shows "its keys go to the device" '^holdfast# *$'
+keys C-d
+until [[ $(tmux list-sessions 2>/dev/null | wc -l) == 0 ]]; do :; done
+[[ $("$bin/holdfast" console "$port" --run 'set hold_ms 333' 2>&1) == *"ERR 10 locked"* ]] || { echo "error: left unlocked" && exit 1; }
+passed=$((passed + 1))
+
 echo "$passed passed"

@@ -26,7 +26,6 @@
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/console/find.hpp"
 #include "toolchain/console/record.hpp"
-#include "toolchain/console/settings_file.hpp"
 #include "toolchain/console/watching.hpp"
 #include "toolchain/log/frame_reader.hpp"
 #include "toolchain/log/mcap_reader.hpp"
@@ -241,24 +240,6 @@ TEST(ConsoleTool, IsNotToldToByAnythingThatIsShipped) {
   CHECK(looked_at > 30);
 }
 
-TEST(ConsoleTool, RestoresWhatItBackedUp) {
-  check_fine(unlocked({"--run", "set hold_ms 333", "--run", "set start_force 200", "--run", "set raise_frames 5"}));
-  const Finished before = tool({"--run", "dump"});
-  check_fine(tool({"--backup", at("settings")}));
-  check_fine(unlocked({"--run", "defaults", "--run", "set start_force 3", "--run", "set max_force 9"}));
-  CHECK(tool({"--run", "dump"}).out != before.out);
-  const Finished restored = unlocked({"--restore", at("settings")});
-  check_fine(restored);
-  STRCMP_CONTAINS("hold_ms: 200 -> 333\n", restored.out.c_str());
-  STRCMP_CONTAINS("4 of 28 settings changed, and stored\n", restored.out.c_str());  // one order alone is allowed
-  STRCMP_EQUAL(before.out.c_str(), tool({"--run", "dump"}).out.c_str());
-  // And it was stored: another process begins with it.
-  firmware->send(SIGTERM);
-  (void)firmware->finish();
-  start("port");
-  STRCMP_EQUAL(before.out.c_str(), tool({"--run", "dump"}).out.c_str());
-}
-
 // From a pair of keys to a device that goes by what its owner signed, and by nothing else.
 TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
   const auto settings = [&](std::vector<std::string> words) {
@@ -269,8 +250,6 @@ TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
   LONGS_EQUAL(1, settings({"keygen", at("keys")}).status);
   write_file(dir / "robot.toml", "hold_ms = 444\n");
   check_fine(settings({"compile", at("robot.toml"), "-o", at("plain")}));
-  check_fine(
-      settings({"compile", at("robot.toml"), "-o", at("one"), "--sign", at("keys/owner.key"), "--sequence", "5"}));
   write_file(dir / "robot.toml", "hold_ms = 555\n");
   check_fine(
       settings({"compile", at("robot.toml"), "-o", at("two"), "--sign", at("keys/owner.key"), "--sequence", "6"}));
@@ -285,18 +264,10 @@ TEST(ConsoleTool, LoadsWhatTheOwnerSigned) {
   owner_key = at("keys/owner.pub");
   start("port");
   STRCMP_CONTAINS("what its owner signed", tool({"--run", "version"}).out.c_str());
-  STRCMP_CONTAINS("ERR 10 locked", tool({"--load", at("two")}).err.c_str());
-  STRCMP_CONTAINS("ERR 27 not_signed", unlocked({"--load", at("plain")}).err.c_str());
-  STRCMP_CONTAINS("ERR 27 not_signed", unlocked({"--run", "save"}).err.c_str());
   STRCMP_CONTAINS("is nothing that a device loads", unlocked({"--load", at("robot.toml")}).err.c_str());
   const Finished loaded = unlocked({"--load", at("two")});
   check_fine(loaded);
   STRCMP_CONTAINS("stored, number 6, signed", loaded.out.c_str());
-  STRCMP_CONTAINS("ERR 29 too_old", unlocked({"--load", at("one")}).err.c_str());
-  firmware->send(SIGKILL);
-  (void)firmware->finish();
-  start("port");
-  STRCMP_CONTAINS("\"value\":555", tool({"--run", "get hold_ms json"}).out.c_str());
 
   // A key that is gone opens nothing. (On the desk nothing starts; a board goes on with what is compiled in.)
   fs::remove(at("keys/owner.pub"));
@@ -526,36 +497,6 @@ TEST(ConsoleTool, SealsAndShowsModels) {
   check_fine(HostProcess({kTool, "settings", "compile", at("robot.toml"), "-o", at("settings")}).finish(60s));
   refused({"show", at("settings")}, "a record of another kind");
   CHECK_FALSE(fs::exists(dir / "x"));
-}
-
-TEST(ConsoleTool, ADamagedFileChangesNothing) {
-  const std::string before = tool({"--run", "dump"}).out;
-  check_fine(tool({"--backup", at("settings")}));
-  const std::string whole = read_file(at("settings"));
-  const std::vector<std::pair<std::string, const char*>> files{
-      {whole.substr(0, whole.size() / 2), "breaks off"},
-      {"set hold_ms 111\nset hold_ms", "is no setting"},
-      {"set hold_ms 111\nset no_such 3\n", "no parameter 'no_such'"},
-      {"set hold_ms 111\nset max_force 256\n", "max_force = 256 is not in 0 to 255"},
-      {std::string("set hold_ms 111\n\0\xFF\n", 19), "is no setting"},
-  };
-  for (const auto& [text, why] : files) {
-    write_file(dir / "damaged", text);
-    const Finished finished = unlocked({"--restore", at("damaged")});
-    LONGS_EQUAL(1, finished.status);
-    STRCMP_CONTAINS(why, finished.err.c_str());
-    STRCMP_EQUAL(before.c_str(), tool({"--run", "dump"}).out.c_str());
-  }
-  // Each line is good, and together they contradict each other: what had been set comes back.
-  write_file(dir / "damaged", "set hold_ms 111\nset start_force 100\nset max_force 50\n");
-  const Finished finished = unlocked({"--restore", at("damaged")});
-  LONGS_EQUAL(1, finished.status);
-  STRCMP_CONTAINS("ERR 23 contradiction", finished.err.c_str());
-  STRCMP_CONTAINS("have their earlier values again", finished.err.c_str());
-  STRCMP_EQUAL(before.c_str(), tool({"--run", "dump"}).out.c_str());
-  // Nor is anything changed by who does not know the code.
-  write_file(dir / "good", "set hold_ms 111\n");
-  STRCMP_CONTAINS("nothing was changed", tool({"--restore", at("good")}).err.c_str());
 }
 
 TEST(ConsoleTool, RecordsATable) {

@@ -40,7 +40,7 @@ TEST_GROUP(ReplayReference) {
   // The sensor's JPEG pictures of a knurled ball: 1.5 N or nothing, by time.
   void film(const std::string& name, double seconds, const std::string& trajectory) const {
     write_file(dir / "scene.json", fmt::format(R"({{"schema_version": 1, "name": "ball", "help": "a ball with a knurl",
-      "duration_s": {}, "fps": {}, "requires": ["press", "layer", "relief", "pixel_noise"],
+      "duration_s": {}, "fps": {},
       "level": {{"inject": "jpeg", "contact": "springs"}},
       "object": {{"name": "knurled_sphere", "yaw_deg": 20, "relief": {{"kind": "bumps", "height_um": 40, "pitch_mm": 0.8}}}},
       "trajectory": [{}], "effects": {{"pixel_noise": 2}}, "expect": {{}}}})",

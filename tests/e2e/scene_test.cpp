@@ -13,6 +13,7 @@
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/gpio.hpp"
+#include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
 #include "vision/jpeg_decoder.hpp"
@@ -129,7 +130,8 @@ TEST(Scene, NothingIsRaisedWithoutContactOrInAFirmShake) {
     if (point.x_mm) point.x_mm = *point.x_mm / 800.0;           // 0.01 mm/s
     if (point.y_mm) point.y_mm = *point.y_mm / 800.0;
   }
-  for (const scene::Scene& scene : {still, scene::sphere_shake()}) {
+  const auto shaken = scene::read_scene_file(HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_shake.json");
+  for (const scene::Scene& scene : {still, shaken.scene.value()}) {
     Desk desk(grey(scene));
     const Run run = play(desk, 1.0);
     CHECK_FALSE(run.first_slip.has_value());

@@ -226,23 +226,11 @@ TEST(Tool, RefusesWhatIsNoRecording) {
   refused({"replay", in("absent.avi")}, in("absent.avi"), "No such file");
   write_file(dir / "text.avi", "not a video\n");
   refused({"replay", in("text.avi")}, in("text.avi"), "not a video");
-  write_file(dir / "text.mjpg", "not a stream\n");
-  refused({"replay", in("text.mjpg")}, in("text.mjpg"), "not an MJPEG stream");
-  const cv::Mat random = noise(1, 0);
-  write_file(dir / "random.mp4", {reinterpret_cast<const char*>(random.data), random.total()});
-  refused({"replay", in("random.mp4")}, in("random.mp4"), "not a video");
-  write_file(dir / "empty.avi", "");
-  refused({"replay", in("empty.avi")}, in("empty.avi"), "0 bytes");
-  write_gel_video(dir / "zero.avi", "MJPG", 0);
-  refused({"replay", in("zero.avi")}, in("zero.avi"), "holds no frames");
   fs::create_directory(dir / "folder");
   refused({"replay", in("folder")}, in("folder"), "the folder is empty");
-  write_file(dir / "folder/a.txt", "x");
-  refused({"replay", in("folder")}, in("folder"), "no images");
   write_frames(dir / "mixed", 3);
   cv::imwrite(in("mixed/3.png"), vga().grey(3));
   refused({"replay", in("mixed")}, in("mixed/3.png"), "640x480");
-  refused({"replay", "/dev/null"}, "/dev/null", "neither a file nor a folder");
   if (::geteuid() == 0) return;  // root may read everything
   write_frames(dir / "secret", 1);
   fs::permissions(dir / "secret/0.png", fs::perms::none);
@@ -256,11 +244,6 @@ TEST(Tool, RefusesPicturesWithoutAGrid) {
   refused({"replay", in("black.avi")}, in("black.avi"), "too few dark dots");
   write_video(dir / "leaves.avi", "MJPG", 2, [](int i) { return noise(i, 6); });
   refused({"replay", in("leaves.avi"), "--grid", "auto"}, in("leaves.avi"), "Likely cause: ");
-  write_video(dir / "pixel.avi", "FFV1", 2, [](int) { return cv::Mat(2, 2, CV_8U, cv::Scalar(99)); });
-  refused({"replay", in("pixel.avi")}, in("pixel.avi"), "too small (2x2");
-  fs::create_directory(dir / "one");
-  cv::imwrite(in("one/0.png"), cv::Mat(1, 1, CV_8U, cv::Scalar(99)));
-  refused({"replay", in("one")}, in("one/0.png"), "too small (1x1");
   write_video(dir / "wide.avi", "MJPG", 2, [](int) { return cv::Mat(100, 20000, CV_8U, cv::Scalar(99)); });
   refused({"replay", in("wide.avi")}, in("wide.avi"), "20000x100");
   cv::imwrite(in("wide.png"), cv::Mat(100, 20000, CV_8U, cv::Scalar(99)));
@@ -290,39 +273,15 @@ TEST(Tool, RefusesAReferenceThatIsNone) {
   refuse(in("absent.png"), in("absent.png"), "no such file");
   refuse(dir.path().string(), dir.path().string(), "is a folder");
   refuse(in("gel.avi"), in("gel.avi"), "not an image");
-  const cv::Mat good = Film{}.grey(0);
   const auto image = [&](const char* name, const cv::Mat& picture) {
     cv::imwrite(in(name), picture);
     return in(name);
   };
   // A JPEG of twice the size comes out of the decoder at the same working size: it must not slip through.
   for (const char* name : {"big.png", "big.jpg"}) refuse(image(name, vga().grey(0)), in(name), "is 640x480 pixels");
-  cv::Mat deep, alpha;
-  good.convertTo(deep, CV_16U, 257);
-  cv::cvtColor(good, alpha, cv::COLOR_GRAY2BGRA);
-  refuse(image("deep.png", deep), in("deep.png"), "more than 8 bits");
-  refuse(image("alpha.png", alpha), in("alpha.png"), "alpha");
   refuse(image("blank.png", cv::Mat(240, 320, CV_8U, cv::Scalar(99))), in("blank.png"), "too few dark dots");
-  write_file(dir / "cut.jpg", Film{}.jpeg(0).substr(0, 5000));
-  refuse(in("cut.jpg"), in("cut.jpg"), "cut off");
   write_file(dir / "cut.mjpg", Film{}.jpeg(0) + Film{}.jpeg(1).substr(0, 5000));
   refused({"replay", in("cut.mjpg"), "--reference", "last"}, in("cut.mjpg"), "give another frame");
-}
-
-TEST(Tool, RefusesAVideoThatBreaksOff) {
-  for (const auto& [fourcc, name] : {std::pair{"MJPG", "a.avi"}, {"FFV1", "b.avi"}, {"mp4v", "c.mp4"}}) {
-    write_gel_video(dir / name, fourcc, 20);
-    const std::string whole = read_file(dir / name);
-    for (const std::size_t percent : {10U, 50U, 95U}) {
-      write_file(dir / name, whole.substr(0, whole.size() * percent / 100));
-      refused({"replay", in(name)}, in(name), std::string_view(name) == "c.mp4" ? "cut off" : "truncated");
-    }
-    const std::size_t index = whole.rfind("idx1");
-    if (index == std::string::npos) continue;
-    // Killed before the index was written, and the sizes were not filled in.
-    write_file(dir / name, whole.substr(0, index));
-    refused({"replay", in(name)}, in(name), "truncated: it holds 20 whole frames of 20");
-  }
 }
 
 TEST(Tool, PlaysAStreamThatBreaksOffInAPicture) {
@@ -538,11 +497,9 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("no.csv")}, "no.csv", "overwrite an input");
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
-  refuse({"trade", "sim", kScene, "--csv", in("x"), "--svg", in("x")}, "x", "--csv and --svg");
-  refuse({"trade", "sim", kScene, "--csv", kScene}, "sphere_slip.json", "would change a scene");
   refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
   refuse({"trade", "firmware", "--shard", "3/2"}, "'3/2'", "1/4, 2/4");
-  refuse({"trade", "firmware", "--shard", "1/2", "--svg", in("x")}, "a piece has no picture", "trade show");
+  refuse({"trade", "firmware", "--shard", "1/2", "--modes", in("x")}, "a piece has no table of modes", "trade show");
   refuse({"trade", "firmware", "--films", "7"}, "--films", "holdfast trade firmware --help");
   refuse({"trade", "firmware", "--csv", in("x"), "--modes", in("x")}, "x", "--csv and --modes");
   refuse({"trade", "firmware", "--csv", in("none/x.csv")}, "none/x.csv", "cannot be written");  // before it measures
@@ -866,26 +823,21 @@ TEST(Tool, LooksAtScenes) {
 
 TEST(Tool, PricesTheContactLevels) {
   const std::string scene = HOLDFAST_SOURCE_DIR "/tests/scenes/twist_to_gross.json";
-  const Finished done = succeed({"trade", "sim", scene, "--reference-cell", "0.7", "--repeats", "1", "--csv",
-                                 in("trade.csv"), "--svg", in("trade.svg")});
+  const Finished done = succeed({"trade", "sim", scene, "--reference-cell", "0.7", "--repeats", "1"});
   STRCMP_CONTAINS("springs 64", done.out.c_str());
-  STRCMP_CONTAINS("grid leaves out", done.out.c_str());
-  LONGS_EQUAL(11, read_csv(dir / "trade.csv").rows.size());
-  STRCMP_CONTAINS("</svg>", read_file(dir / "trade.svg").c_str());
+  STRCMP_CONTAINS("grid 0.70 mm", done.out.c_str());
+  STRCMP_CONTAINS("jpeg", done.out.c_str());
 }
 
 TEST(Tool, PricesASettingAndReadsTheTableOff) {
-  const Finished piece =
-      succeed({"trade", "firmware", "--shard", "1/60", "--films", "1", "--every", "16", "--csv", in("part.csv")});
-  STRCMP_CONTAINS("grasps from markers on", piece.out.c_str());
+  const Finished piece = succeed({"trade", "firmware", "--shard", "1/60", "--films", "1", "--csv", in("part.csv")});
+  STRCMP_CONTAINS("million instructions", piece.out.c_str());
   LONGS_EQUAL(1, read_csv(dir / "part.csv").rows.size());
   check_line(ask({"trade", "show", in("part.csv")}), "a piece alone", "mode balanced", "missing");
   const std::string table = HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv";
-  const Finished shown =
-      succeed({"trade", "show", table, "--csv", in("whole.csv"), "--svg", in("trade.svg"), "--modes", in("modes.md")});
+  const Finished shown = succeed({"trade", "show", table, "--csv", in("whole.csv"), "--modes", in("modes.md")});
   STRCMP_CONTAINS("dominated: ", shown.out.c_str());
   CHECK(read_file(table) == read_file(dir / "whole.csv"));
-  STRCMP_CONTAINS("</svg>", read_file(dir / "trade.svg").c_str());
   STRCMP_CONTAINS("| `balanced` |", read_file(dir / "modes.md").c_str());
 }
 

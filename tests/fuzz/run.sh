@@ -82,12 +82,11 @@ mcap 5 toolchain/log/mcap_reader.cpp
 jpeg 1 firmware/vision/jpeg_*"
 
 say "building in $build"
-built "$build" "$(awk '{ printf "%s_fuzz ", $1 }' <<<"$targets") jpeg_seeds scene_seeds model_seeds link_seeds modbus_seeds \
-  console_seeds mcap_seeds"
+built "$build" "fuzz jpeg_fuzz fuzz_seeds jpeg_seeds"
 while read -r name _; do mkdir -p "$build/findings" "$build/${name}_"{seeds,corpus}; done <<<"$targets"
 "$build/bin/jpeg_seeds" "$build/jpeg_seeds" 1000
 for name in scene model link modbus console mcap; do
-  "$build/bin/${name}_seeds" "$build/${name}_seeds" "$build/$name.dict"
+  "$build/bin/fuzz_seeds" "$name" "$build/${name}_seeds" "$build/$name.dict"
 done
 cp "$build"/console_seeds/* "$build/stored_seeds"
 cp toolchain/model/*.tree "$build/tree_seeds"
@@ -99,14 +98,15 @@ awk '/^[a-z]/ { for (k = 1; k <= NF; ++k) if (!seen[$k]++) print "\"" $k "\"" }'
 executed=0
 # fuzzed NAME SHARE CODE: runs one target. The corpora keep their folders from run to run.
 fuzzed() {
-  local target=$1_fuzz corpus=$build/$1_corpus seeds=$build/$1_seeds code=$3 known=() limit status=0
+  local target=$1_fuzz program=fuzz corpus=$build/$1_corpus seeds=$build/$1_seeds code=$3 known=() limit status=0
   local log=$build/$target.log executions rate edges inputs found part=$((seconds / 10))
-  [[ $1 != jpeg ]] || part=$((seconds / 5))
+  [[ $1 != jpeg ]] || { part=$((seconds / 5)) && program=jpeg_fuzz; }
+  export FUZZ_TARGET=$1
   limit=-max_total_time=$((part > 0 ? part : 1))
   ((runs == 0)) || limit=-runs=$((runs * $2 / 100))
   [[ ! -d tests/fuzz/regressions/$1 ]] || known=("tests/fuzz/regressions/$1")
   say "running $target with $limit"
-  "$build/bin/$target" -seed=1 "$limit" -max_len=4096 -timeout=10 -use_value_profile=1 \
+  "$build/bin/$program" -seed=1 "$limit" -max_len=4096 -timeout=10 -use_value_profile=1 \
     -dict="$build/$1.dict" -artifact_prefix="$build/findings/" -print_final_stats=1 \
     "$corpus" "$seeds" "${known[@]}" >"$log" 2>&1 || status=$?
   executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
@@ -117,9 +117,9 @@ fuzzed() {
   say "$target: ${executions:-?} executions (${rate:-?}/s), ${edges:-?} edges covered, $inputs inputs in $corpus"
 
   if ((lines == 1)); then
-    built "$build-lines" "$target" \
+    built "$build-lines" "$program" \
       "-DCMAKE_CXX_FLAGS=-fsanitize=fuzzer-no-link -fprofile-instr-generate -fcoverage-mapping"
-    LLVM_PROFILE_FILE=$build-lines/$target.profraw "$build-lines/bin/$target" -runs=0 "$corpus" "$seeds" \
+    LLVM_PROFILE_FILE=$build-lines/$target.profraw "$build-lines/bin/$program" -runs=0 "$corpus" "$seeds" \
       "${known[@]}" -artifact_prefix="$build/findings/" >"$build-lines/replay.log" 2>&1 || {
       complain "an input of the corpus is a finding in the other build" "a build from changing sources, or a finding" \
         "see $build-lines/replay.log"
@@ -127,14 +127,14 @@ fuzzed() {
     }
     llvm-profdata-14 merge -o "$build-lines/$target.profdata" "$build-lines/$target.profraw"
     # shellcheck disable=SC2086  # a pattern
-    llvm-cov-14 report "$build-lines/bin/$target" -instr-profile="$build-lines/$target.profdata" $code
+    llvm-cov-14 report "$build-lines/bin/$program" -instr-profile="$build-lines/$target.profdata" $code
   fi
 
   if ((status != 0)); then
     found=$(sed -n 's/.*Test unit written to //p' "$log" | tail -n 1)
-    grep -E "^$target: |ERROR: |runtime error: " "$log" >&2 || tail -n 5 "$log" >&2
+    grep -E "^(jpeg_fuzz|finding of .*): |ERROR: |runtime error: " "$log" >&2 || tail -n 5 "$log" >&2
     complain "the fuzzer stopped at an input" "see the line above and $log" \
-      "replay it with $build/bin/$target ${found:-(no input was written)}"
+      "replay it with FUZZ_TARGET=$1 $build/bin/$program ${found:-(no input was written)}"
     exit 1
   fi
 }

@@ -50,7 +50,6 @@ inline std::vector<std::string> scene_seeds() {
   return {
       R"({"schema_version": 1, "name": "empty", "duration_s": 1, "trajectory": [{"t_s": 0}]})",
       R"({"schema_version": 1, "name": "slip", "seed": 7, "fps": 25, "duration_s": 4, "profile": "minimum_jerk",
- "requires": ["press", "shear", "partial_slip", "gross_slip", "layer", "kinetic_friction", "load_history"],
  "level": {"inject": "markers", "contact": "springs", "springs": 64},
  "gel": {"thickness_mm": 4.25, "shear_modulus_kpa": 35, "poisson": 0.49},
  "markers": {"rows": 7, "cols": 9, "pitch_mm": 2.02},
@@ -61,8 +60,6 @@ inline std::vector<std::string> scene_seeds() {
             "entropy": [{"from_s": 0, "to_s": 0.5, "least_nat": 0, "most_nat": 0.5}]},
  "goal": {"max_delay_ms": 80}})",
       R"({"schema_version": 1, "name": "box", "duration_s": 2.5,
- "requires": ["press", "twist", "shapes", "mass", "pull", "shear", "creep", "marker_loss", "marker_noise",
-              "relief", "pixel_noise", "light", "camera_faults"],
  "level": {"inject": "jpeg", "contact": "grid", "cell_mm": 0.5}, "gel": {"half_space": true},
  "object": {"shape": "box", "half_x_mm": 4, "half_y_mm": 3, "rim_mm": 0.5, "yaw_deg": 30, "tilt_deg": 2, "mass_g": 80,
             "bonded": true, "touch_x_mm": 0, "texture": {"kind": "bumps", "height_mm": 0.1, "pitch_mm": 0.8},
@@ -74,7 +71,7 @@ inline std::vector<std::string> scene_seeds() {
  "faults": [{"t_s": 1, "fault": "late", "by_ms": 80}, {"t_s": 2, "frames": 3, "fault": "dropped"}],
  "picture": {"width": 820, "jpeg_quality": 85}})",
       R"({"schema_version": 1, "name": "wrong", "name": "twice", "durations": 4, "level": {"contact": "closd"}, "gel": 3,
- "requires": ["mu_k"], "trajectory": [{"t_s": 1, "force_n": 1}, {"t_s": 0, "depth_mm": 1e9}], "seed": 1.5,
+ "trajectory": [{"t_s": 1, "force_n": 1}, {"t_s": 0, "depth_mm": 1e9}], "seed": 1.5,
  "object": {"radius_mm": null, "half_x_mm": [1, [2, {"a": true}]]}})",
   };
 }

@@ -197,12 +197,10 @@ TEST(SceneCamera, ADriveFromOutsideTakesTheScriptsPlace) {
 
 // --- The file ---
 
-TEST(SceneCamera, ScenesInCodeAreTheScenesInFiles) {
-  for (const scene::Scene& scene : {scene::sphere_slip(), scene::sphere_hold(), scene::sphere_shake()}) {
-    const auto read = scene::read_scene_file(HOLDFAST_SOURCE_DIR "/tests/scenes/" + scene.name + ".json");
-    CHECK(read.scene.has_value());
-    STRCMP_EQUAL(scene::write_scene(*read.scene).c_str(), scene::write_scene(scene).c_str());
-  }
+TEST(SceneCamera, TheSceneInCodeIsTheSceneInItsFile) {
+  const auto read = scene::read_scene_file(HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json");
+  CHECK(read.scene.has_value());
+  STRCMP_EQUAL(scene::write_scene(*read.scene).c_str(), scene::write_scene(scene::sphere_slip()).c_str());
 }
 
 TEST(SceneCamera, FaultsOfTheSceneAreThePlanInFrames) {

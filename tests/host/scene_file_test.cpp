@@ -9,7 +9,6 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <random>
-#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -30,7 +29,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 bool same(const Scene& a, const Scene& b) {
   const auto bits = [](double x) { return std::bit_cast<std::uint64_t>(x); };
   return a.schema_version == b.schema_version && a.name == b.name && a.help == b.help && a.seed == b.seed &&
-         a.fps == b.fps && a.duration_s == b.duration_s && a.needs == b.needs && a.level == b.level &&
+         a.fps == b.fps && a.duration_s == b.duration_s && a.level == b.level &&
          bits(a.gel.shear_modulus_mpa) == bits(b.gel.shear_modulus_mpa) && a.gel.poisson == b.gel.poisson &&
          a.gel.thickness_mm == b.gel.thickness_mm && a.markers.rows == b.markers.rows &&
          a.markers.cols == b.markers.cols && a.markers.pitch_mm == b.markers.pitch_mm && a.object == b.object &&
@@ -86,7 +85,6 @@ constexpr std::string_view kSlip = R"({
 "schema_version": 1,
 "name": "slip",
 "duration_s": 4,
-"requires": ["press", "shear", "partial_slip", "gross_slip", "layer"],
 "level": {"contact": "springs"},
 "object": {"radius_mm": 15},
 "trajectory": [
@@ -135,10 +133,6 @@ Scene accepted(std::string_view text) {
 TEST(SceneFile, ReadsEveryField) {
   const std::string text = R"({"schema_version": 1, "name": "every_1", "help": "a b", "seed": 18446744073709551615,
  "fps": 18.75, "duration_s": 3.5,
- "requires": ["press", "shear", "twist", "partial_slip", "gross_slip", "load_history", "shapes", "kinetic_friction", "layer",
-   "compliance", "mass", "pull", "creep", "press_dilation", "marker_noise", "marker_loss", "marker_duplicates",
-   "dirt", "fabrication", "relief", "pixel_noise", "light", "exposure", "rolling_shutter", "worn_gel", "dot_shading",
-   "gel_margins", "camera_faults"],
  "level": {"inject": "jpeg", "contact": "grid", "cell_mm": 0.35},
  "gel": {"shear_modulus_kpa": 50.5, "poisson": 0.45, "thickness_mm": 4},
  "markers": {"rows": 8, "cols": 10, "pitch_mm": 1.9},
@@ -171,9 +165,6 @@ TEST(SceneFile, ReadsEveryField) {
   expected.seed = 18446744073709551615U;
   expected.fps = 18.75;
   expected.duration_s = 3.5;
-  expected.needs = result.scene->needs;
-  CHECK_EQUAL(28U, expected.needs.size());
-  STRCMP_EQUAL("layer", expected.needs[8].c_str());
   expected.level = {.inject = Inject::kJpeg, .contact = ContactLevel::kGrid, .cell_mm = 0.35};
   expected.gel = {.shear_modulus_mpa = 0.0505, .poisson = 0.45, .thickness_mm = 4.0};
   expected.markers = {8, 10, 1.9};
@@ -242,6 +233,7 @@ TEST(SceneFile, ReadsEveryField) {
   expected.goal.max_delay_ms = 80;
   expected.goal.false_alarms = 0;
   CHECK(same(expected, *result.scene));
+  CHECK(same(expected, accepted(write_scene(expected))));
 }
 
 TEST(SceneFile, LeavesOutWhatTheFileLeavesOut) {
@@ -251,7 +243,7 @@ TEST(SceneFile, LeavesOutWhatTheFileLeavesOut) {
   expected.trajectory.resize(1);
   CHECK(same(expected, accepted(bare().dump())));
   const Scene half_space = accepted(R"({"schema_version": 1, "name": "n", "duration_s": 10, "gel": {"half_space": true},
-    "trajectory": [{"t_s": 0}], "object": {"shape": "edge", "radius_mm": 1, "flank_deg": 30}, "requires": ["shapes"],
+    "trajectory": [{"t_s": 0}], "object": {"shape": "edge", "radius_mm": 1, "flank_deg": 30},
     "level": {"contact": "grid"}})");
   CHECK_EQUAL(kInfinity, half_space.gel.thickness_mm);
   CHECK_EQUAL(1.0, half_space.object.shape.radius_mm);
@@ -348,22 +340,18 @@ TEST(SceneFile, WantsWhatIsRequired) {
     text.erase(key);
     refused(text.dump(), 1, {"no '" + std::string(key) + "', required: "});
   }
-  refused_edit(R"({"t_s": 0, "force_n": 0})", R"({"force_n": 0})", 9, {"no 'trajectory[0].t_s'"});
-  refused_edit(R"("effects": {})", R"("faults": [{"t_s": 1}])", 13, {"no 'faults[0].fault'", "\"dropped\""});
+  refused_edit(R"({"t_s": 0, "force_n": 0})", R"({"force_n": 0})", 8, {"no 'trajectory[0].t_s'"});
+  refused_edit(R"("effects": {})", R"("faults": [{"t_s": 1}])", 12, {"no 'faults[0].fault'", "\"dropped\""});
 }
 
 TEST(SceneFile, NamesTheNearestKey) {
-  refused_edit("radius_mm", "radus_mm", 7, {"unknown key ('object.radus_mm': 15)", "nearest is 'radius_mm'"});
-  refused_edit("radius_mm", "radius", 7, {"nearest is 'radius_mm'"});
-  refused_edit("force_n\": 3, \"x", "froce_n\": 3, \"x", 10, {"('trajectory[1].froce_n': 3)", "nearest is 'force_n'"});
+  refused_edit("radius_mm", "radus_mm", 6, {"unknown key ('object.radus_mm': 15)", "nearest is 'radius_mm'"});
+  refused_edit("radius_mm", "radius", 6, {"nearest is 'radius_mm'"});
+  refused_edit("force_n\": 3, \"x", "froce_n\": 3, \"x", 9, {"('trajectory[1].froce_n': 3)", "nearest is 'force_n'"});
   refused_edit("duration_s", "duration", 4, {"nearest is 'duration_s'"});
-  refused_edit("\"effects\": {}", "\"marker_loss\": 0.1", 13, {"unknown key ('marker_loss'", "move it into 'effects'"});
-  refused_edit("\"effects\": {}", "\"qqqqqqq\": 0.1", 13, {"allowed here: schema_version, name"});
-  refused_edit("springs", "spring", 6, {"unknown value ('level.contact': \"spring\")", "nearest is \"springs\""});
-  refused_edit("\"press\"", "\"pres\"", 5, {"no such capability ('requires': \"pres\")", "nearest is \"press\""});
-  refused_edit("\"press\"", "\"mu_k\"", 5, {"no such capability", "allowed: press, shear"});
-  refused_edit("\"press\"", "\"shear\"", 5, {"given twice"});
-  refused_edit("\"press\"", "3", 5, {"wrong kind of value ('requires': 3)"});
+  refused_edit("\"effects\": {}", "\"marker_loss\": 0.1", 12, {"unknown key ('marker_loss'", "move it into 'effects'"});
+  refused_edit("\"effects\": {}", "\"qqqqqqq\": 0.1", 12, {"allowed here: schema_version, name"});
+  refused_edit("springs", "spring", 5, {"unknown value ('level.contact': \"spring\")", "nearest is \"springs\""});
 }
 
 TEST(SceneFile, RefusesNamesAndTexts) {
@@ -378,14 +366,14 @@ TEST(SceneFile, RefusesNamesAndTexts) {
 }
 
 TEST(SceneFile, ChecksTheTrajectory) {
-  refused_edit("\"t_s\": 3", "\"t_s\": 1", 11, {"times do not rise ('trajectory[2].t_s': 1)", "above 1"});
-  refused_edit("\"t_s\": 3", "\"t_s\": 4.001", 11, {"after the end ('trajectory[2].t_s': 4.001)", "4 s"});
-  refused_edit(R"("force_n": 3, "x_mm": 4)", "\"depth_mm\": 1", 11, {"two ways to press", "line 9 has 'force_n'"});
-  refused_edit(R"("force_n": 3, "x_mm": 4)", "\"closing_mm\": 1", 11, {"two ways to press"});
-  refused_edit(R"({"t_s": 0, "force_n": 0})", "7", 9, {"wrong kind of value ('trajectory[0]': 7)", "an object"});
+  refused_edit("\"t_s\": 3", "\"t_s\": 1", 10, {"times do not rise ('trajectory[2].t_s': 1)", "above 1"});
+  refused_edit("\"t_s\": 3", "\"t_s\": 4.001", 10, {"after the end ('trajectory[2].t_s': 4.001)", "4 s"});
+  refused_edit(R"("force_n": 3, "x_mm": 4)", "\"depth_mm\": 1", 10, {"two ways to press", "line 8 has 'force_n'"});
+  refused_edit(R"("force_n": 3, "x_mm": 4)", "\"closing_mm\": 1", 10, {"two ways to press"});
+  refused_edit(R"({"t_s": 0, "force_n": 0})", "7", 8, {"wrong kind of value ('trajectory[0]': 7)", "an object"});
   refused(R"({"schema_version": 1, "name": "n", "duration_s": 1, "trajectory": []})", 1, {"no waypoint"});
   refused(R"({"schema_version": 1, "name": "n", "duration_s": 1, "trajectory": {}})", 1, {"allowed a list"});
-  refused_edit("\"effects\": {}", R"("faults": [{"t_s": 5, "fault": "bad"}])", 13, {"a fault after the end"});
+  refused_edit("\"effects\": {}", R"("faults": [{"t_s": 5, "fault": "bad"}])", 12, {"a fault after the end"});
   CHECK_EQUAL(4.0, accepted(with("\"t_s\": 3", "\"t_s\": 4")).trajectory[2].t_s);
 }
 
@@ -393,44 +381,44 @@ TEST(SceneFile, ChecksSizes) {
   refused_edit("\"duration_s\": 4", R"("duration_s": 1000.001, "fps": 1000)", 4,
                {"too many frames", "allowed 1000000"});
   accepted(with("\"duration_s\": 4", R"("duration_s": 1000, "fps": 1000)"));
-  refused_edit("\"effects\": {}", R"("markers": {"rows": 16})", 13, {"too many markers", "144", "allowed 128"});
-  refused_edit("\"effects\": {}", R"("effects": {"marker_missing": 64})", 13, {"than there are", "0 .. 63"});
-  refused_edit("\"radius_mm\": 15", R"("shape": "disc", "radius_mm": 0.5)", 7, {"the rim is wider", "0 .. 0.5"});
+  refused_edit("\"effects\": {}", R"("markers": {"rows": 16})", 12, {"too many markers", "144", "allowed 128"});
+  refused_edit("\"effects\": {}", R"("effects": {"marker_missing": 64})", 12, {"than there are", "0 .. 63"});
+  refused_edit("\"radius_mm\": 15", R"("shape": "disc", "radius_mm": 0.5)", 6, {"the rim is wider", "0 .. 0.5"});
 }
 
 TEST(SceneFile, RefusesKeysThatMeanNothing) {
   refused_edit(
-      "\"radius_mm\": 15", R"("shape": "box", "radius_mm": 15)", 7,
+      "\"radius_mm\": 15", R"("shape": "box", "radius_mm": 15)", 6,
       {"not used by a box ('object.radius_mm': 15)", "keys of a box: half_x_mm, half_y_mm, rim_mm, yaw_deg, tilt_deg"});
-  refused_edit("\"radius_mm\": 15", "\"yaw_deg\": 15", 7, {"not used by a sphere", "keys of a sphere: radius_mm"});
-  refused_edit("\"radius_mm\": 15", "\"rim_mm\": 15", 7, {"not used by a sphere"});
-  refused_edit("\"radius_mm\": 15", R"("texture": {"height_mm": 1})", 7, {"not used by an object without texture"});
-  refused_edit("\"radius_mm\": 15", R"("relief": {"pitch_mm": 1})", 7, {"not used by an object without relief"});
-  refused_edit("\"springs\"", R"("springs", "cell_mm": 1)", 6, {"not used by level springs ('level.cell_mm': 1)"});
-  refused_edit("\"effects\": {}", R"("gel": {"thickness_mm": 4, "half_space": true})", 13,
+  refused_edit("\"radius_mm\": 15", "\"yaw_deg\": 15", 6, {"not used by a sphere", "keys of a sphere: radius_mm"});
+  refused_edit("\"radius_mm\": 15", "\"rim_mm\": 15", 6, {"not used by a sphere"});
+  refused_edit("\"radius_mm\": 15", R"("texture": {"height_mm": 1})", 6, {"not used by an object without texture"});
+  refused_edit("\"radius_mm\": 15", R"("relief": {"pitch_mm": 1})", 6, {"not used by an object without relief"});
+  refused_edit("\"springs\"", R"("springs", "cell_mm": 1)", 5, {"not used by level springs ('level.cell_mm': 1)"});
+  refused_edit("\"effects\": {}", R"("gel": {"thickness_mm": 4, "half_space": true})", 12,
                {"not used by a half-space"});
-  refused_edit("\"effects\": {}", R"("effects": {"creep_tau_s": 2})", 13, {"not used by a gel without creep_gain"});
-  refused_edit("\"effects\": {}", R"("effects": {"damping_n_s_per_mm": 2})", 13, {"without mass_g"});
-  refused_edit("\"effects\": {}", R"("effects": {"drive_stiffness_n_per_mm": 2})", 13, {"without mass_g"});
-  refused_edit("\"effects\": {}", R"("faults": [{"t_s": 1, "fault": "bad", "by_ms": 1}])", 13,
+  refused_edit("\"effects\": {}", R"("effects": {"creep_tau_s": 2})", 12, {"not used by a gel without creep_gain"});
+  refused_edit("\"effects\": {}", R"("effects": {"damping_n_s_per_mm": 2})", 12, {"without mass_g"});
+  refused_edit("\"effects\": {}", R"("effects": {"drive_stiffness_n_per_mm": 2})", 12, {"without mass_g"});
+  refused_edit("\"effects\": {}", R"("faults": [{"t_s": 1, "fault": "bad", "by_ms": 1}])", 12,
                {"not used by this fault ('faults[0].by_ms': 1)"});
-  refused_edit("\"radius_mm\": 15", R"("bonded": true, "kinetic_friction": 0.1)", 7, {"not used by a bonded object"});
+  refused_edit("\"radius_mm\": 15", R"("bonded": true, "kinetic_friction": 0.1)", 6, {"not used by a bonded object"});
 }
 
 TEST(SceneFile, RefusesContradictions) {
-  refused_edit("\"radius_mm\": 15", R"("friction": 0.3, "kinetic_friction": 0.31)", 7,
+  refused_edit("\"radius_mm\": 15", R"("friction": 0.3, "kinetic_friction": 0.31)", 6,
                {"above the static one", "0 .. 0.3"});
-  refused_edit("\"radius_mm\": 15", "\"mass_g\": 50", 7,
+  refused_edit("\"radius_mm\": 15", "\"mass_g\": 50", 6,
                {"nothing moves an object with mass", "drive_stiffness_n_per_mm"});
-  refused_edit("\"x_mm\": 4", "\"pull_x_n\": 4", 8, {"needs a mass"});
-  refused_edit("\"expect\": {}", R"("expect": {"onset_s": [2, 2]})", 14, {"not a time of the scene", "2 .. 2"});
-  refused_edit("\"expect\": {}", R"("expect": {"onset_s": [2, 4.5]})", 14, {"up to duration_s, 4 s"});
-  refused_edit("\"expect\": {}", "\"expect\": {\"onset_s\": [2, 3],\n\"no_onset\": true}", 14, {"contradicts"});
-  refused_edit("\"expect\": {}", R"("expect": {"max_delay_ms": 3, "no_onset": true})", 14, {"contradicts"});
+  refused_edit("\"x_mm\": 4", "\"pull_x_n\": 4", 7, {"needs a mass"});
+  refused_edit("\"expect\": {}", R"("expect": {"onset_s": [2, 2]})", 13, {"not a time of the scene", "2 .. 2"});
+  refused_edit("\"expect\": {}", R"("expect": {"onset_s": [2, 4.5]})", 13, {"up to duration_s, 4 s"});
+  refused_edit("\"expect\": {}", "\"expect\": {\"onset_s\": [2, 3],\n\"no_onset\": true}", 13, {"contradicts"});
+  refused_edit("\"expect\": {}", R"("expect": {"max_delay_ms": 3, "no_onset": true})", 13, {"contradicts"});
   refused_edit("\"expect\": {}", R"("expect": {"entropy": [{"from_s": 1, "to_s": 0, "least_nat": 2, "most_nat": 1}]})",
-               14, {"not a time of the scene ('expect.entropy[0]'"});
+               13, {"not a time of the scene ('expect.entropy[0]'"});
   refused_edit("\"expect\": {}", R"("expect": {"entropy": [{"from_s": 0, "to_s": 1, "least_nat": 2, "most_nat": 1}]})",
-               14, {"least is above most"});
+               13, {"least is above most"});
 }
 
 TEST(SceneFile, RefusesGoalsThatAskNoMoreThanThePromises) {
@@ -442,17 +430,17 @@ TEST(SceneFile, RefusesGoalsThatAskNoMoreThanThePromises) {
   const std::string alarms = R"("false_alarms": 1)";
   const std::string state = R"("final_state": "OK")";
   for (const auto* no_more : {R"("max_delay_ms": 120)", R"("max_delay_ms": 120.5)"}) {
-    refused(both(delay, no_more), 15,
+    refused(both(delay, no_more), 14,
             {"asks no more than the promise ('goal.max_delay_ms': 12", "below 'expect.max_delay_ms', 120 ms"});
   }
   for (const auto* no_more : {R"("false_alarms": 1)", R"("false_alarms": 2)"}) {
-    refused(both(alarms, no_more), 15,
+    refused(both(alarms, no_more), 14,
             {"asks no more than the promise ('goal.false_alarms': ", "below 'expect.false_alarms', 1"});
   }
-  refused(both(state, state), 15, {"a state is promised already", R"('expect.final_state': "OK")"});
-  refused(both(state, R"("final_state": "SLIP")"), 15, {R"(('goal.final_state': "SLIP")", "keep one of the two"});
-  refused(both(R"("no_onset": true)", delay), 15, {"contradicts 'expect.no_onset'", "('goal.max_delay_ms')"});
-  refused(both("", R"("onset_s": [1, 2])"), 15, {"unknown key ('goal.onset_s': [...])", "move it into 'expect'"});
+  refused(both(state, state), 14, {"a state is promised already", R"('expect.final_state': "OK")"});
+  refused(both(state, R"("final_state": "SLIP")"), 14, {R"(('goal.final_state': "SLIP")", "keep one of the two"});
+  refused(both(R"("no_onset": true)", delay), 14, {"contradicts 'expect.no_onset'", "('goal.max_delay_ms')"});
+  refused(both("", R"("onset_s": [1, 2])"), 14, {"unknown key ('goal.onset_s': [...])", "move it into 'expect'"});
 
   const Scene stricter = accepted(both(delay + ", " + alarms, R"("max_delay_ms": 119.5, "false_alarms": 0)"));
   CHECK_EQUAL(119.5, *stricter.goal.max_delay_ms);
@@ -475,15 +463,6 @@ TEST(SceneFile, TellsAllProblemsInOrderAndAtMostTwenty) {
   }
 }
 
-TEST(SceneFile, WantsEveryCapabilityNamed) {
-  refused_edit(
-      R"("press", "shear", )", "\"press\", ", 5,
-      {"the scene uses shear: say so in 'requires'", R"(["press", "shear", "partial_slip", "gross_slip", "layer"])"});
-  refused_edit("\"effects\": {}", R"("effects": {"marker_loss": 0.1})", 5, {"the scene uses marker_loss"});
-  refused_edit("\"requires\": [\"press\", \"shear\", \"partial_slip\", \"gross_slip\", \"layer\"],\n", "", 8,
-               {"uses press, shear"});
-}
-
 TEST(SceneFile, WarnsOfWhatChangesNothing) {
   const auto warned = [](std::string_view from, std::string_view to, int line, std::string_view what) {
     const SceneResult result = read_scene(with(from, to), "s.json");
@@ -493,122 +472,34 @@ TEST(SceneFile, WarnsOfWhatChangesNothing) {
     CHECK(tells(result.warnings, what));
   };
   CHECK(read_scene(kSlip, "s.json").warnings.empty());
-  warned("\"press\"", R"("press", "creep")", 5, "\"creep\"");
-  warned("\"effects\": {}", R"("picture": {"shading": 3})", 13, "'picture.shading' needs a picture");
-  const SceneResult relief = read_scene(R"({"schema_version": 1, "name": "n", "duration_s": 9, "requires": ["relief"],
+  warned("\"effects\": {}", R"("requires": ["press"])", 12, "'requires' is gone");
+  warned("\"effects\": {}", R"("picture": {"shading": 3})", 12, "'picture.shading' needs a picture");
+  const SceneResult relief = read_scene(R"({"schema_version": 1, "name": "n", "duration_s": 9,
     "object": {"yaw_deg": 20, "relief": {"kind": "ridges", "height_um": 30}},
     "trajectory": [{"t_s": 0}]})",
                                         "s");
   CHECK(relief.scene.has_value());
   CHECK(tells(relief.warnings, "s:2: unused: 'object.relief.kind' needs a picture"));
   CHECK(tells(relief.warnings, "s:2: unused: 'object.relief.height_um' needs a picture"));
-  const SceneResult light = read_scene(with("\"effects\": {}", R"("effects": {"dirt_specks": 3})"), "s.json");
-  CHECK_FALSE(light.scene.has_value());  // not named
-  const SceneResult moved =
-      read_scene(R"({"schema_version": 1, "name": "n", "duration_s": 9, "requires": ["compliance"],
+  warned("\"effects\": {}", R"("effects": {"dirt_specks": 3})", 12, "'effects.dirt_specks' needs a picture");
+  const SceneResult moved = read_scene(R"({"schema_version": 1, "name": "n", "duration_s": 9,
     "object": {"compliance_mm_per_n": 1},
     "trajectory": [{"t_s": 0, "x_mm": 0}, {"t_s": 1, "x_mm": 1}]})",
-                 "s");
+                                       "s");
   CHECK(moved.scene.has_value());
   CHECK(tells(moved.warnings, "s:3: unused: the object moves but never touches"));
   CHECK(tells(moved.warnings, "s:2: unused: 'object.compliance_mm_per_n'"));
 }
 
 TEST(SceneFile, RefusesWhatTheLevelCannotDo) {
-  for (const Capability& capability : kCapabilities) {
-    for (const std::string_view level : kContactLevelNames) {
-      Json text = bare();
-      text["level"]["contact"] = level;
-      text["requires"] = Json::array({std::string(capability.name)});
-      const SceneResult result = read_scene(text.dump(), "s");
-      const bool can = level == "grid" || capability.name != "shapes";
-      CHECK_EQUAL(can, result.scene.has_value());
-      CHECK_EQUAL(can, !tells(result.errors, "level springs cannot do " + std::string(capability.name)));
-    }
-  }
-  std::string text = with(R"("radius_mm": 15)", R"("shape": "box")");
-  text.replace(text.find("\"press\", "), 9, R"("press", "shapes", )");
-  refused(text, 7, {"level springs cannot do shapes", "'object.shape'", "allowed levels: grid"});
+  refused_edit(R"("radius_mm": 15)", R"("shape": "box")", 6, {"level springs cannot do shapes ('object.shape')"});
+  refused_edit(R"("radius_mm": 15)", R"("texture": {"kind": "bumps", "height_mm": 0.1})", 6,
+               {"level springs cannot do shapes ('object.texture.kind')", "a smooth sphere or cone"});
   for (const std::string gone : {"closed", "kinematic"}) {
-    refused_edit("springs", gone, 6,
+    refused_edit("springs", gone, 5,
                  {"this level is gone ('level.contact': \"" + gone + "\")", R"(allowed "springs", "grid")",
                   "a scene of an earlier version", R"(write "springs")"});
   }
-}
-
-// --- capabilities ---
-
-TEST(SceneFile, KnowsWhatASceneUses) {
-  const auto names = [](const Scene& scene) {
-    std::string out;
-    for (const std::string_view name : used_capabilities(scene)) out += std::string(name) + " ";
-    return out;
-  };
-  Scene scene;
-  scene.trajectory.resize(4);
-  for (int i = 0; i < 4; ++i) scene.trajectory[static_cast<std::size_t>(i)].t_s = i;
-  auto& path = scene.trajectory;
-  STRCMP_EQUAL("", names(scene).c_str());
-  path[1].x_mm = 0;
-  path[2].x_mm = 3;
-  STRCMP_EQUAL("", names(scene).c_str());  // never touches
-  path[0].depth_mm = 0;
-  path[1].depth_mm = 1;
-  STRCMP_EQUAL("press shear partial_slip gross_slip layer ", names(scene).c_str());
-  path[3].depth_mm = 0;  // falls from second 1 on, straight to a release
-  STRCMP_EQUAL("press shear partial_slip gross_slip layer ", names(scene).c_str());
-  path[2].depth_mm = 0.5;  // to less under shear
-  STRCMP_EQUAL("press shear partial_slip gross_slip layer load_history ", names(scene).c_str());
-  path[2].depth_mm = 1;
-  path[3].x_mm = 2;  // and back
-  STRCMP_EQUAL("press shear partial_slip gross_slip layer load_history ", names(scene).c_str());
-  path[3].x_mm = 4;
-  path[3].y_mm = -50;  // only aside: no corner of more than 90 degrees
-  path[2].y_mm = 0;
-  STRCMP_EQUAL("press shear partial_slip gross_slip layer ", names(scene).c_str());
-  scene.object.bonded = true;
-  STRCMP_EQUAL("press shear layer ", names(scene).c_str());
-  scene.gel.thickness_mm = kInfinity;
-  STRCMP_EQUAL("press shear ", names(scene).c_str());
-  path[2].x_mm = path[3].x_mm = 0;
-  path[3].y_mm = 0;
-  STRCMP_EQUAL("press ", names(scene).c_str());
-  path[1].twist_deg = 1;
-  path[2].twist_deg = 5;
-  STRCMP_EQUAL("press twist ", names(scene).c_str());
-  path[3].twist_deg = 4;
-  STRCMP_EQUAL("press twist load_history ", names(scene).c_str());
-  path[2].depth_mm = 0;  // let go before it turns back
-  STRCMP_EQUAL("press twist ", names(scene).c_str());
-  scene = {};
-  scene.trajectory.resize(1);
-  scene.trajectory[0].force_n = 1;
-  STRCMP_EQUAL("press layer ", names(scene).c_str());
-  scene.trajectory[0].pull_y_n = 1;
-  scene.object.mass_g = 1;
-  STRCMP_EQUAL("press shear partial_slip gross_slip layer mass pull ", names(scene).c_str());
-  scene = {};
-  scene.object.shape.kind = ShapeKind::kCone;
-  STRCMP_EQUAL("cone ", names(scene).c_str());
-  scene.object.shape.texture = TextureKind::kBumps;
-  scene.object.shape.texture_height_mm = 0.1;
-  STRCMP_EQUAL("shapes ", names(scene).c_str());
-  scene.object.shape = {};
-  scene.object.compliance_mm_per_n = 1;
-  scene.effects.dirt_specks = scene.effects.marker_missing = 1;
-  scene.effects.fabrication_turn_deg = -1;
-  scene.effects.light_flicker_levels = 1;
-  scene.faults.resize(1);
-  STRCMP_EQUAL("compliance marker_loss dirt fabrication light camera_faults ", names(scene).c_str());
-}
-
-TEST(SceneFile, EveryCapabilityCanBeUsedAndEveryLevelLeavesSomethingOut) {
-  std::set<std::string_view> switched;
-  for (const FieldInfo& field : scene_fields()) switched.insert(field.capability);
-  // These follow from what others do together.
-  for (const char* name : {"partial_slip", "gross_slip", "load_history", "cone"}) switched.insert(name);
-  for (const Capability& capability : kCapabilities) CHECK_EQUAL(1U, switched.count(capability.name));
-  for (const ContactLevel level : {ContactLevel::kSprings, ContactLevel::kGrid}) CHECK(omissions(level).size() >= 2);
 }
 
 // --- hostile text ---
@@ -642,16 +533,16 @@ TEST(SceneFile, RefusesHostileText) {
   refused("{" + std::string(kMostSceneBytes, ' '), 1, {"too long (1000001 bytes)"});
   refused("{\"" + std::string(900'000, 'k') + "\": \"" + std::string(90'000, 'v') + "\"}", 1,
           {"unknown key ('kkk", "..."});
-  refused(with("\"effects\": {}", R"("name": "again")"), 13, {"key given twice ('name', first in line 3)"});
-  refused(with("\"radius_mm\": 15", R"("radius_mm": 15, "radius_mm": 15)"), 7, {"key given twice ('radius_mm'"});
-  refused(with("\"effects\": {}", R"("e\u001b\u0000\u00e9": 1)"), 13, {"unknown key ('e????"});
+  refused(with("\"effects\": {}", R"("name": "again")"), 12, {"key given twice ('name', first in line 3)"});
+  refused(with("\"radius_mm\": 15", R"("radius_mm": 15, "radius_mm": 15)"), 6, {"key given twice ('radius_mm'"});
+  refused(with("\"effects\": {}", R"("e\u001b\u0000\u00e9": 1)"), 12, {"unknown key ('e????"});
   // A number of the last place before a line break does not take the next line.
   refused(with("\"duration_s\": 4,", "\"duration_s\": -4\n,"), 4, {"out of range ('duration_s': -4)"});
 }
 
 TEST(SceneFile, ManyWaypointsCostLittle) {
-  std::string text = R"({"schema_version": 1, "name": "n", "duration_s": 100000, "requires": ["press", "shear",
-    "partial_slip", "gross_slip", "layer", "load_history"], "level": {"contact": "grid"}, "fps": 1, "trajectory": [)";
+  std::string text = R"({"schema_version": 1, "name": "n", "duration_s": 100000,
+    "level": {"contact": "grid"}, "fps": 1, "trajectory": [)";
   for (int i = 0; i < 10'000; ++i) {
     text += (i > 0 ? ",\n" : "\n") + std::string("{\"t_s\": ") + std::to_string(i) + R"(, "force_n": 2, "x_mm": )" +
             (i == 9'999 ? "0" : std::to_string(i / 1000 * 2 + (i % 1000 == 0 ? 0 : 1))) + "}";
@@ -671,158 +562,6 @@ TEST(SceneFile, ReadsFiles) {
   CHECK(tells(read_scene_file(folder.path()).errors, "is no file"));
   test::write_file(folder / "long.json", std::string(kMostSceneBytes + 5, ' '));
   CHECK(tells(read_scene_file(folder / "long.json").errors, "long.json:1: too long"));
-}
-
-// --- there and back ---
-
-namespace {
-
-class RandomScene {
- public:
-  explicit RandomScene(unsigned seed) : random_(seed) {}
-
-  Scene next() {
-    Scene s;
-    s.name = "random_" + std::to_string(random_() % 1000);
-    if (chance()) s.help = "quotes \" and \\ and ~";
-    if (chance()) s.seed = (static_cast<std::uint64_t>(random_()) << 32U) | random_();
-    s.fps = chance() ? 25.0 : number(1, 100);
-    s.duration_s = number(1, 1000);
-    s.level.inject = pick<Inject>(4);
-    s.level.contact = pick<ContactLevel>(2);
-    s.gel = {.shear_modulus_mpa = chance() ? 0.035 : number(0.01, 1e6) / 1000,
-             .poisson = number(0, 0.5),
-             .thickness_mm = chance() ? kInfinity : number(0.5, 1000)};
-    s.markers = {whole(2, 8), whole(2, 16), number(0.2, 20)};
-    make_object(s);
-    s.profile = pick<Profile>(2);
-    make_trajectory(s);
-    make_effects(s);
-    for (int i = whole(0, 3); i > 0; --i) {
-      FaultEvent& fault = s.faults.emplace_back();
-      fault = {number(0, s.duration_s), whole(1, 9), pick<Fault>(9), 50.0};
-      if (fault.fault == Fault::kLate || fault.fault == Fault::kBackwards) fault.by_ms = number(0, 100);
-    }
-    if (chance())
-      s.picture = {whole(64, 3280), number(0, 255), number(0, 255), number(0, 255), number(0, 9),
-                   number(0, 999),  number(0, 255), number(0, 255), whole(1, 100)};
-    if (chance()) s.expect.onset_s = {number(0, 0.4), number(0.5, 1)};
-    if (chance() && !s.expect.onset_s) s.expect.no_onset = true;
-    if (chance() && !s.expect.no_onset) s.expect.max_delay_ms = number(0, 500);
-    if (chance()) s.expect.false_alarms = whole(0, 5);
-    if (chance()) s.expect.final_state = "DEGRADED";
-    if (chance() && !s.expect.no_onset) s.goal.max_delay_ms = number(0, 0.9) * s.expect.max_delay_ms.value_or(500);
-    if (chance() && s.expect.false_alarms != 0) s.goal.false_alarms = whole(0, s.expect.false_alarms.value_or(5) - 1);
-    if (chance() && s.expect.final_state.empty()) s.goal.final_state = "SLIP";
-    if (chance()) s.expect.entropy = {{number(0, 0.4), number(0.5, 1), number(0, 1), number(1, 3)}};
-    s.level.contact = can_all(s) ? s.level.contact : ContactLevel::kGrid;
-    if (s.level.contact == ContactLevel::kSprings) s.level.springs = whole(1, 256);
-    if (s.level.contact == ContactLevel::kGrid) s.level.cell_mm = number(0.1, 5);
-    for (const std::string_view name : used_capabilities(s)) s.needs.emplace_back(name);
-    return s;
-  }
-
- private:
-  bool chance() { return random_() % 2 == 0; }
-  double number(double least, double most) { return std::uniform_real_distribution<double>(least, most)(random_); }
-  int whole(int least, int most) { return std::uniform_int_distribution<int>(least, most)(random_); }
-  template <typename Enum>
-  Enum pick(int count) {
-    return static_cast<Enum>(whole(0, count - 1));
-  }
-  // An angle of a file, as the reader keeps it.
-  double angle(double most_deg) { return number(-most_deg, most_deg) / (180.0 / std::numbers::pi); }
-
-  void make_object(Scene& s) {
-    using enum ShapeKind;
-    Object& object = s.object;
-    Shape& shape = object.shape;
-    shape.kind = pick<ShapeKind>(7);
-    const bool flat = shape.kind == kDisc || shape.kind == kBox;
-    if (shape.kind != kCone && shape.kind != kBox) shape.radius_mm = number(1, 100);
-    if (shape.kind == kEllipsoid) shape.radius_y_mm = number(0.01, 1e4);
-    if (shape.kind == kBox) shape.half_x_mm = number(1, 10), shape.half_y_mm = number(1, 10);
-    if (shape.kind == kCone || shape.kind == kEdge) shape.flank_deg = number(0.1, 89);
-    if (flat) shape.rim_mm = number(0, 1), shape.tilt_rad = angle(45);
-    if (chance()) {
-      shape.texture = chance() ? TextureKind::kRidges : TextureKind::kBumps;
-      shape.texture_height_mm = number(0, 10);
-      shape.texture_pitch_mm = number(0.01, 100);
-    }
-    if (chance()) object.relief = {static_cast<ReliefKind>(whole(1, 3)), number(0, 100), number(0.1, 3)};
-    if (flat || shape.texture != TextureKind::kNone || object.relief.kind != ReliefKind::kNone) {
-      shape.yaw_rad = angle(360);
-    }
-    object.name = "thing";
-    object.friction = number(0.5, 2);
-    object.bonded = chance();
-    if (!object.bonded && chance()) object.kinetic_friction = number(0, 0.5);
-    object.compliance_mm_per_n = chance() ? 0.0 : number(0, 1);
-    object.mass_g = chance() ? 0.0 : number(1, 1000);
-    object.touch_mm = {number(-10, 10), number(-10, 10)};
-    if (object.mass_g > 0)
-      s.effects.drive_stiffness_n_per_mm = number(0.1, 10), s.effects.damping_n_s_per_mm = number(0, 1);
-  }
-
-  void make_trajectory(Scene& s) {
-    const int normal = whole(0, 3);
-    double t = 0;
-    for (int i = whole(1, 8); i > 0; --i) {
-      Waypoint& point = s.trajectory.emplace_back();
-      point.t_s = t;
-      t += number(0.001, 0.1);
-      const auto maybe = [&](std::optional<double>& value, double most) {
-        if (chance()) value = number(-most, most);
-      };
-      if (normal == 1) maybe(point.depth_mm, 2);
-      if (normal == 2 && chance()) point.force_n = number(0, 5);
-      if (normal == 3) maybe(point.closing_mm, 2);
-      maybe(point.x_mm, 10);
-      maybe(point.y_mm, 10);
-      maybe(point.twist_deg, 90);
-      if (s.object.mass_g > 0) maybe(point.pull_x_n, 3), maybe(point.pull_y_n, 3);
-    }
-  }
-
-  void make_effects(Scene& s) {
-    Effects& e = s.effects;
-    for (double* value : {&e.press_dilation, &e.marker_noise_um, &e.marker_loss, &e.fabrication_um,
-                          &e.fabrication_turn_deg, &e.pixel_noise, &e.light_drift_levels_per_s, &e.light_flicker_levels,
-                          &e.exposure_ms, &e.rolling_shutter_ms, &e.worn_gel, &e.dot_shading_levels}) {
-      if (chance()) *value = number(0, 1);
-    }
-    if (chance()) e.creep_gain = number(0.001, 1), e.creep_tau_s = number(0.1, 10);
-    e.gel_margins = chance();
-    e.marker_missing = whole(0, 4);
-    e.marker_duplicates = whole(0, 9);
-    e.dirt_specks = whole(0, 9);
-  }
-
-  static bool can_all(const Scene& s) {
-    const auto used = used_capabilities(s);
-    return std::ranges::all_of(kCapabilities, [&](const Capability& capability) {
-      return can(s.level.contact, capability) || std::ranges::find(used, capability.name) == used.end();
-    });
-  }
-
-  std::mt19937 random_;
-};
-
-}  // namespace
-
-TEST(SceneFile, ComesBackAsItWasWritten) {
-  RandomScene random(1);
-  std::set<ContactLevel> levels;
-  for (int round = 0; round < 3000; ++round) {
-    const Scene scene = random.next();
-    const std::string text = write_scene(scene);
-    const SceneResult result = read_scene(text, "s");
-    if (!result.scene) FAIL((all(result.errors) + text).c_str());
-    if (!same(scene, *result.scene)) FAIL((text + write_scene(*result.scene)).c_str());
-    CHECK(write_scene(*result.scene) == text);
-    levels.insert(scene.level.contact);
-  }
-  CHECK_EQUAL(2U, levels.size());
 }
 
 TEST(SceneFile, WritesOnlyWhatDiffersAndRoundNumbers) {
@@ -853,9 +592,8 @@ TEST(SceneFile, DescribesInWords) {
   const std::string text = describe(scene);
   for (const char* words :
        {"slip: a sphere slips\n", "contact springs, springs 64", "thickness_mm 4.25", "shape sphere, radius_mm 15",
-        "partial_slip: a stick area shrinks", "left out by level springs", "t_s  force_n  x_mm\n",
-        "  3        3     4\n", "marker_loss 0.25", "t_s 1.5, frames 2, fault frozen\n", "final_state SLIP",
-        "  goal       max_delay_ms 80\n"}) {
+        "left out by level springs", "t_s  force_n  x_mm\n", "  3        3     4\n", "marker_loss 0.25",
+        "t_s 1.5, frames 2, fault frozen\n", "final_state SLIP", "  goal       max_delay_ms 80\n"}) {
     if (text.find(words) == std::string::npos) FAIL((std::string(words) + " is not in\n" + text).c_str());
   }
   CHECK(text.find("cell_mm") == std::string::npos);  // means nothing on springs

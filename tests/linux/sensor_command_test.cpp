@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // holdfast-sensor as a user runs it, on folders laid out as /sys. A reset that reaches a device is left to the emulated
 // machine: here no device of these folders exists, which the command has to say.
-#include <chrono>
 #include <string>
 #include <string_view>
-
-#include <nlohmann/json.hpp>
 
 #include "tests/support/host_process.hpp"
 #include "tests/support/sysfs_tree.hpp"
@@ -13,7 +10,6 @@
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast;
-using namespace std::chrono_literals;
 using test::Finished;
 using test::UsbCamera;
 
@@ -22,13 +18,10 @@ TEST_GROUP(SensorCommand) {
   UsbCamera sensor{.path = "1-1.2", .product = "GelSight Mini R0B 2BNN-4ZE7", .serial = "2BNN4ZE7", .first_node = 0};
   UsbCamera other{.path = "1-1.3", .product = "PC-LM1E \"Camera\"", .serial = "SN0001", .first_node = 2};
 
-  std::vector<std::string> command(std::vector<std::string> words) {
+  Finished run(std::vector<std::string> words) {
     words.insert(words.begin(), std::string(HOLDFAST_BIN_DIR) + "/holdfast-sensor");
     words.insert(words.end(), {"--sysfs", sys.root()});
-    return words;
-  }
-  Finished run(std::vector<std::string> words) {
-    return test::run(command(std::move(words)));
+    return test::run(words);
   }
   void check_has(const std::string& text, std::initializer_list<std::string_view> parts) {
     for (const std::string_view part : parts) {
@@ -36,29 +29,6 @@ TEST_GROUP(SensorCommand) {
     }
   }
 };
-
-TEST(SensorCommand, ListsCamerasAndWhichIsTheSensor) {
-  sys.plug(sensor);
-  sys.plug(other);
-  const Finished text = run({"list"});
-  LONGS_EQUAL(0, text.status);
-  STRCMP_EQUAL("", text.err.c_str());
-  check_has(text.out,
-            {"sensor", "2BNN4ZE7", "/dev/video0", "1-1.2", "0c45:636d", "480 Mb/s", "look-alike", "/dev/video2"});
-
-  const Finished json = run({"list", "--json"});
-  const nlohmann::json list = nlohmann::json::parse(json.out);
-  LONGS_EQUAL(2, list.size());
-  const auto& first = list[0]["kind"] == "sensor" ? list[0] : list[1];
-  const auto& second = list[0]["kind"] == "sensor" ? list[1] : list[0];
-  CHECK_TRUE(first["serial"] == "2BNN4ZE7" && first["node"] == "/dev/video0" && first["usb_path"] == "1-1.2");
-  CHECK_TRUE(first["usb_id"] == "0c45:636d" && first["speed_mbit"] == 480);
-  CHECK_TRUE(first["manufacturer"] == "Arducam Technology Co., Ltd.");
-  CHECK_TRUE(second["kind"] == "look-alike" && second["product"] == "PC-LM1E \"Camera\"");
-  sys.unplug("1-1.2");
-  sys.unplug("1-1.3");
-  CHECK_TRUE(nlohmann::json::parse(run({"list", "--json"}).out).empty());
-}
 
 TEST(SensorCommand, OnlyTheSensorIsReset) {
   sys.plug(other);
@@ -76,35 +46,15 @@ TEST(SensorCommand, OnlyTheSensorIsReset) {
   check_has(absent.err, {"GelSight Mini 2BNN4ZE7 at 1-1.2: not reset", ". Next: "});
 }
 
-TEST(SensorCommand, WaitsUntilTheSensorIsThere) {
-  test::HostProcess waiting(command({"wait", "2BNN-4ZE7", "--timeout", "60"}));
-  sys.plug(other);
-  sensor.first_node = -1;
-  sys.plug(sensor);
-  sensor.first_node = 4;
-  sys.plug(sensor);
-  const Finished done = waiting.finish(60s);
-  LONGS_EQUAL(0, done.status);
-  STRCMP_EQUAL("2BNN4ZE7 /dev/video4\n", done.out.c_str());
-
-  const Finished late = run({"wait", "28LG-GZD8", "--timeout", "0"});
-  LONGS_EQUAL(1, late.status);
-  check_has(late.err, {"no GelSight Mini 28LG-GZD8"});
-}
-
 TEST(SensorCommand, AWrongCommandLineIsToldWithTheRightOne) {
   for (const std::vector<std::string>& words : {std::vector<std::string>{},
                                                 {"reset"},
-                                                {"wait"},
                                                 {"reset", "2BNN4ZE7", "--any"},
-                                                {"list", "--any"},
-                                                {"explode"},
-                                                {"wait", "--any", "--timeout", "soon"},
-                                                {"list", "--frob"},
+                                                {"explode", "--any"},
                                                 {"reset", "--any", "--json"}}) {
     const Finished wrong = run(words);
     LONGS_EQUAL(2, wrong.status);
-    check_has(wrong.err, {"usage: holdfast-sensor list"});
+    check_has(wrong.err, {"usage: holdfast-sensor reset"});
   }
   const Finished help = test::run({std::string(HOLDFAST_BIN_DIR) + "/holdfast-sensor", "--help"});
   LONGS_EQUAL(0, help.status);

@@ -134,7 +134,7 @@ TEST(Dataset, LabelsAreTheTruthOfTheScene) {
   int after_release = 0;
   for (const Planned& planned : few()) {
     Samples samples;
-    learn::play_into(samples, planned, Params{});
+    learn::play_into(samples, planned);
     LONGS_EQUAL(1, samples.trials.size());
     LONGS_EQUAL(samples.rows.size(), samples.trials[0].count);
 
@@ -191,7 +191,7 @@ TEST(Dataset, FeaturesAreTheOnesThatSimWrites) {
     CHECK(read.scene.has_value());
     planned.scene = *read.scene;
     Samples samples;
-    learn::play_into(samples, planned, Params{});
+    learn::play_into(samples, planned);
     const Finished sim = test::run({kTool, "sim", scene_file, "--features", features_file});
     LONGS_EQUAL_TEXT(0, sim.status, sim.err.c_str());
     std::istringstream lines(read_file(features_file));
@@ -226,62 +226,11 @@ TEST(Dataset, FeaturesAreTheOnesThatSimWrites) {
   }
 }
 
-TEST(Dataset, AVariationChangesWhatItNames) {
-  const Planned& planned = few()[2];
-  const auto play = [&](const learn::Variation& variation, const Params& params = {}) {
-    Samples samples;
-    learn::play_into(samples, planned, params, variation);
-    return samples;
-  };
-  const Samples plain = play({});
-  const auto speeds = [](const Samples& samples) {
-    double sum = 0.0;
-    int count = 0;
-    for (const Row& row : samples.rows) {
-      if (!row.accepted || row.frame < 11 || row.t_s > 0.5) continue;
-      sum += static_cast<double>(row.x[0]) * row.x[0];
-      ++count;
-    }
-    return std::sqrt(sum / count);
-  };
-  learn::Variation noisy;
-  noisy.marker_noise_um = 6.0;
-  CHECK(speeds(play(noisy)) > 2.5 * speeds(plain));
-
-  learn::Variation slower;
-  slower.fps = 18.75;
-  const Samples few_frames = play(slower);
-  DOUBLES_EQUAL(1.0 / 18.75, few_frames.rows[1].t_s, 1e-9);
-  DOUBLES_EQUAL(plain.rows.back().t_s, few_frames.rows.back().t_s, 1.0 / 18.0);
-  CHECK(few_frames.rows[9].accepted);  // learned before the touch
-
-  learn::Variation stiff;
-  stiff.shear_modulus_mpa = 0.3;
-  CHECK(play(stiff).rows[60].x != plain.rows[60].x);
-
-  learn::Variation lost;
-  lost.marker_loss = 1.0;
-  CHECK(std::ranges::none_of(play(lost).rows, &Row::accepted));
-
-  Params wide;
-  wide.histogram_range_um = 5000;
-  const Samples coarse = play({}, wide);
-  const auto level = [](const Samples& samples) {
-    const auto* const index = std::ranges::find(kFeatures, std::string_view("entropy_nat_q16"), &FeatureInfo::name);
-    double sum = 0.0;
-    for (const Row& row : samples.rows) sum += row.x[static_cast<std::size_t>(index - kFeatures.begin())];
-    return sum;
-  };
-  CHECK(level(coarse) < level(plain));
-}
-
 TEST(Dataset, PicturesGiveTheSameLabelsAndNearlyTheSameFeatures) {
   const Planned& planned = few()[0];
   Samples markers, pictures;
-  learn::play_into(markers, planned, Params{});
-  learn::Variation grey;
-  grey.inject = scene::Inject::kGrey;
-  learn::play_into(pictures, planned, Params{}, grey);
+  learn::play_into(markers, planned);
+  learn::play_into(pictures, planned, scene::Inject::kGrey);
   LONGS_EQUAL(markers.rows.size(), pictures.rows.size());
   double off = 0.0;
   int count = 0;
@@ -341,11 +290,7 @@ TEST(Dataset, WhatCannotBeMadeIsSaidAndNothingIsWritten) {
   refused({"--shard", "0/4"}, "0/4");
   refused({"--shard", "5/4"}, "5/4");
   refused({"--shard", "1/4x"}, "1/4x");
-  refused({"--fps", "nan"}, "nan");
-  refused({"--fps", "10"}, "10");
   refused({"--inject", "features"}, "features");
-  refused({"--marker-loss", "1.5"}, "1.5");
-  refused({"--histogram-range-um", "100"}, "100");
   refused({"--repeats", "0"}, "0");
   refused({"--recordings", "labels.csv", "--seed", "2"}, "--seed");
   refused({"--recordings", dir / "labels.csv"}, "labels.csv");

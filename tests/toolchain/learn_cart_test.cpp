@@ -16,13 +16,12 @@ using namespace holdfast::learn;
 
 namespace {
 
-// Entropy in bit or Gini impurity of one node, by definition.
-double impurity(Criterion criterion, double hold, double slip) {
+// Entropy of one node in bit, by definition.
+double impurity(double hold, double slip) {
   const double n = hold + slip;
   if (n == 0.0) return 0.0;
   const double p = hold / n;
   const double q = slip / n;
-  if (criterion == Criterion::kGini) return 1.0 - p * p - q * q;
   return -(p > 0.0 ? p * std::log2(p) : 0.0) - (q > 0.0 ? q * std::log2(q) : 0.0);
 }
 
@@ -55,9 +54,8 @@ std::vector<Cut> every_cut(const Matrix& m, const CartConfig& config) {
       const double below = w[0][0] + w[0][1];
       const double above = w[1][0] + w[1][1];
       const double whole = below + above;
-      const double gain = impurity(config.criterion, w[0][0] + w[1][0], w[0][1] + w[1][1]) -
-                          below / whole * impurity(config.criterion, w[0][0], w[0][1]) -
-                          above / whole * impurity(config.criterion, w[1][0], w[1][1]);
+      const double gain = impurity(w[0][0] + w[1][0], w[0][1] + w[1][1]) - below / whole * impurity(w[0][0], w[0][1]) -
+                          above / whole * impurity(w[1][0], w[1][1]);
       const double error = std::min(w[0][0] + w[1][0], w[0][1] + w[1][1]);
       const double left = std::min(w[0][0], w[0][1]) + std::min(w[1][0], w[1][1]);
       cuts.push_back({column, t, gain, left < error - 1e-9});
@@ -125,7 +123,6 @@ TEST(Cart, FirstSplitIsTheBestOfAll) {
     CartConfig config;
     config.max_depth = 1;
     config.min_leaf = 1 + n % 3;
-    config.criterion = n % 2 == 0 ? Criterion::kGini : Criterion::kInformationGain;
     config.slip_weight = n % 5 == 0 ? 2.5 : 1.0;
     const BinaryTree tree = grow_cart(m, config);
     double best = 0.0;
@@ -147,32 +144,6 @@ TEST(Cart, FirstSplitIsTheBestOfAll) {
     DOUBLES_EQUAL(best, chosen->gain, 1e-9);
   }
   CHECK_TRUE(split > 1000);
-}
-
-// Of 10 rows (4 hold, 6 slip) column 0 parts off 3 slips, column 1 (1 hold, 5 slips).
-// Information left, bit x rows: 7 H(4/7) = 6.897 against 6 H(1/6) + 4 H(1/4) = 3.900 + 3.245 = 7.145: column 0.
-// Gini left x rows: 7 (1 - (16 + 9) / 49) = 3.429 against 2 * 5 / 6 + 2 * 3 / 4 = 3.167: column 1.
-TEST(Cart, CriterionDecidesAsWorkedOutByHand) {
-  Matrix m;
-  m.set = &two.set();
-  test::add_row(m, {0, 0}, 1, 3);
-  test::add_row(m, {1, 0}, 1, 2);
-  test::add_row(m, {1, 1}, 1, 1);
-  test::add_row(m, {1, 0}, 0, 1);
-  test::add_row(m, {1, 1}, 0, 3);
-  CartConfig config;
-  config.max_depth = 1;
-  config.min_leaf = 1;
-  config.criterion = Criterion::kInformationGain;
-  const BinaryTree information = grow_cart(m, config);
-  LONGS_EQUAL(3, information.nodes.size());
-  LONGS_EQUAL(0, information.nodes[0].column);
-  config.criterion = Criterion::kGini;
-  const BinaryTree gini = grow_cart(m, config);
-  LONGS_EQUAL(3, gini.nodes.size());
-  LONGS_EQUAL(1, gini.nodes[0].column);
-  CHECK_TRUE(gini.nodes[1].slip);
-  CHECK_FALSE(gini.nodes[2].slip);
 }
 
 TEST(Cart, ThresholdIsTheMidpointRoundedDown) {
@@ -217,7 +188,6 @@ TEST(Cart, WeightsAreRepeatedRows) {
     config.min_leaf = 1;
     config.hold_weight = 0.7;
     config.slip_weight = 1.9;
-    config.criterion = n % 2 == 0 ? Criterion::kGini : Criterion::kInformationGain;
     CHECK_TRUE(same(grow_cart(weighted, config), grow_cart(repeated, config)));
   }
 }
@@ -274,15 +244,6 @@ TEST(Cart, HoldsItsBounds) {
       if (min_leaf > 200) LONGS_EQUAL(1, tree.nodes.size());
     }
   }
-}
-
-TEST(Cart, LearnsByHeartWhenNothingHindersIt) {
-  std::mt19937_64 random(2);
-  Matrix m = random_matrix(random, three.set(), 60, 1000);
-  CartConfig config;
-  config.max_depth = 16;
-  config.min_leaf = 1;
-  LONGS_EQUAL(0, errors_of(grow_cart(m, config), m));
 }
 
 TEST(Cart, OneClassIsOneLeaf) {

@@ -165,63 +165,21 @@ TEST(Train, WritesAModelWithItsOrigin) {
   CHECK_TRUE(right > rows.height() * 9 / 10);
 }
 
-TEST(Train, OpenCvsTreeIsAModelToo) {
-  const std::string data = write("grasps.csv", test::grasps(40, 1));
-  const Outcome outcome = train(
-      {data, "--set", "entropy", "--kind", "tree_cv", "--depth", "4", "--model", at("x.tree"), "--name", "other"});
-  STRCMP_EQUAL("", outcome.err.c_str());
-  treec::Model model;
-  CHECK_FALSE(treec::parse(test::read_file(dir / "x.tree"), model).has_value());
-  CHECK_FALSE(treec::check(model).has_value());
-  STRCMP_EQUAL("other", model.name.c_str());
-  CHECK_TRUE(treec::depth(model) <= 4);
-}
-
-TEST(Train, EveryKindIsJudgedAndTellsPrograms) {
+TEST(Train, TellsPrograms) {
   const std::string data = write("grasps.csv", test::grasps(40, 1, 2.7));
-  for (const char* kind : {"tree", "tree_cv", "forest", "svm", "knn"}) {
-    const Outcome outcome = train({data, "--set", "paper", "--kind", kind, "--folds", "4", "--json", "--seed", "3"});
-    STRCMP_EQUAL("", outcome.err.c_str());
-    const nlohmann::json out = nlohmann::json::parse(outcome.out);
-    STRCMP_EQUAL(kind, out["settings"]["kind"].get<std::string>().c_str());
-    LONGS_EQUAL(4, out["folds"].get<int>());
-    CHECK_TRUE(out["balanced_accuracy"]["mean"].get<double>() > 0.9);
-    CHECK_TRUE(out["balanced_accuracy"]["half"].get<double>() > 0.0);
-    LONGS_EQUAL(20, out["onsets"].get<int>());
-    CHECK_TRUE(out["within_2"].get<int>() <= out["within_5"].get<int>());
-    CHECK_TRUE(out["within_5"].get<int>() >= 15);
-    // 800 hold rows of 40 ms.
-    DOUBLES_EQUAL(32.0, out["held_s"].get<double>(), 1e-6);
-    LONGS_EQUAL(1040, out["data"][0]["judged"].get<int>());
-    CHECK_FALSE(out.contains("model"));
-  }
-}
-
-TEST(Train, GridSearchTakesTheBestPoint) {
-  const std::string data = write("grasps.csv", test::grasps(24, 1, 1.0));
-  for (const char* kind : {"tree", "tree_cv", "svm", "knn"}) {
-    const Outcome outcome =
-        train({data, "--set", "entropy", "--kind", kind, "--grid-search", "--folds", "3", "--json"});
-    STRCMP_EQUAL("", outcome.err.c_str());
-    const nlohmann::json out = nlohmann::json::parse(outcome.out);
-    CHECK_TRUE(out["grid"].size() >= 6);
-    double best = 0.0;
-    for (const auto& point : out["grid"]) best = std::max(best, point["balanced_accuracy"]["mean"].get<double>());
-    DOUBLES_EQUAL(best, out["balanced_accuracy"]["mean"].get<double>(), 1e-12);
-    for (const auto& point : out["grid"]) {
-      if (point["balanced_accuracy"]["mean"].get<double>() < best) continue;
-      CHECK_TRUE(point["settings"] == out["settings"]);
-      break;
-    }
-  }
-}
-
-TEST(Train, OnlyTreesBecomeModels) {
-  const std::string data = write("grasps.csv", test::grasps(20, 1));
-  for (const char* kind : {"forest", "svm", "knn"}) {
-    check_fails({data, "--set", "paper", "--kind", kind, "--model", at("m.tree")}, "only trees can");
-    STRCMP_CONTAINS("cannot be deployed", train({data, "--set", "paper", "--kind", kind}).out.c_str());
-  }
+  const Outcome outcome = train({data, "--set", "paper", "--folds", "4", "--json", "--seed", "3"});
+  STRCMP_EQUAL("", outcome.err.c_str());
+  const nlohmann::json out = nlohmann::json::parse(outcome.out);
+  LONGS_EQUAL(4, out["folds"].get<int>());
+  CHECK_TRUE(out["balanced_accuracy"]["mean"].get<double>() > 0.9);
+  CHECK_TRUE(out["balanced_accuracy"]["half"].get<double>() > 0.0);
+  LONGS_EQUAL(20, out["onsets"].get<int>());
+  CHECK_TRUE(out["within_2"].get<int>() <= out["within_5"].get<int>());
+  CHECK_TRUE(out["within_5"].get<int>() >= 15);
+  // 800 hold rows of 40 ms.
+  DOUBLES_EQUAL(32.0, out["held_s"].get<double>(), 1e-6);
+  LONGS_EQUAL(1040, out["data"][0]["judged"].get<int>());
+  CHECK_FALSE(out.contains("model"));
 }
 
 TEST(Train, RefusesDamagedData) {
@@ -303,12 +261,10 @@ TEST(Train, RefusesWhatMakesNoSense) {
   write("copy.csv", test::grasps(20, 1));
   check_fails({data, at("copy.csv"), "--set", "paper"}, "copy.csv: holds the same bytes as grasps.csv");
   check_fails({data, "--set", "papers"}, "no such set");
-  check_fails({data, "--set", "paper", "--kind", "oracle"}, "oracle");
   check_fails({data, "--set", "paper", "--depth", "21"}, "21");
   check_fails({data, "--set", "paper", "--prune", "nan"}, "nan");
   check_fails({data, "--set", "paper", "--slip-weight", "0"}, "0");
   check_fails({data, "--set", "paper", "--folds", "1"}, "1");
-  check_fails({data, "--set", "paper", "--grid-search", "--depth", "3"}, "--grid-search");
   check_fails({data, "--set", "paper", "--name", "a"}, "--model");
   check_fails({"--set", "paper"}, "DATA");
 }

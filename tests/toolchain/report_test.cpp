@@ -129,8 +129,6 @@ TEST_GROUP(Report) {
   ReportInfo info;
   void setup() override {
     info.title = "Run";
-    info.width_px = 320;
-    info.height_px = 240;
   }
 };
 
@@ -150,13 +148,11 @@ TEST(Report, IsOneWellFormedFileThatNeedsNothingElse) {
     CHECK_TEXT(html.find(outside) == std::string::npos, outside);
   }
   STRCMP_CONTAINS("default-src 'none'", html.c_str());  // and the browser is told so
-  for (const char* needed : {"Entropy E", "(nat)", "(nat/s)", "(mm/s)", "GRIP_OK", "ALIVE", "slipping share", "shear",
-                             "time of the recording (s)", "prefers-color-scheme:dark", "Largest entropy"}) {
+  for (const char* needed : {"Entropy E", "GRIP_OK", "ALIVE", "slipping share", "shear", "prefers-color-scheme:dark"}) {
     CHECK_TEXT(html.find(needed) != std::string::npos, needed);
   }
-  // Without a script: the plots, and two pictures for each of four moments.
   const std::string plain = without_script_parts(html);
-  LONGS_EQUAL(9, count(plain, "<svg"));
+  LONGS_EQUAL(1, count(plain, "<svg"));  // the plots
   CHECK(plain.find("nan") == std::string::npos && plain.find("inf\"") == std::string::npos);
 }
 
@@ -201,11 +197,11 @@ TEST(Report, EscapesEveryText) {
   STRCMP_CONTAINS("&lt;b&gt;&quot;x&quot; &amp; &#39;y&#39;", html.c_str());
 }
 
-TEST(Report, StaysSmallForLongRunsAndKeepsTheirExtremes) {
+TEST(Report, StaysSmallForLongRuns) {
   Report report;
   for (long i = 0; i < 100'000; ++i) {
     FrameRecord f = frame(i, 1'000'000);
-    f.entropy_nat = i == 54'321 ? 2.7 : 0.1;  // a single frame in a hundred per column
+    f.entropy_nat = i == 54'321 ? 2.7 : 0.1;
     f.slip = i == 77'777;
     f.grip_ok = i % 2 == 0;  // the worst case for runs of equal columns
     f.state = i == 77'777 ? DeviceState::kSlip : i / 100 % 2 == 0 ? DeviceState::kOk : DeviceState::kDegraded;
@@ -214,16 +210,7 @@ TEST(Report, StaysSmallForLongRunsAndKeepsTheirExtremes) {
   const std::string html = report.html(info);
   check_well_formed(html);
   CHECK(html.size() < 4'000'000);
-  CHECK(without_script_parts(html).size() < 600'000);
-  LONGS_EQUAL(1, count(html, "class=\"shade\""));
-  LONGS_EQUAL(1, count(html, "class=\"state slip\""));
-  // E's panel: 128 high below y = 6 + 20, from 0 to 2.7 + 4 %.
-  const double spike_y = 26 + 128 - 128 * 2.7 / (2.7 * 1.04);
-  char text[16];
-  std::snprintf(text, sizeof text, " %.1f", spike_y);
-  const std::size_t curve = html.find("class=\"a dense\"");
-  CHECK(curve != std::string::npos);
-  CHECK(html.substr(curve, html.find("/>", curve) - curve).find(text) != std::string::npos);
+  CHECK(without_script_parts(html).size() < 20'000);
 }
 
 TEST(Report, BoundsPicturesAndMarkersAndKeepsTheFramesOfEvents) {
@@ -252,8 +239,6 @@ TEST(Report, SurvivesExtremes) {
   check_well_formed(Report().html(info));
   check_well_formed(report_of(1, 0).html(info));
   check_well_formed(report_of(2, 1).html(info));
-  info.width_px = 0;
-  check_well_formed(report_of(60, 10).html(info));
   Report bare;  // nothing valid, no arrows, time stands still
   for (int i = 0; i < 5; ++i) {
     FrameRecord f;
@@ -273,17 +258,6 @@ TEST(Report, SurvivesExtremes) {
     constant.add(f, arrows(1e-9, false));
   }
   check_well_formed(constant.html(info));
-}
-
-TEST(Report, DrawsTheAliveLineAsFreshnessOnceEdgesRunTogether) {
-  Report report;
-  for (long i = 0; i < 1000; ++i) {
-    FrameRecord f = frame(i, 10'000);
-    f.accepted = i < 400 || i >= 600;  // 8 s without an edge
-    report.add(f, {});
-  }
-  LONGS_EQUAL(2, count(report.html(info), "class=\"fresh\""));
-  LONGS_EQUAL(0, count(report_of(100, 1000).html(info), "class=\"fresh\""));
 }
 
 TEST_GROUP(AtomicFile) {

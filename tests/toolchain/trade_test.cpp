@@ -4,7 +4,6 @@
 #include "toolchain/trade/table.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <fstream>
 #include <memory>
 #include <set>
@@ -14,9 +13,7 @@
 #include <vector>
 
 #include "app/app.hpp"
-#include "base/math.hpp"
 #include "toolchain/trade/film.hpp"
-#include "toolchain/trade/learned.hpp"
 #include "toolchain/trade/price.hpp"
 #include "toolchain/trade/rival.hpp"
 // last: it redefines new
@@ -73,28 +70,6 @@ TEST(Trade, SettingsAreValidAndDifferFromModeFast) {
   CHECK_TRUE(points.front().params == Params{});
 }
 
-TEST(Trade, CoarserCentresAndFewerMarkersAreWhatTheyAreCalled) {
-  MarkerField field;
-  field.grid = {7, 9};
-  for (std::int32_t i = 0; i < 63; ++i) {
-    field.markers[idx(i)] = {PixelsQ8::from_raw(1000 * i + 129), PixelsQ8::from_raw(-i), i != 2};
-  }
-  trade::Tuning tuning;
-  tuning.centre_bits = 0;
-  const MarkerField whole_px = trade::coarsened(field, tuning);
-  LONGS_EQUAL(256, whole_px.markers[0].x.raw());        // 0.504 px
-  LONGS_EQUAL(-256 * 0, whole_px.markers[62].y.raw());  // -0.24 px
-  CHECK_FALSE(whole_px.markers[2].valid);
-  tuning = {};
-  tuning.marker_every = 2;
-  const MarkerField fewer = trade::coarsened(field, tuning);
-  LONGS_EQUAL(4, fewer.grid.rows);
-  LONGS_EQUAL(5, fewer.grid.cols);
-  LONGS_EQUAL(field.markers[62].x.raw(), fewer.markers[19].x.raw());
-  LONGS_EQUAL(field.markers[18].x.raw(), fewer.markers[5].x.raw());
-  CHECK_FALSE(fewer.markers[1].valid);
-}
-
 TEST(Trade, PiecesPutTogetherAreTheWhole) {
   const std::vector<Line> lines = whole();
   const std::string text = trade::csv(lines);
@@ -139,9 +114,7 @@ TEST(Trade, RefusesWhatIsNoTableOfPrices) {
 
 TEST(Trade, CountsGoToTheSettingsThatTheyAreOf) {
   const std::vector<Point> points = trade::points();
-  const auto counted = [](const Point& point) {
-    return !point.needs_markers() && point.tuning.picture_width == trade::kPictureWidth;
-  };
+  const auto counted = [](const Point& point) { return point.tuning.picture_width == trade::kPictureWidth; };
   std::string counts;
   std::set<std::string> known;
   for (const Point& point : points) {
@@ -171,16 +144,16 @@ TEST(Trade, CountsGoToTheSettingsThatTheyAreOf) {
 }
 
 TEST(Trade, DominatedIsWhatNobodyShouldChoose) {
-  using trade::kGraspBalanced;
+  using trade::kClipWithin5;
   using trade::kRms;
   using trade::kUsP50;
   const std::vector<Line> lines{
-      line(0, {{kUsP50, 1000.0}, {kRms, 0.02}, {kGraspBalanced, 80.0}}),
-      line(1, {{kUsP50, 2000.0}, {kRms, 0.01}, {kGraspBalanced, 80.0}}),
-      line(2, {{kUsP50, 2100.0}, {kRms, 0.015}, {kGraspBalanced, 80.0}}),  // worse than 1
-      line(3, {{kUsP50, 1040.0}, {kRms, 0.02}, {kGraspBalanced, 80.0}}),   // times tremble
-      line(4, {{kUsP50, 3000.0}, {kRms, 0.03}, {kGraspBalanced, 81.0}}),   // decides better
-      line(5, {{kUsP50, 4000.0}, {kRms, 0.04}}),                           // nobody knows how it decides
+      line(0, {{kUsP50, 1000.0}, {kRms, 0.02}, {kClipWithin5, 80.0}}),
+      line(1, {{kUsP50, 2000.0}, {kRms, 0.01}, {kClipWithin5, 80.0}}),
+      line(2, {{kUsP50, 2100.0}, {kRms, 0.015}, {kClipWithin5, 80.0}}),  // worse than 1
+      line(3, {{kUsP50, 1040.0}, {kRms, 0.02}, {kClipWithin5, 80.0}}),   // times tremble
+      line(4, {{kUsP50, 3000.0}, {kRms, 0.03}, {kClipWithin5, 81.0}}),   // decides better
+      line(5, {{kUsP50, 4000.0}, {kRms, 0.04}}),                         // nobody knows how it decides
   };
   POINTERS_EQUAL(nullptr, trade::dominated_by(lines[0], lines));
   POINTERS_EQUAL(nullptr, trade::dominated_by(lines[1], lines));
@@ -188,10 +161,6 @@ TEST(Trade, DominatedIsWhatNobodyShouldChoose) {
   POINTERS_EQUAL(nullptr, trade::dominated_by(lines[3], lines));
   POINTERS_EQUAL(nullptr, trade::dominated_by(lines[4], lines));
   POINTERS_EQUAL(nullptr, trade::dominated_by(lines[5], lines));
-  CHECK_TRUE(trade::on_front(lines[0], lines, kUsP50, kRms));
-  CHECK_TRUE(trade::on_front(lines[1], lines, kUsP50, kRms));
-  CHECK_FALSE(trade::on_front(lines[4], lines, kUsP50, kRms));
-  CHECK_FALSE(trade::on_front(lines[5], lines, kUsP50, kGraspBalanced));
 }
 
 // The whole way on one filmed grasp of the camera's size. Tolerances: half as much again as what was measured.
@@ -201,13 +170,11 @@ TEST(Trade, FiguresOfAFilmAreThoseOfTheSetting) {
     return *std::ranges::find_if(points, [&](const Point& p) { return p.knob == knob && p.value == value; });
   };
   std::vector<trade::Trialled> trialled;
-  for (const Point& point :
-       {points[0], find("jpeg_decoder", "libjpeg-turbo"), find("others", "OpenCV 1/8 + Canny + SimpleBlob"),
-        find("centres", "Q4"), find("jpeg_threads", "2")}) {
-    trialled.emplace_back(point, trade::Lessons(0));
+  for (const Point& point : {points[0], find("jpeg_decoder", "libjpeg-turbo"),
+                             find("others", "OpenCV 1/8 + Canny + SimpleBlob"), find("jpeg_threads", "2")}) {
+    trialled.emplace_back(point);
   }
   trade::Film film = trade::shoot(0);
-  LONGS_EQUAL(film.shots.size(), film.labels.size());
   film.shots.resize(60);
   for (std::size_t k = 0; k < film.shots.size(); ++k) {
     for (trade::Trialled& one : trialled) one.show(film, k);
@@ -227,91 +194,10 @@ TEST(Trade, FiguresOfAFilmAreThoseOfTheSetting) {
   // What is lost of a picture is noticed.
   LONGS_EQUAL(10, fast.seen->damaged);
   LONGS_EQUAL(0, fast.seen->damaged_used);
-  CHECK_FALSE(trialled[3].price().seen.has_value());  // pictures cannot show it
-  const trade::Price threads = trialled[4].price();
+  const trade::Price threads = trialled[3].price();
   DOUBLES_EQUAL(fast.seen->rms_px, threads.seen->rms_px, 0.0);
   LONGS_EQUAL(60, threads.seen->frames);
   CHECK_TRUE(threads.memory_bytes > fast.memory_bytes);
-}
-
-TEST(Trade, FiguresOfAGraspAreThoseOfTheSetting) {
-  const std::vector<Point> points = trade::points();
-  std::vector<trade::Price> prices;
-  const trade::Grasp grasp = trade::play(trade::planned_grasps(16).front());
-  for (const Point& point : points) {
-    if (point.knob != "mode" && point.knob != "centres") continue;
-    trade::Trialled one(point, trade::Lessons(0));
-    one.show(grasp);
-    prices.push_back(one.price());
-  }
-  const trade::Price& fast = prices.front();
-  const trade::Price& coarse = prices[prices.size() - 2];  // Q2
-  CHECK_TRUE(fast.grasped->frames.count() > 50);
-  CHECK_TRUE(fast.grasped_entropy_error_nat < 0.01);
-  CHECK_TRUE(coarse.grasped_entropy_error_nat > fast.grasped_entropy_error_nat);
-}
-
-// The rival in double precision is no straw man: what it sees is what the firmware sees.
-TEST(Trade, DoublePrecisionSeesWhatTheFirmwareSees) {
-  const trade::Grasp grasp = trade::play(trade::planned_grasps(16).front());
-  trade::DoubleFeatures features{learn::kPaperForm};
-  const pipeline::Config config = pipeline_config(Params{});
-  const auto state = std::make_unique<pipeline::State>();
-  int seen = 0, elsewhere = 0;
-  for (std::size_t k = 0; k < grasp.sights.size(); ++k) {
-    const trade::Sight& sight = grasp.sights[k];
-    const auto values = features.update(sight.markers, sight.time);
-    const pipeline::Result result =
-        pipeline::update_markers(*state, config, sight.markers, sight.time, static_cast<std::uint32_t>(k));
-    if (!values || !result.referenced || !result.features.rates_valid) continue;
-    ++seen;
-    // The firmware rounds displacements to 1 um: 0.5 um and as much before, over 40 ms, in every marker at worst.
-    DOUBLES_EQUAL((*values)[0], result.features.vx.raw(), 25.0);
-    DOUBLES_EQUAL((*values)[1], result.features.vy.raw(), 25.0);
-    // A marker within that of an edge may be told to either side.
-    elsewhere += std::abs(double{(*values)[2]} - result.features.entropy.raw() / 65536.0) > 1e-4 ? 1 : 0;
-  }
-  CHECK_TRUE(seen > 100);
-  CHECK_TRUE_TEXT(elsewhere * 5 < seen, std::to_string(elsewhere).c_str());
-}
-
-TEST(Trade, SoftBinsDoNotJumpAtAnEdge) {
-  const auto entropy_at = [](const learn::EntropyForm& form, double moved_um) {
-    trade::DoubleFeatures features{form};
-    MarkerField field;
-    field.grid = {7, 9};
-    const auto put = [&](double um) {
-      for (std::int32_t i = 0; i < 63; ++i) {
-        // Half of them 40 um behind, so that there is an entropy to lose.
-        const double px = 41.0 * (i % 9 + 1) + (um > 0.0 ? um - (i % 2) * 40.0 : 0.0) * 41.0 / 2020.0;
-        field.markers[idx(i)] = {.x = PixelsQ8::from_raw(static_cast<std::int32_t>(std::lround(px * 256.0))),
-                                 .y = PixelsQ8::from_raw(41 * 256 * (i / 9 + 1)),
-                                 .valid = true};
-      }
-    };
-    put(0.0);
-    Micros now{0};
-    while (!features.update(field, now += Micros{40'000})) {
-    }
-    put(moved_um);
-    return double{features.update(field, now += Micros{40'000}).value()[2]};
-  };
-  const double edge_um = 1900.0 / 15 * 5;
-  CHECK_TRUE(entropy_at({.bins = learn::Bins::kHard}, edge_um + 3.0) -
-                 entropy_at({.bins = learn::Bins::kHard}, edge_um - 3.0) >
-             0.6);
-  DOUBLES_EQUAL(entropy_at({.bins = learn::Bins::kSoft}, edge_um - 3.0),
-                entropy_at({.bins = learn::Bins::kSoft}, edge_um + 3.0), 0.1);
-}
-
-TEST(Trade, TreesLearnFromTheLessons) {
-  const trade::Lessons lessons(16);
-  const model::Tree field = lessons.tree("field", 8);
-  CHECK_TRUE(field.count > 1);
-  CHECK_TRUE(field.set == find_feature_set("field"));
-  CHECK_TRUE(lessons.tree("field", 2).count < field.count);
-  const auto desk = lessons.desk_tree(learn::kPaperForm);
-  CHECK_FALSE(desk->slips({0.0F, 0.0F, 0.0F, 0.0F}));
 }
 
 // The documented table of modes is the committed measurement, not somebody's typing.

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Runs a command of the tool as a Slurm job array, one shard a task, and a job behind it that merges the shards.
 #   toolchain/cluster/submit.sh SHARDS OUT dataset OPTION...          OUT: the samples, CSV
-#   toolchain/cluster/submit.sh SHARDS OUT evaluate DATA... OPTION... OUT: the folder of tables and figures
 #   toolchain/cluster/submit.sh SHARDS OUT trade firmware OPTION...   OUT: the table, CSV
-# The options are the tool's own, without --out, --csv, --shard, --piece and --pieces, which this adds.
+# The options are the tool's own, without --out, --csv and --shard, which this adds.
 # Prints the number of the merge job, which ends well only when OUT is whole. Pieces are kept in OUT.pieces: the same line
 # again computes only what is missing there; other options over the same pieces are refused.
 # HOLDFAST: the tool, build/sim/bin/holdfast unless given; the same path, and OUT, have to be there on every machine.
@@ -16,7 +15,7 @@ here=$(realpath "$(dirname "${BASH_SOURCE[0]}")")
 source "$here/../say.sh"
 
 usage() {
-  sed -n '3,13s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
+  sed -n '3,12s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
   exit "$1"
 }
 [[ ${1:-} != --help && ${1:-} != -h ]] || usage 0
@@ -28,16 +27,12 @@ if [[ ! $shards =~ ^[1-9][0-9]{0,4}$ ]]; then
   exit 2
 fi
 case "$*" in
-  dataset* | evaluate* | "trade firmware"*) ;;
+  dataset* | "trade firmware"*) ;;
   *)
-    complain "'$command' cannot be split" "it has no --shard" "dataset, evaluate, or trade firmware"
+    complain "'$command' cannot be split" "it has no --shard" "dataset, or trade firmware"
     exit 2
     ;;
 esac
-if [[ $command == evaluate && $shards == 1 ]]; then
-  complain "one shard of evaluate" "it is the whole run" "give 2 at least, or run the tool itself"
-  exit 2
-fi
 for word in "$@"; do
   case $word in
     --recordings | --recordings=*)
@@ -46,8 +41,7 @@ for word in "$@"; do
         exit 2
       }
       ;;
-    --out | --out=* | --csv | --csv=* | --svg | --svg=* | --modes | --modes=* | --shard | --shard=* | --piece | --piece=* | \
-      --pieces | --pieces=* | --report | --report=*)
+    --out | --out=* | --csv | --csv=* | --modes | --modes=* | --shard | --shard=*)
       complain "$word is for a whole run" "each task has a piece, and this script names the files" "leave it out"
       exit 2
       ;;

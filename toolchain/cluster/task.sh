@@ -19,7 +19,6 @@ if [[ $what == shard ]]; then
   [[ ! -s $file ]] || exit 0
   case $1 in
     dataset) exec "$holdfast" "$@" --shard "$k/$shards" --out "$file" ;;
-    evaluate) exec "$holdfast" "$@" --shard "$k/$shards" --piece "$file" ;;
     trade) exec "$holdfast" "$@" --shard "$k/$shards" --csv "$file" ;;
   esac
 fi
@@ -39,6 +38,5 @@ case $1 in
       done; } >"$out.new"
     mv "$out.new" "$out"
     ;;
-  evaluate) "$holdfast" "$@" --pieces "$pieces"/part_????? --out "$out" ;;
   trade) "$holdfast" trade show "$pieces"/part_????? --csv "$out" ;;
 esac

@@ -5,11 +5,11 @@
 
 #include <chrono>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "base/math.hpp"
 #include "tactile/features.hpp"
-#include "toolchain/console/settings_file.hpp"
 #include "toolchain/console/watching.hpp"
 #include "toolchain/log/csv_log.hpp"
 #include "toolchain/log/frame_log.hpp"
@@ -118,14 +118,13 @@ std::string record(Device& device, const RecordOptions& options, const std::func
   if (std::string error = check_record_path(options.path); !error.empty()) return error;
   tool::AtomicFile file(options.path);
   if (!file.error().empty()) return file.error();
-  std::vector<Parameter> parameters;
-  if (std::string error = read_parameters(device, parameters); !error.empty()) return error;
-  features::Config bins;
-  for (const Parameter& one : parameters) {
-    if (one.name == "histogram_range_um") bins.histogram_range_um = static_cast<std::int32_t>(one.value);
-  }
-
-  Sink sink(file.stream(), options.path.ends_with(".mcap"), bins.histogram_range_um);
+  const Answer range = device.say("get histogram_range_um json");
+  if (!range.ok()) return range.error;
+  const auto json = nlohmann::json::parse(range.lines.empty() ? "" : range.lines.back(), nullptr, false);
+  const auto place = "/parameters/0/value"_json_pointer;
+  const features::Config bins;
+  Sink sink(file.stream(), options.path.ends_with(".mcap"),
+            json.contains(place) ? json[place].get<std::int32_t>() : bins.histogram_range_um);
   tool::Progress progress("recording (Ctrl-C ends it)", 0);
   Watching watching(device, [&](const std::string& line) {
     progress.clear();

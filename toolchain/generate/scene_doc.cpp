@@ -38,7 +38,6 @@ Scene example() {
   example.trajectory = {empty, pressed, dragged, released};
   example.expect.onset_s = {1.0, 2.5};
   example.expect.max_delay_ms = 120.0;
-  for (const std::string_view name : scene::used_capabilities(example)) example.needs.emplace_back(name);
   return example;
 }
 
@@ -56,29 +55,15 @@ std::string fields() {
   }
   std::string out;
   for (const std::string& section : sections) {
-    out += fmt::format("\n### {}\n\n| key | allowed | default | meaning | switches on |\n|---|---|---|---|---|\n",
+    out += fmt::format("\n### {}\n\n| key | allowed | default | meaning |\n|---|---|---|---|\n",
                        section.empty() ? "Top" : "`" + section + "`");
     for (const scene::FieldInfo& field : all) {
       if (section_of(field) != section) continue;
       const std::string key = section.empty() ? field.path : field.path.substr(section.size() + 1);
       const std::string standard = field.standard.empty() ? "" : "`" + field.standard + "`";
-      out += fmt::format("| `{}` | {} | {} | {} | {} |\n", key, field.allowed, field.required ? "required" : standard,
-                         field.help, field.capability.empty() ? "" : fmt::format("`{}`", field.capability));
+      out += fmt::format("| `{}` | {} | {} | {} |\n", key, field.allowed, field.required ? "required" : standard,
+                         field.help);
     }
-  }
-  return out;
-}
-
-std::string capabilities() {
-  std::string out = "| name | what |";
-  for (const std::string_view level : scene::kContactLevelNames) out += fmt::format(" {} |", level);
-  out += "\n|---|---|---|---|\n";
-  for (const scene::Capability& capability : scene::kCapabilities) {
-    out += fmt::format("| `{}` | {} |", capability.name, capability.help);
-    for (unsigned level = 0; level < scene::kContactLevelNames.size(); ++level) {
-      out += can(static_cast<scene::ContactLevel>(level), capability) ? " yes |" : " - |";
-    }
-    out += "\n";
   }
   return out;
 }
@@ -105,19 +90,16 @@ std::string scene_markdown() {
       "units are in the names of the keys; x to the right, y down, a positive twist turns x towards y. What is left "
       "out has its default.\n\n"
       "```json\n{}```\n\n"
-      "`requires` names every capability that the scene uses, no more: the reader refuses a scene that uses another, "
-      "asks for one that the build does not know, or that its contact level cannot do, and warns of one that nothing "
-      "uses. Between waypoints a value lies on the curve of `profile` between its neighbours that have it, before the "
+      "Between waypoints a value lies on the curve of `profile` between its neighbours that have it, before the "
       "first and after the last it stays. One of `depth_mm`, `force_n` and `closing_mm` presses, the same in the whole "
       "scene; none of them is an empty gel. What `expect` says is promised and checked by every run; `goal` is what "
       "the firmware aims at there and does not reach yet: every run says so, and once it is reached it has to become "
       "the promise.\n\n"
       "Limits: {} bytes, {} levels of brackets, {} keys in an object, {} entries in a list, {} frames.\n\n"
       "## Fields\n{}\n"
-      "## Capabilities\n\n{}\n"
       "## Contact levels\n{}",
       scene::write_scene(example()), scene::kMostSceneBytes, scene::kMostSceneDepth, scene::kMostSceneKeys,
-      scene::kMostSceneItems, static_cast<long>(scene::kMostSceneFrames), fields(), capabilities(), levels());
+      scene::kMostSceneItems, static_cast<long>(scene::kMostSceneFrames), fields(), levels());
 }
 
 }  // namespace holdfast::scene_doc

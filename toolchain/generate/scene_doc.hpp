@@ -6,7 +6,7 @@
 
 namespace holdfast::scene_doc {
 
-// The whole of tests/scenes/README.md: an example, fields, capabilities, contact levels and limits.
+// The whole of tests/scenes/README.md: an example, fields, contact levels and limits.
 [[nodiscard]] std::string scene_markdown();
 
 }  // namespace holdfast::scene_doc

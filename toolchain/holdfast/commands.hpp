@@ -42,9 +42,6 @@ struct SceneMakeOptions {
 
 struct TradeSimOptions {
   std::vector<std::string> scenes;
-  std::string csv;
-  std::string entries;
-  std::string svg;
   double reference_cell_mm = 0.35;
   int repeats = 3;
 };
@@ -52,12 +49,9 @@ struct TradeSimOptions {
 
 struct TradeFirmwareOptions {
   std::string csv;
-  std::string svg;
   std::string modes;
   std::string shard = "1/1";
   int films = 6;
-  int every = 8;
-  int lessons = 4;
   std::vector<std::string> recordings;
 };
 [[nodiscard]] int trade_firmware(const TradeFirmwareOptions& options);
@@ -65,7 +59,6 @@ struct TradeFirmwareOptions {
 struct TradeShowOptions {
   std::vector<std::string> tables;
   std::string csv;
-  std::string svg;
   std::string modes;
   std::string counts;
 };
@@ -80,7 +73,6 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands);
 void add_compile(CLI::App& app, std::vector<Command>& commands);
 void add_fuse(CLI::App& app, std::vector<Command>& commands);
 void add_calibrate(CLI::App& app, std::vector<Command>& commands);
-void add_study(CLI::App& app, std::vector<Command>& commands);
 void add_trials(CLI::App& app, std::vector<Command>& commands);
 void add_model(CLI::App& app, std::vector<Command>& commands);
 void add_settings(CLI::App& app, std::vector<Command>& commands);

@@ -6,7 +6,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <clocale>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -21,8 +20,7 @@
 #include "toolchain/console/find.hpp"
 #include "toolchain/console/load_file.hpp"
 #include "toolchain/console/record.hpp"
-#include "toolchain/console/settings_file.hpp"
-#include "toolchain/console/shell.hpp"
+#include "toolchain/console/terminal.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/support/trouble.hpp"
 
@@ -38,7 +36,7 @@ using console_tool::Signals;
 struct ConsoleOptions {
   std::string port;
   std::vector<std::string> run;
-  std::string backup, restore, load, record, code_file;
+  std::string load, record, code_file;
   double seconds = 0;  // 0: until Ctrl-C
   double timeout_s = 5.0;
 };
@@ -127,14 +125,6 @@ int act(Device& device, const ConsoleOptions& options) {
     if (const std::string error = unlock_by(device, options.code_file); !error.empty()) return fail(error);
   }
   if (!options.run.empty()) return run_lines(device, lines_of(options.run));
-  if (!options.backup.empty()) {
-    const std::string error = console_tool::backup(device, options.backup, report);
-    return report_of(error, report);
-  }
-  if (!options.restore.empty()) {
-    const std::string error = console_tool::restore(device, options.restore, report);
-    return report_of(error, report);
-  }
   if (!options.load.empty()) {
     const std::string error = console_tool::load(device, options.load, report);
     return report_of(error, report);
@@ -145,12 +135,11 @@ int act(Device& device, const ConsoleOptions& options) {
     const std::string error = console_tool::record(device, how, note, report);
     return report_of(error, report);
   }
-  if (::isatty(STDIN_FILENO) == 1 && ::isatty(STDOUT_FILENO) == 1) return console_tool::run_shell(device);
+  if (::isatty(STDIN_FILENO) == 1 && ::isatty(STDOUT_FILENO) == 1) return console_tool::run_terminal(device);
   return run_lines(device, standard_input(device.signals()));
 }
 
 int console(const ConsoleOptions& options) {
-  (void)std::setlocale(LC_CTYPE, "");
   const Millis patience(std::llround(options.timeout_s * 1000));
   if (!options.record.empty()) {
     if (const std::string error = console_tool::check_record_path(options.record); !error.empty()) return fail(error);
@@ -191,9 +180,6 @@ void add_console(CLI::App& app, std::vector<Command>& commands) {
       ->add_option("--run", options->run,
                    "give this line to the device and print its answer; may be given again. Ends at the first error")
       ->allow_extra_args(false);
-  group->add_option("--backup", options->backup, "write the device's parameters into this file")->check(not_empty);
-  group->add_option("--restore", options->restore, "set and store what --backup wrote: all of it or nothing")
-      ->check(not_empty);
   group->add_option("--load", options->load, "store what holdfast settings compile or holdfast model seal wrote")
       ->check(not_empty);
   group
@@ -211,7 +197,7 @@ void add_console(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--code-file", options->code_file, "unlock with the code in this file; locked again at the end")
       ->check(not_empty);
   command->footer(
-      "At a terminal without one of these: a prompt (Tab completes, Ctrl-D leaves). Otherwise the lines of stdin are "
+      "At a terminal without one of these: the device's own prompt (Ctrl-D leaves). Otherwise the lines of stdin are "
       "run.\nExit status 0 only when every command ended with OK; the device's ERR lines go to stderr.\n"
       "Example:\n  holdfast console --run 'status json'\n  holdfast console /dev/ttyACM0 --record grasp.mcap");
   commands.push_back({command, [options] { return console(*options); }});

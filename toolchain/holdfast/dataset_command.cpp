@@ -22,19 +22,18 @@ struct DatasetOptions {
   std::string out;
   std::string recordings;
   learn::PlanOptions plan;
-  learn::Variation variation;
   std::string inject = "markers";
   std::string shard = "1/1";
-  Params params;
   bool json = false;
 };
 
-// "I/N". Empty, or what is wrong.
 double cpu_s() {
   return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
 }
 
 std::optional<std::string> simulate(const DatasetOptions& options, learn::Samples& samples) {
+  const auto* const name = std::ranges::find(scene::kInjectNames, options.inject);
+  const auto inject = static_cast<scene::Inject>(name - scene::kInjectNames.begin());
   learn::Plan plan;
   if (auto error = learn::make_plan(options.plan, plan)) return error;
   // The trials of the shards before this one keep their numbers: they are there, without rows.
@@ -42,7 +41,7 @@ std::optional<std::string> simulate(const DatasetOptions& options, learn::Sample
   Progress progress("dataset", static_cast<long>(plan.grasps.size()));
   long done = 0;
   for (const learn::PlannedGrasp& grasp : plan.grasps) {
-    learn::play_into(samples, grasp.make(), options.params, options.variation);
+    learn::play_into(samples, grasp.make(), inject);
     progress.update(++done);
     if (interrupted()) return interrupted_line();
   }
@@ -51,7 +50,7 @@ std::optional<std::string> simulate(const DatasetOptions& options, learn::Sample
 
 std::optional<std::string> read_clips(const DatasetOptions& options, learn::Samples& samples) {
   Progress progress("dataset", 1000);
-  const auto error = learn::read_recordings(options.recordings, options.params, samples, [&](int done, int all) {
+  const auto error = learn::read_recordings(options.recordings, Params{}, samples, [&](int done, int all) {
     progress.update(1000L * done / std::max(all, 1));
     return !interrupted();
   });
@@ -99,8 +98,6 @@ void print_made(const DatasetOptions& options, const learn::Samples& samples, do
 int dataset(DatasetOptions options) {
   if (const std::string error = parse_shard(options.shard, options.plan.shard, options.plan.shards); !error.empty())
     return fail(error);
-  const auto* inject = std::ranges::find(scene::kInjectNames, options.inject);
-  options.variation.inject = static_cast<scene::Inject>(inject - scene::kInjectNames.begin());
   AtomicFile out(options.out, options.recordings);
   if (!out.error().empty()) return fail(out.error());
   const double start_s = cpu_s();
@@ -151,25 +148,7 @@ void add_dataset(CLI::App& app, std::vector<Command>& commands) {
   only_simulated(command->add_option("--inject", options->inject, "where the grasp enters the firmware"))
       ->check(CLI::IsMember({"markers", "grey", "jpeg"}))
       ->capture_default_str();
-  // A trial leaves the gel empty for 0.52 s, and the firmware takes ten frames to learn its rest.
-  only_simulated(command->add_option("--fps", options->variation.fps, "frames per second, 18 to 120 (25)"))
-      ->check(number_from_to(18, 120));
-  learn::Variation& variation = options->variation;
-  // Beyond 6 um the ten still frames that teach the rest position are not found still (0.75 px, 46 um).
-  only_simulated(command->add_option("--marker-noise-um", variation.marker_noise_um,
-                                     "sigma of each marker's coordinate, up to 6 (1 to 2, by trial)"))
-      ->check(number_from_to(0, 6));
-  only_simulated(command->add_option("--marker-loss", variation.marker_loss,
-                                     "chance of each marker to be missing, every frame (0)"))
-      ->check(number_from_to(0, 1));
-  only_simulated(command->add_option("--shear-modulus-mpa", variation.shear_modulus_mpa,
-                                     "of the gel, under the motions of the unchanged one (0.045 to 0.11, by trial)"))
-      ->check(number_from_to(0.01, 10));
   only_simulated(command->add_option("--shard", options->shard, "piece I of N of the set, for N runs side by side"))
-      ->capture_default_str();
-  const ParamInfo& range = *find_param("histogram_range_um");
-  command->add_option("--histogram-range-um", options->params.histogram_range_um, std::string(range.help))
-      ->check(CLI::Range(range.min, range.max))
       ->capture_default_str();
   command->add_flag("--json", options->json, "print the summary as JSON");
   command->footer(

@@ -5,14 +5,12 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <string_view>
 #include <system_error>
 #include <thread>
 #include <tuple>
@@ -30,63 +28,38 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::array<std::string_view, 4> kParts{"unseen", "events", "curve", "tsne"};
-
 struct EvaluateOptions {
   std::vector<std::string> data;
   RecordedOptions recorded;
   bool pairs = false;
   std::vector<std::string> models;
-  bool held_out = false;
   std::string out;
-  std::string report;
   std::string json;
   int seeds = 5;
   std::vector<std::string> sets;
-  std::vector<std::string> kinds;
-  std::vector<std::string> without;
-  bool quick = false;
+  bool without_unseen = false;
   learn::Settings tree;
-  std::string criterion = "information";
-  std::string shard = "1/1";
-  std::string piece;
-  std::vector<std::string> pieces;
 
-  [[nodiscard]] bool leaves_out(std::string_view part) const {
-    return std::find(without.begin(), without.end(), part) != without.end();
-  }
   [[nodiscard]] std::vector<std::string> inputs() const {
     std::vector<std::string> all = data;
     all.insert(all.end(), recorded.labels.begin(), recorded.labels.end());
     if (!recorded.empty.empty()) all.push_back(recorded.empty);
     all.insert(all.end(), models.begin(), models.end());
-    all.insert(all.end(), pieces.begin(), pieces.end());
     return all;
   }
 };
 
 // What cannot end well, before the long run. Empty: nothing.
 std::string refused(const EvaluateOptions& options) {
-  const bool tables = !options.out.empty() || !options.report.empty() || !options.json.empty();
-  if (options.piece.empty() && !tables && options.recorded.labels.empty()) {
-    return "no output is asked for. Likely cause: --out forgotten. Next: give --out FOLDER, --report R.html or --json "
-           "J.json";
-  }
-  if (options.piece.empty() != (options.shard == "1/1")) {
-    return "--shard and --piece belong together. Likely cause: one of them forgotten. Next: give --shard I/N, N at "
-           "least 2, and --piece FILE; then --pieces with all files";
-  }
-  if (!options.piece.empty() && (tables || !options.pieces.empty())) {
-    return "--piece: a piece has no tables. Likely cause: --out, --report, --json or --pieces given to a piece. Next: "
-           "give them to a run that has all --pieces";
+  if (options.out.empty() && options.json.empty() && options.recorded.labels.empty()) {
+    return "no output is asked for. Likely cause: --out forgotten. Next: give --out FOLDER or --json J.json";
   }
   for (const std::string& input : options.inputs()) {
-    for (const std::string& output : {options.report, options.json, options.piece}) {
-      if (output.empty() || !same_place(input, output)) continue;
+    if (!options.json.empty() && same_place(input, options.json)) {
       return fmt::format(
           "{}: an output would overwrite an input. Likely cause: the same name given twice. Next: give "
           "another name for the output",
-          output);
+          options.json);
     }
     if (!options.out.empty() && same_place(fs::absolute(input).parent_path(), options.out)) {
       return fmt::format(
@@ -94,12 +67,6 @@ std::string refused(const EvaluateOptions& options) {
           "folder. Next: give a folder of its own",
           input);
     }
-  }
-  if (!options.report.empty() && !options.json.empty() && same_place(options.report, options.json)) {
-    return fmt::format(
-        "{}: given for both --report and --json. Likely cause: a typing error. Next: give each output a file of its "
-        "own",
-        options.report);
   }
   return options.out.empty() ? "" : refuse_folder(options.out);
 }
@@ -154,40 +121,9 @@ std::string settle(const EvaluateOptions& asked, learn::Options& options) {
     }
     options.sets.push_back(set);
   }
-  using learn::Kind;
-  const std::vector<Kind> all{Kind::kTree, Kind::kTreeCv, Kind::kForest, Kind::kSvm, Kind::kKnn};
-  for (const std::string& name : asked.kinds) {
-    const auto kind = learn::find_kind(name);
-    if (!kind) {
-      return fmt::format("--kinds '{}': no such classifier. Likely cause: a typing error. Next: give some of {}", name,
-                         names_of(all, [](Kind known) { return learn::name_of(known); }));
-    }
-    options.kinds.push_back(*kind);
-  }
-  options.left_out_kinds = options.kinds;
-  if (asked.kinds.empty()) {
-    options.kinds = all;
-    options.left_out_kinds = {Kind::kKnn, Kind::kTree};  // the paper's, and the one that is deployed
-  }
   options.tree = asked.tree;
-  options.tree.criterion = asked.criterion == "gini" ? learn::Criterion::kGini : learn::Criterion::kInformationGain;
   options.seeds = asked.seeds;
-  options.unseen = !asked.leaves_out("unseen");
-  options.events = !asked.leaves_out("events");
-  if (asked.quick) {
-    options.svm_rows = 2000;
-    options.slip_weights = {0.1, 1.0};
-    options.tsne_points = 600;
-    options.tsne_iterations = 300;
-  }
-  if (asked.leaves_out("curve")) options.slip_weights.clear();
-  if (asked.leaves_out("tsne")) options.tsne_points = 0;
-  for (const std::string& path : asked.models) {
-    treec::Model model;
-    if (std::string error = read_model(path, model); !error.empty()) return error;
-    options.models.push_back(
-        {fmt::format("{} ({})", model.name, fs::path(path).filename().string()), treec::to_table(model)});
-  }
+  options.unseen = !asked.without_unseen;
   return {};
 }
 
@@ -226,16 +162,9 @@ learn::ReportFacts facts_of(const EvaluateOptions& asked, const learn::Options& 
       {"kinds of grasp", names_of(kinds, as_is)}};
   facts.facts.emplace_back("seeds", fmt::format("{}", options.seeds));
   const learn::Settings& tree = options.tree;
-  facts.facts.emplace_back(
-      "own tree",
-      fmt::format("depth at most {}, leaves of at least {} rows, prune {:g}, slip_weight {:g}, criterion {}",
-                  tree.max_depth, tree.min_leaf, tree.prune, tree.slip_weight, asked.criterion));
-  facts.held_out = asked.held_out;
-  if (asked.quick) {
-    facts.warnings.push_back(
-        fmt::format("A quick look: SVM learned from at most {} rows, curve and t-SNE are coarse. Not for a claim.",
-                    options.svm_rows));
-  }
+  facts.facts.emplace_back("own tree",
+                           fmt::format("depth at most {}, leaves of at least {} rows, prune {:g}, slip_weight {:g}",
+                                       tree.max_depth, tree.min_leaf, tree.prune, tree.slip_weight));
   if (options.seeds == 1) facts.warnings.emplace_back("One seed: no intervals over seeds.");
   return facts;
 }
@@ -267,17 +196,12 @@ std::string json_of(const learn::ReportFacts& facts, const std::vector<learn::Ta
 }
 
 // Writes what was asked for, and prints it. The exit status.
-int put_out(const EvaluateOptions& asked, const learn::ReportFacts& facts, const std::vector<learn::Table>& tables,
-            const std::vector<learn::Chart>& charts) {
-  const std::string page = learn::html(facts, tables, charts);
+int put_out(const EvaluateOptions& asked, const learn::ReportFacts& facts, const std::vector<learn::Table>& tables) {
   std::vector<std::pair<fs::path, std::string>> outputs;
   if (!asked.out.empty()) {
     const fs::path folder = asked.out;
     for (const learn::Table& table : tables) outputs.emplace_back(folder / (table.id + ".csv"), learn::csv(table));
-    for (const learn::Chart& chart : charts) outputs.emplace_back(folder / (chart.id + ".svg"), chart.svg);
-    outputs.emplace_back(folder / "report.html", page);
   }
-  if (!asked.report.empty()) outputs.emplace_back(asked.report, page);
   if (!asked.json.empty()) outputs.emplace_back(asked.json, json_of(facts, tables));
   if (const std::string error = write_all(asked.out, outputs); !error.empty()) return fail(error);
 
@@ -287,8 +211,7 @@ int put_out(const EvaluateOptions& asked, const learn::ReportFacts& facts, const
     if (table.brief) fmt::print("\n{}", learn::text(table));
   }
   fmt::print("\n");
-  if (!asked.out.empty()) fmt::print("written   tables, pictures and report.html: {}\n", asked.out);
-  if (!asked.report.empty()) fmt::print("written   report: {}\n", asked.report);
+  if (!asked.out.empty()) fmt::print("written   tables: {}\n", asked.out);
   if (!asked.json.empty()) fmt::print("written   JSON: {}\n", asked.json);
   return 0;
 }
@@ -310,7 +233,7 @@ int evaluate_clips(const EvaluateOptions& asked) {
         judge(options, facts, tables, [&](long done, long all) { progress.update(1000 * done / std::max(all, 1L)); });
     if (!error.empty()) return fail(error);
   }
-  return put_out(asked, facts, tables, {});
+  return put_out(asked, facts, tables);
 }
 
 int evaluate_samples(const EvaluateOptions& asked) {
@@ -320,27 +243,6 @@ int evaluate_samples(const EvaluateOptions& asked) {
   std::map<Grasp, std::string> seen;
   for (const std::string& path : asked.data) {
     if (const std::string error = load(path, samples, seen); !error.empty()) return fail(error);
-  }
-
-  learn::Piece said;
-  for (const std::string& path : asked.pieces) {
-    std::ifstream in(path, std::ios::binary);
-    std::error_code ignored;
-    if (!in || fs::is_directory(path, ignored)) {
-      return fail(fmt::format(
-          "{}: cannot be read. Likely cause: no such file, or no right to read it. Next: give what holdfast evaluate "
-          "--piece wrote",
-          path));
-    }
-    if (const auto error = learn::read_piece(in, path, said)) return fail(*error);
-  }
-  if (!asked.pieces.empty()) options.pieces = &said;
-  OutputFiles piece({{"--piece", asked.piece}});
-  if (!asked.piece.empty()) {
-    if (const std::string error = parse_shard(asked.shard, options.shard, options.shards); !error.empty())
-      return fail(error);
-    if (!piece.error().empty()) return fail(piece.error());
-    options.piece = &said;
   }
 
   learn::Evaluation evaluation;
@@ -354,17 +256,8 @@ int evaluate_samples(const EvaluateOptions& asked) {
     if (interrupted()) return fail(interrupted_line());
     if (error) return fail(*error);
   }
-  if (std::ostream* const out = piece.stream("--piece")) {
-    learn::write_piece(*out, said);
-    if (const std::string error = piece.commit(); !error.empty()) return fail(error);
-    fmt::print("written   what {} classifiers said: {}\n", said.said.size(), asked.piece);
-    return 0;
-  }
-
   const learn::ReportFacts facts = facts_of(asked, options, samples);
-  const std::vector<learn::Table> tables = learn::tables_of(evaluation, facts);
-  const std::vector<learn::Chart> charts = learn::charts_of(samples, evaluation, facts);
-  return put_out(asked, facts, tables, charts);
+  return put_out(asked, facts, learn::tables_of(evaluation, facts));
 }
 
 int evaluate(const EvaluateOptions& asked) {
@@ -373,10 +266,10 @@ int evaluate(const EvaluateOptions& asked) {
         "give either samples or --recorded with label files. Likely cause: neither or both are given. Next: holdfast "
         "evaluate --help shows how");
   }
-  if (asked.pairs && asked.recorded.labels.empty()) {
-    return fail(
-        "--pairs: samples have no fingers. Likely cause: --recorded forgotten. Next: give --recorded with label "
-        "files");
+  if (asked.recorded.labels.empty() && (asked.pairs || !asked.models.empty())) {
+    return fail(fmt::format(
+        "{}: of recordings alone. Likely cause: --recorded forgotten. Next: give --recorded with label files",
+        asked.pairs ? "--pairs" : "--model"));
   }
   if (const std::string error = refused(asked); !error.empty()) return fail(error);
   return asked.data.empty() ? evaluate_clips(asked) : evaluate_samples(asked);
@@ -418,14 +311,9 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--jobs", recorded.jobs, "with --recorded: clips replayed at the same time")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
-  command
-      ->add_option("--model", options->models,
-                   "models to judge as they are: texts, as slip_v2.tree; with --recorded the one that decides")
+  command->add_option("--model", options->models, "with --recorded: the model that decides, as slip_v5.tree")
       ->check(not_empty);
-  command->add_flag("--held-out", options->held_out, "the given models were not trained on these samples");
-  command->add_option("--out", options->out, "folder for all tables (CSV), pictures (SVG) and the report")
-      ->check(not_empty);
-  command->add_option("--report", options->report, "the report alone: HTML")->check(not_empty);
+  command->add_option("--out", options->out, "folder for all tables: CSV")->check(not_empty);
   command->add_option("--json", options->json, "all tables: JSON")->check(not_empty);
   command->add_option("--seeds", options->seeds, "repetitions with other folds: intervals are over these")
       ->check(CLI::Range(1, 1000))
@@ -434,14 +322,7 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
       ->add_option("--sets", options->sets,
                    "sets of features, as entropy,paper; unless given, all that do not read the imprint")
       ->delimiter(',');
-  command
-      ->add_option("--kinds", options->kinds,
-                   "classifiers, as tree,knn; all in Table I, knn and tree elsewhere unless given")
-      ->delimiter(',');
-  command->add_option("--without", options->without, "leave out some of unseen, events, curve, tsne")
-      ->delimiter(',')
-      ->check(CLI::IsMember(std::vector<std::string>(kParts.begin(), kParts.end())));
-  command->add_flag("--quick", options->quick, "a coarse look: SVM on few rows, short curve, small t-SNE");
+  command->add_flag("--without-unseen", options->without_unseen, "leave Table III out: the data has no unseen objects");
   command->add_option("--depth", options->tree.max_depth, "of our tree")
       ->check(CLI::Range(1, treec::kMaxDepth))
       ->capture_default_str();
@@ -456,30 +337,13 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
                    "of a slip row of our tree; below 1: fewer false alarms, later detection")
       ->check(number_from_to(0.001, 1000.0))
       ->capture_default_str();
-  command->add_option("--criterion", options->criterion, "what a split of our tree must lessen: information or gini")
-      ->check(CLI::IsMember({"information", "gini"}))
-      ->capture_default_str();
-  command->add_option("--shard", options->shard,
-                      "learn piece I of N of the classifiers alone, for N runs side by side");
-  command->add_option("--piece", options->piece, "with --shard: what they say, for --pieces")->check(not_empty);
-  command
-      ->add_option("--pieces", options->pieces,
-                   "all pieces of a run with the same data and options: nothing learns again")
-      ->check(not_empty);
   command->footer("Columns of a label file, one clip a line; frames count from 0, intervals include both ends:\n" +
                   label_columns() +
                   "Examples:\n"
                   "  holdfast evaluate --recorded clips/labels.csv --out evaluation\n"
                   "  holdfast evaluate --recorded clips/labels.csv --pairs\n"
                   "  holdfast evaluate train.csv unseen.csv --out evaluation\n"
-                  "A look in a minute:\n"
-                  "  holdfast evaluate train.csv unseen.csv --seeds 1 --quick --report look.html\n"
-                  "On all cores with GNU parallel, and then put together (the same as one run, but for the timing):\n"
-                  "  parallel holdfast evaluate train.csv --shard {}/8 --piece part_{}.txt ::: {1..8}\n"
-                  "  holdfast evaluate train.csv --pieces part_*.txt --out evaluation\n"
-                  "On a cluster with Slurm:\n"
-                  "  sbatch --array=1-8 --wrap='holdfast evaluate train.csv --shard $SLURM_ARRAY_TASK_ID/8 "
-                  "--piece part_$SLURM_ARRAY_TASK_ID.txt'");
+                  "  holdfast evaluate train.csv --without-unseen --seeds 1 --json look.json");
   commands.push_back({command, [options] { return evaluate(*options); }});
 }
 

@@ -160,10 +160,6 @@ int run(int argc, char** argv) {
   CLI::App* trade_sim_command = trade_command->add_subcommand(
       "sim", "levels of the simulator: time, and error against the finest grid; ways into the firmware");
   trade_sim_command->add_option("SCENE", trade_options.scenes, "scene files")->required()->check(not_empty);
-  trade_sim_command->add_option("--csv", trade_options.csv, "write the table: CSV")->check(not_empty);
-  trade_sim_command->add_option("--entries", trade_options.entries, "write the table of the ways in: CSV")
-      ->check(not_empty);
-  trade_sim_command->add_option("--svg", trade_options.svg, "write a picture: SVG")->check(not_empty);
   trade_sim_command
       ->add_option("--reference-cell", trade_options.reference_cell_mm,
                    "cell of the finest grid, mm; time goes as its "
@@ -173,18 +169,16 @@ int run(int argc, char** argv) {
   trade_sim_command->add_option("--repeats", trade_options.repeats, "of the timing")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
-  trade_sim_command->footer(
-      "Example:\n  holdfast trade sim tests/scenes/sphere_slip.json --csv trade.csv --svg trade.svg");
+  trade_sim_command->footer("Example:\n  holdfast trade sim tests/scenes/sphere_slip.json");
 
   TradeFirmwareOptions firmware_options;
   CLI::App* trade_firmware_command = trade_command->add_subcommand(
       "firmware", "settings of the firmware: time and memory against markers, entropy and decisions");
-  const auto add_outputs = [](CLI::App* command, std::string& csv, std::string& svg, std::string& modes) {
+  const auto add_outputs = [](CLI::App* command, std::string& csv, std::string& modes) {
     command->add_option("--csv", csv, "write the table: CSV")->check(not_empty);
-    command->add_option("--svg", svg, "write a picture: SVG")->check(not_empty);
     command->add_option("--modes", modes, "write the shipped modes as a table: Markdown")->check(not_empty);
   };
-  add_outputs(trade_firmware_command, firmware_options.csv, firmware_options.svg, firmware_options.modes);
+  add_outputs(trade_firmware_command, firmware_options.csv, firmware_options.modes);
   trade_firmware_command
       ->add_option("--shard", firmware_options.shard, "piece I of N of the settings, for N runs side by side")
       ->capture_default_str();
@@ -193,24 +187,15 @@ int run(int argc, char** argv) {
       ->check(CLI::Range(0, 6))
       ->capture_default_str();
   trade_firmware_command
-      ->add_option("--every", firmware_options.every, "every so many-th of 600 grasps from the markers on")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  trade_firmware_command
-      ->add_option("--lessons", firmware_options.lessons,
-                   "every so many-th of 600 others, for the trees that the run teaches itself")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  trade_firmware_command
       ->add_option("--recordings", firmware_options.recordings,
                    "label files of recorded clips, to be judged as well: CSV (holdfast dataset --help)")
       ->check(not_empty);
   trade_firmware_command->footer(
       "Example:\n"
-      "  holdfast trade firmware --recordings clips/labels.csv more/labels.csv --csv trade.csv --svg trade.svg\n"
+      "  holdfast trade firmware --recordings clips/labels.csv more/labels.csv --csv trade.csv\n"
       "Side by side with GNU parallel, then merged into the whole:\n"
       "  parallel holdfast trade firmware --shard {}/8 --csv part_{}.csv ::: {1..8}\n"
-      "  holdfast trade show part_{1..8}.csv --csv trade.csv --svg trade.svg\n"
+      "  holdfast trade show part_{1..8}.csv --csv trade.csv\n"
       "The same as a Slurm array:\n"
       "  sbatch --array=1-8 --wrap='holdfast trade firmware --shard $SLURM_ARRAY_TASK_ID/8 "
       "--csv part_$SLURM_ARRAY_TASK_ID.csv'");
@@ -218,12 +203,12 @@ int run(int argc, char** argv) {
   CLI::App* trade_show_command =
       trade_command->add_subcommand("show", "put pieces of `trade firmware` together, and read them off");
   trade_show_command->add_option("CSV", show_options.tables, "the pieces, in any order")->required()->check(not_empty);
-  add_outputs(trade_show_command, show_options.csv, show_options.svg, show_options.modes);
+  add_outputs(trade_show_command, show_options.csv, show_options.modes);
   trade_show_command
       ->add_option("--counts", show_options.counts,
                    "the instruction counts of tests/bench/count_settings.sh, to be put in as well: CSV")
       ->check(not_empty);
-  trade_show_command->footer("Example:\n  holdfast trade show part_{1..8}.csv --csv trade.csv --svg trade.svg");
+  trade_show_command->footer("Example:\n  holdfast trade show part_{1..8}.csv --csv trade.csv");
   CLI::App* trade_settings_command = trade_command->add_subcommand(
       "settings", "the settings that `trade firmware` shows pictures to, as programs understand them that count");
   trade_settings_command->footer("Example:\n  holdfast trade settings");
@@ -237,7 +222,6 @@ int run(int argc, char** argv) {
   add_settings(app, commands);
   add_fuse(app, commands);
   add_calibrate(app, commands);
-  add_study(app, commands);
   add_trials(app, commands);
   add_grip(app, commands);
   add_faults(app, commands);

@@ -18,7 +18,6 @@
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/progress.hpp"
 #include "toolchain/trade/film.hpp"
-#include "toolchain/trade/learned.hpp"
 #include "toolchain/trade/price.hpp"
 #include "toolchain/trade/table.hpp"
 
@@ -27,12 +26,11 @@ namespace {
 
 template <typename Options>
 std::vector<OutputFiles::Asked> asked(const Options& options) {
-  return {{"--csv", options.csv}, {"--svg", options.svg}, {"--modes", options.modes}};
+  return {{"--csv", options.csv}, {"--modes", options.modes}};
 }
 
 int put_out(const std::vector<trade::Line>& lines, bool whole, OutputFiles& outputs) {
   if (std::ostream* const csv = outputs.stream("--csv")) *csv << trade::csv(lines);
-  if (std::ostream* const svg = outputs.stream("--svg")) *svg << trade::svg(lines);
   if (std::ostream* const modes = outputs.stream("--modes")) *modes << trade::modes_markdown(lines);
   if (const std::string error = outputs.commit(); !error.empty()) return fail(error);
   fmt::print("{}", trade::text(lines, whole));
@@ -50,39 +48,25 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   if (const std::string error = parse_shard(options.shard, shard, shards); !error.empty()) return fail(error);
   OutputFiles outputs(asked(options));
   if (!outputs.error().empty()) return fail(outputs.error());
-  if (shards > 1 && (!options.svg.empty() || !options.modes.empty())) {
+  if (shards > 1 && !options.modes.empty()) {
     return fail(
-        "--shard: a piece has no picture and no table of modes. Likely cause: --svg or --modes given to a piece. Next: "
-        "give them to holdfast trade show with all the pieces");
+        "--shard: a piece has no table of modes. Likely cause: --modes given to a piece. Next: give it to holdfast "
+        "trade "
+        "show with all the pieces");
   }
   const std::vector<trade::Point> points = trade::points();
   std::vector<long> mine;
-  bool learns = false;
   for (std::size_t i = 0; i < points.size(); ++i) {
     if (static_cast<int>(i % static_cast<std::size_t>(shards)) + 1 != shard) continue;
     mine.push_back(static_cast<long>(i));
-    learns = learns || points[i].learns();
   }
-  const int every = learns ? options.lessons : 0;
-  Progress learning("trade: lessons", every == 0 ? 0 : static_cast<long>(trade::grasps_to_learn_from(every).size()));
-  const trade::Lessons lessons(every, [&](long played) {
-    learning.update(played);
-    return !interrupted();
-  });
   std::vector<trade::Trialled> trialled;
   trialled.reserve(mine.size());
-  for (const long i : mine) {
-    if (interrupted()) return fail(interrupted_line());
-    trialled.emplace_back(points[static_cast<std::size_t>(i)], lessons);
-  }
-  learning.clear();
-  const std::vector<learn::PlannedGrasp> grasps = trade::planned_grasps(options.every);
+  for (const long i : mine) trialled.emplace_back(points[static_cast<std::size_t>(i)]);
   std::set<int, std::greater<>> widths;
   for (const long i : mine) widths.insert(points[static_cast<std::size_t>(i)].tuning.picture_width);
-  // A film takes about as long as 20 grasps, filming and one setting each.
-  const long film_in_grasps = 20 * (static_cast<long>(mine.size()) + 8) / 8;
-  const long films = options.films * static_cast<long>(widths.size());
-  Progress progress("trade", static_cast<long>(grasps.size()) + films * film_in_grasps);
+  constexpr long kParts = 100;  // of a film, for the progress
+  Progress progress("trade", kParts * options.films * static_cast<long>(widths.size()));
   long done = 0;
   std::vector<std::size_t> turns(trialled.size());
   std::iota(turns.begin(), turns.end(), 0);
@@ -96,21 +80,15 @@ int trade_firmware(const TradeFirmwareOptions& options) {
         std::swap(turns[i - 1], turns[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
       }
       for (const std::size_t turn : turns) trialled[turn].show(film, static_cast<std::size_t>(k));
-      progress.update(done + film_in_grasps * k / frames);
+      progress.update(done + kParts * k / frames);
     }
-    done += film_in_grasps;
+    done += kParts;
     return !interrupted();
   };
   for (int which = 0; which < options.films; ++which) {
     for (const int width : widths) {
       if (!show(trade::shoot(which, width, [] { return !interrupted(); }))) return fail(interrupted_line());
     }
-  }
-  for (const learn::PlannedGrasp& planned : grasps) {
-    const trade::Grasp grasp = trade::play(planned);
-    for (trade::Trialled& one : trialled) one.show(grasp);
-    progress.update(++done);
-    if (interrupted()) return fail(interrupted_line());
   }
   for (const std::string& labels : options.recordings) {
     const auto play = [&](const learn::RecordedClip& clip) {

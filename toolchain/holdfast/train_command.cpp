@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// holdfast train: samples to a classifier, judged by trials that it has not seen; trees become model texts.
+// holdfast train: samples to a tree, judged by trials that it has not seen; the tree becomes a model text.
 //
 // Everything that is reported comes from folds of whole trials. A model is fitted to all rows afterwards, so what it
 // does on them says nothing; its text carries the folds' figures.
@@ -8,6 +8,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -27,6 +28,7 @@
 #include "slip/decision.hpp"
 #include "slip/model.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/learn/evaluate.hpp"
 #include "toolchain/learn/learners.hpp"
 #include "toolchain/learn/metrics.hpp"
 #include "toolchain/learn/samples.hpp"
@@ -39,19 +41,15 @@ namespace holdfast::tool {
 namespace {
 
 using learn::Interval;
-using learn::Kind;
 using learn::Settings;
 
 struct TrainOptions {
   std::vector<std::string> files;
   std::string set;
-  std::string kind = "tree";
-  std::string criterion = "information";
   std::string model;
   std::string name;
   Settings settings;
   int folds = 5;
-  bool grid_search = false;
   bool json = false;
 };
 
@@ -185,7 +183,7 @@ Error make_folds(const Data& data, const FeatureSet& set, int folds, const Setti
 
 struct Figures {
   std::vector<learn::Confusion> folds;
-  std::vector<learn::GraspEvent> events;  // of every trial
+  learn::EventGroup events;  // of all trials
 
   [[nodiscard]] Interval interval(double (learn::Confusion::*figure)() const) const {
     std::vector<double> values;
@@ -212,12 +210,10 @@ std::string percent(const Interval& interval) {
   return fmt::format("{:.2f} +- {:.2f} %", interval.mean * 100.0, interval.half * 100.0);
 }
 
-Error judge(const learn::Samples& samples, const Fold& fold, const Settings& settings, bool with_events,
-            Figures& figures) {
+Error judge(const learn::Samples& samples, const Fold& fold, const Settings& settings, Figures& figures) {
   const std::unique_ptr<learn::Learner> learner = learn::make_learner(settings);
   if (const auto error = learner->fit(fold.train)) {
-    return fmt::format("{} cannot learn: {}. Likely cause: too few rows. Next: add trials", name_of(settings.kind),
-                       *error);
+    return fmt::format("nothing can be learned: {}. Likely cause: too few rows. Next: add trials", *error);
   }
   learn::Confusion confusion;
   const auto predict = [&](const learn::Matrix& rows) {
@@ -230,200 +226,77 @@ Error judge(const learn::Samples& samples, const Fold& fold, const Settings& set
   const std::vector<std::uint8_t> said = predict(fold.test);
   for (std::size_t i = 0; i < said.size(); ++i) confusion.add(fold.test.slip[i] != 0, said[i] != 0);
   figures.folds.push_back(confusion);
-  if (!with_events) return {};
   for (const TestTrial& test : fold.trials) {
     const learn::Trial& trial = samples.trials[idx(test.trial)];
     const std::vector<std::uint8_t> accepted = predict(test.rows);
     std::vector<std::uint8_t> verdicts(idx(trial.count));
     for (std::size_t i = 0; i < accepted.size(); ++i) verdicts[idx(test.rows.row[i] - trial.first)] = accepted[i];
-    figures.events.push_back(learn::event_of(samples, test.trial, verdicts, decision::Config{}));
+    figures.events.add(learn::event_of(samples, test.trial, verdicts, decision::Config{}));
   }
   return {};
 }
 
-// Events of all trials together. An alarm that was up already when the onset came is neither detected nor missed here:
-// its rise was a false alarm, and a delay of 0 would flatter.
-struct EventFigures {
-  static constexpr std::array<int, 3> kWithin{2, 5, 10};  // frames
-  int onsets = 0;
-  int before = 0;
-  int missed = 0;
-  std::array<int, kWithin.size()> within{};
-  std::optional<double> median_s;
-  int false_alarms = 0;
-  double held_s = 0.0;
+constexpr std::array kWithin{2, 5, 10};  // frames
 
-  explicit EventFigures(const std::vector<learn::GraspEvent>& events) {
-    std::vector<double> delays_s;
-    for (const learn::GraspEvent& event : events) {
-      false_alarms += event.false_alarms;
-      held_s += event.held_s;
-      if (!event.slips) continue;
-      ++onsets;
-      if (event.raised_before) {
-        ++before;
-      } else if (!event.raised_s) {
-        ++missed;
-      } else {
-        delays_s.push_back(*event.raised_s - event.onset_s);
-        for (std::size_t i = 0; i < kWithin.size(); ++i) within[i] += *event.raised_frames <= kWithin[i] ? 1 : 0;
-      }
-    }
-    if (delays_s.empty()) return;
-    // The lower middle of an even number.
-    const auto middle = delays_s.begin() + static_cast<std::ptrdiff_t>((delays_s.size() - 1) / 2);
-    std::nth_element(delays_s.begin(), middle, delays_s.end());
-    median_s = *middle;
-  }
-
-  [[nodiscard]] std::optional<double> alarms_per_hour() const {
-    return held_s > 0.0 ? std::optional(false_alarms * 3600.0 / held_s) : std::nullopt;
-  }
-};
-
-std::vector<std::string> event_lines(const EventFigures& figures) {
-  const auto or_dash = [](const std::optional<double>& value, std::string_view form) {
-    return value ? fmt::format(fmt::runtime(form), *value) : "-";
-  };
+// Of all trials together. The median is the lower middle of an even number.
+std::vector<std::string> event_lines(const learn::EventGroup& group) {
+  const auto detected = [&](int within) { return std::lround(group.within(within) * group.onsets); };
+  const std::optional<double> median_ms = learn::quantile(group.ms, 0.5);
   return {
-      fmt::format("{} onsets: {} detected within 2 frames, {} within 5, {} within 10; median delay {} s",
-                  figures.onsets, figures.within[0], figures.within[1], figures.within[2],
-                  or_dash(figures.median_s, "{:.3f}")),
-      fmt::format("{} missed; in {} the alarm was up already, which counts as neither", figures.missed, figures.before),
-      fmt::format("{} false alarms in {:.1f} s of held contact: {} per hour", figures.false_alarms, figures.held_s,
-                  or_dash(figures.alarms_per_hour(), "{:.1f}"))};
+      fmt::format("{} onsets: {} detected within 2 frames, {} within 5, {} within 10; median delay {} s", group.onsets,
+                  detected(2), detected(5), detected(10), median_ms ? fmt::format("{:.3f}", *median_ms / 1e3) : "-"),
+      fmt::format("{} missed; in {} the alarm was up already, which counts as neither", group.missed, group.before),
+      fmt::format("{} false alarms in {:.1f} s of held contact: {} per hour", group.false_alarms, group.held_s,
+                  group.held_s > 0.0 ? fmt::format("{:.1f}", group.alarms_per_hour()) : "-")};
 }
 
 // --- settings ---
 
-std::string_view name_of(learn::Criterion criterion) {
-  return criterion == learn::Criterion::kGini ? "gini" : "information";
-}
-
 std::string text_of(const Settings& s) {
-  const std::string tree = fmt::format("depth {}, min_leaf {}", s.max_depth, s.min_leaf);
-  std::string weights = fmt::format("classes balanced, slip_weight {:g}", s.slip_weight);
-  if (s.recorded_weight != 1.0) weights += fmt::format(", recorded_weight {:g}", s.recorded_weight);
-  switch (s.kind) {
-    case Kind::kTreeCv:
-      return fmt::format("tree_cv: {}, {}", tree, weights);
-    case Kind::kForest:
-      return fmt::format("forest: trees {}, {}, {}", s.trees, tree, weights);
-    case Kind::kSvm:
-      return fmt::format("svm: C {:g}, gamma {}, {}", s.svm_c,
-                         s.svm_gamma > 0.0 ? fmt::format("{:g}", s.svm_gamma) : "1 / features", weights);
-    case Kind::kKnn:
-      return fmt::format("knn: k {}", s.neighbours);
-    case Kind::kTree:
-      break;
-  }
-  return fmt::format("tree: {}, prune {:g}, criterion {}, {}", tree, s.prune, name_of(s.criterion), weights);
-}
-
-bool is_tree(Kind kind) {
-  return kind == Kind::kTree || kind == Kind::kTreeCv;
-}
-
-// The points of a grid search, simple ones first: of equal figures the first is taken.
-std::vector<Settings> grid_of(const Settings& base, int features) {
-  std::vector<Settings> points{base};
-  const auto vary = [&](auto Settings::*knob, const auto& values) {
-    std::vector<Settings> more;
-    for (const Settings& point : points) {
-      for (const auto value : values) {
-        more.push_back(point);
-        more.back().*knob = value;
-      }
-    }
-    points = std::move(more);
-  };
-  if (is_tree(base.kind)) {
-    vary(&Settings::max_depth, std::array{3, 4, 6, 8, 10});
-    vary(&Settings::min_leaf, std::array{160, 40, 10});
-    if (base.kind == Kind::kTree) vary(&Settings::prune, std::array{0.002, 0.0005, 0.0});
-  } else if (base.kind == Kind::kForest) {
-    vary(&Settings::max_depth, std::array{5, 8, 12});
-    vary(&Settings::trees, std::array{20, 50, 100});
-  } else if (base.kind == Kind::kSvm) {
-    vary(&Settings::svm_c, std::array{0.1, 1.0, 10.0});
-    vary(&Settings::svm_gamma, std::array{0.3 / features, 1.0 / features, 3.0 / features});
-  } else {
-    vary(&Settings::neighbours, std::array{1, 3, 5, 9, 15, 31});
-  }
-  return points;
+  std::string text = fmt::format("tree: depth {}, min_leaf {}, prune {:g}, classes balanced, slip_weight {:g}",
+                                 s.max_depth, s.min_leaf, s.prune, s.slip_weight);
+  if (s.recorded_weight != 1.0) text += fmt::format(", recorded_weight {:g}", s.recorded_weight);
+  return text;
 }
 
 // --- the run ---
 
-struct GridPoint {
-  Settings settings;
-  Interval balanced;
-};
-
-struct TrainingRun {
-  std::vector<GridPoint> grid;
-  Settings settings;
-  Figures figures;
-};
-
-Error search(const Data& data, const FeatureSet& set, const std::vector<Fold>& folds, const TrainOptions& options,
-             TrainingRun& result) {
-  std::vector<Settings> points;
-  if (options.grid_search) points = grid_of(options.settings, set.size());
-  result.settings = options.settings;
-  Progress progress("train", static_cast<long>((points.size() + 1) * folds.size()));
+Error cross_validate(const Data& data, const std::vector<Fold>& folds, const Settings& settings, Figures& figures) {
+  Progress progress("train", static_cast<long>(folds.size()));
   long done = 0;
-  const auto run = [&](const Settings& settings, bool with_events, Figures& figures) -> Error {
-    for (const Fold& fold : folds) {
-      if (Error error = judge(data.samples, fold, settings, with_events, figures); !error.empty()) return error;
-      progress.update(++done);
-      if (interrupted()) return interrupted_line();
-    }
-    return {};
-  };
-  double best = -1.0;
-  for (const Settings& settings : points) {
-    Figures figures;
-    if (Error error = run(settings, false, figures); !error.empty()) return error;
-    const Interval balanced = figures.interval(&learn::Confusion::balanced_accuracy);
-    result.grid.push_back({settings, balanced});
-    if (balanced.mean <= best) continue;
-    best = balanced.mean;
-    result.settings = settings;
+  for (const Fold& fold : folds) {
+    if (Error error = judge(data.samples, fold, settings, figures); !error.empty()) return error;
+    progress.update(++done);
+    if (interrupted()) return interrupted_line();
   }
-  return run(result.settings, true, result.figures);
+  return {};
 }
 
-std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptions& options,
-                       const TrainingRun& result) {
+std::string comment_of(const Data& data, const FeatureSet& set, const TrainOptions& options, const Figures& figures) {
   std::string out = "Slip decision tree, written by `holdfast train`.\n\nLearned from:\n";
   for (const DataFile& file : data.files) {
     out += fmt::format("  {}: {} rows of {} trials, {} of them judged, {} slip; CRC-32 {:08X}\n", file.name, file.rows,
                        file.trials, file.judged, file.slip, file.crc);
   }
-  out += fmt::format("Feature set {}; {}; seed {}.\n", set.name, text_of(result.settings), result.settings.seed);
-  if (!result.grid.empty()) {
-    out += fmt::format("Chosen as the best of {} points on the folds below, which flatters them a little.\n",
-                       result.grid.size());
-  }
+  out += fmt::format("Feature set {}; {}; seed {}.\n", set.name, text_of(options.settings), options.settings.seed);
   out += fmt::format(
       "\nBy trees of these settings on trials that they have not seen ({} folds by trial; 95 % over the folds):\n",
       options.folds);
   for (const NamedFigure& figure : kFrameFigures) {
-    out += fmt::format("  {:18} {}\n", figure.name, percent(result.figures.interval(figure.figure)));
+    out += fmt::format("  {:18} {}\n", figure.name, percent(figures.interval(figure.figure)));
   }
   const decision::Config decision;
   out += fmt::format("Raised after {} slips in a row, held for {} ms:\n", decision.raise_frames,
                      decision.hold.count() / 1000);
-  for (const std::string& line : event_lines(EventFigures(result.figures.events))) out += "  " + line + "\n";
+  for (const std::string& line : event_lines(figures.events)) out += "  " + line + "\n";
   return out;
 }
 
 // Fits to all rows and checks that the model text decides as the classifier does.
-Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& options, const TrainingRun& result,
+Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& options, const Figures& figures,
                  treec::Model& model, std::string& text) {
-  const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, result.settings.recorded_weight, true);
-  const std::unique_ptr<learn::Learner> learner = learn::make_learner(result.settings);
+  const learn::Matrix all = learn::matrix_of(data.samples, set, data.trials, options.settings.recorded_weight, true);
+  const std::unique_ptr<learn::Learner> learner = learn::make_learner(options.settings);
   const std::optional<std::string> error = learner->fit(all);
   std::optional<treec::Model> tree = error ? std::nullopt : learner->tree();
   if (!tree) {
@@ -433,7 +306,7 @@ Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& op
         options.model, error.value_or("the tree says the same of every row"));
   }
   tree->name = options.name;
-  text = treec::to_text(*tree, comment_of(data, set, options, result));
+  text = treec::to_text(*tree, comment_of(data, set, options, figures));
   auto problem = treec::parse(text, model);
   if (!problem) problem = treec::check(model);
   if (problem) {
@@ -456,60 +329,39 @@ Error make_model(const Data& data, const FeatureSet& set, const TrainOptions& op
       options.model, differ, all.height());
 }
 
-void print(const Data& data, const FeatureSet& set, const TrainOptions& options, const TrainingRun& result) {
+void print(const Data& data, const FeatureSet& set, const TrainOptions& options, const Figures& figures) {
   for (const DataFile& file : data.files) {
     fmt::print("data      {}: {} rows of {} trials, {} judged, {} slip; CRC-32 {:08X}\n", file.name, file.rows,
                file.trials, file.judged, file.slip, file.crc);
   }
   fmt::print("set       {}: {} features\n", set.name, set.size());
-  if (!result.grid.empty()) fmt::print("grid      balanced accuracy, 95 % over {} folds\n", options.folds);
-  for (const GridPoint& point : result.grid) {
-    fmt::print("          {:>18}  {}\n", percent(point.balanced), text_of(point.settings));
-  }
-  fmt::print("settings  {}; seed {}\n", text_of(result.settings), result.settings.seed);
+  fmt::print("settings  {}; seed {}\n", text_of(options.settings), options.settings.seed);
   fmt::print("frames    {} folds by trial, 95 % over the folds\n", options.folds);
   for (const NamedFigure& figure : kFrameFigures) {
-    fmt::print("          {:18} {}\n", figure.name, percent(result.figures.interval(figure.figure)));
+    fmt::print("          {:18} {}\n", figure.name, percent(figures.interval(figure.figure)));
   }
   std::string_view head = "events";
-  for (const std::string& line : event_lines(EventFigures(result.figures.events))) {
+  for (const std::string& line : event_lines(figures.events)) {
     fmt::print("{:10}{}\n", head, line);
     head = "";
   }
 }
 
 nlohmann::json json_of(const Settings& s) {
-  nlohmann::json out;
-  out["kind"] = name_of(s.kind);
-  out["seed"] = s.seed;
-  if (s.kind != Kind::kKnn) out["slip_weight"] = s.slip_weight;
-  if (is_tree(s.kind) || s.kind == Kind::kForest) out["recorded_weight"] = s.recorded_weight;
-  if (is_tree(s.kind) || s.kind == Kind::kForest) {
-    out["depth"] = s.max_depth;
-    out["min_leaf"] = s.min_leaf;
-  }
-  if (s.kind == Kind::kTree) {
-    out["prune"] = s.prune;
-    out["criterion"] = name_of(s.criterion);
-  }
-  if (s.kind == Kind::kForest) out["trees"] = s.trees;
-  if (s.kind == Kind::kSvm) {
-    out["C"] = s.svm_c;
-    out["gamma"] = s.svm_gamma;
-  }
-  if (s.kind == Kind::kKnn) out["k"] = s.neighbours;
-  return out;
+  return {{"kind", "tree"},
+          {"seed", s.seed},
+          {"slip_weight", s.slip_weight},
+          {"recorded_weight", s.recorded_weight},
+          {"depth", s.max_depth},
+          {"min_leaf", s.min_leaf},
+          {"prune", s.prune}};
 }
 
 nlohmann::json json_of(const Interval& interval) {
   return {{"mean", interval.mean}, {"half", interval.half}};
 }
 
-nlohmann::json json_of(const std::optional<double>& value) {
-  return value ? nlohmann::json(*value) : nlohmann::json();
-}
-
-void print_json(const Data& data, const FeatureSet& set, const TrainOptions& options, const TrainingRun& result,
+void print_json(const Data& data, const FeatureSet& set, const TrainOptions& options, const Figures& figures,
                 const treec::Model& model) {
   nlohmann::json out;
   for (const DataFile& file : data.files) {
@@ -521,25 +373,23 @@ void print_json(const Data& data, const FeatureSet& set, const TrainOptions& opt
                            {"crc32", fmt::format("{:08X}", file.crc)}});
   }
   out["set"] = set.name;
-  for (const GridPoint& point : result.grid) {
-    out["grid"].push_back({{"settings", json_of(point.settings)}, {"balanced_accuracy", json_of(point.balanced)}});
-  }
-  out["settings"] = json_of(result.settings);
+  out["settings"] = json_of(options.settings);
   out["folds"] = options.folds;
   for (const NamedFigure& figure : kFrameFigures) {
-    out[std::string(figure.key)] = json_of(result.figures.interval(figure.figure));
+    out[std::string(figure.key)] = json_of(figures.interval(figure.figure));
   }
-  const EventFigures events(result.figures.events);
+  const learn::EventGroup& events = figures.events;
   out["onsets"] = events.onsets;
   out["raised_before_onset"] = events.before;
   out["missed"] = events.missed;
-  for (std::size_t i = 0; i < events.within.size(); ++i) {
-    out[fmt::format("within_{}", EventFigures::kWithin[i])] = events.within[i];
+  for (const int frames : kWithin) {
+    out[fmt::format("within_{}", frames)] = std::lround(events.within(frames) * events.onsets);
   }
-  out["median_delay_s"] = json_of(events.median_s);
+  const std::optional<double> median_ms = learn::quantile(events.ms, 0.5);
+  out["median_delay_s"] = median_ms ? nlohmann::json(*median_ms / 1e3) : nlohmann::json();
   out["false_alarms"] = events.false_alarms;
   out["held_s"] = events.held_s;
-  out["false_alarms_per_hour"] = json_of(events.alarms_per_hour());
+  out["false_alarms_per_hour"] = events.held_s > 0.0 ? nlohmann::json(events.alarms_per_hour()) : nlohmann::json();
   if (!options.model.empty()) {
     out["model"] = {{"path", options.model},
                     {"name", model.name},
@@ -562,17 +412,9 @@ std::vector<std::string_view> set_names() {
   return names;
 }
 
-const std::array<std::string, 5> kKindNames{"tree", "tree_cv", "forest", "svm", "knn"};
-
 // Checks the model's place and name before any work. Empty, or an error line.
 Error settle_model(TrainOptions& options) {
   if (options.model.empty()) return {};
-  if (!is_tree(options.settings.kind)) {
-    return fmt::format(
-        "--model: {} cannot be deployed, only trees can. Likely cause: --kind and --model do not go together. Next: "
-        "leave --model out, or give --kind tree",
-        options.kind);
-  }
   for (const std::string& file : options.files) {
     if (!same_place(options.model, file)) continue;
     return fmt::format(
@@ -591,9 +433,6 @@ Error settle_model(TrainOptions& options) {
 }
 
 int train(TrainOptions options) {
-  options.settings.kind = *learn::find_kind(options.kind);
-  options.settings.criterion =
-      options.criterion == "gini" ? learn::Criterion::kGini : learn::Criterion::kInformationGain;
   const FeatureSet* const set = find_feature_set(options.set);
   if (set == nullptr) {
     return fail(fmt::format("--set '{}': no such set. Likely cause: a typing error. Next: give one of {}", options.set,
@@ -610,25 +449,23 @@ int train(TrainOptions options) {
   if (const Error error = make_folds(data, *set, options.folds, options.settings, folds); !error.empty()) {
     return fail(error);
   }
-  TrainingRun result;
-  if (const Error error = search(data, *set, folds, options, result); !error.empty()) return fail(error);
+  Figures figures;
+  if (const Error error = cross_validate(data, folds, options.settings, figures); !error.empty()) return fail(error);
   treec::Model model;
   if (out) {
     std::string text;
-    if (const Error error = make_model(data, *set, options, result, model, text); !error.empty()) return fail(error);
+    if (const Error error = make_model(data, *set, options, figures, model, text); !error.empty()) return fail(error);
     out->stream() << text;
     if (const Error error = out->commit(); !error.empty()) return fail(error);
   }
   if (options.json) {
-    print_json(data, *set, options, result, model);
+    print_json(data, *set, options, figures, model);
     return 0;
   }
-  print(data, *set, options, result);
+  print(data, *set, options, figures);
   if (out) {
     fmt::print("written   {}: {}, {} nodes, depth {}, CRC-32 {:08X}\n", options.model, model.name, model.nodes.size(),
                treec::depth(model), model.text_crc32);
-  } else if (!is_tree(options.settings.kind)) {
-    fmt::print("note      {} cannot be deployed: the device runs trees\n", options.kind);
   }
   return 0;
 }
@@ -638,49 +475,34 @@ int train(TrainOptions options) {
 void add_train(CLI::App& app, std::vector<Command>& commands) {
   auto options = std::make_shared<TrainOptions>();
   Settings& settings = options->settings;
-  CLI::App* command = app.add_subcommand("train", "train classifiers of slip; trees become models");
+  CLI::App* command = app.add_subcommand("train", "train the decision tree of slip, a model");
   command->add_option("DATA", options->files, "samples that holdfast dataset wrote: CSV")->required()->check(not_empty);
   command->add_option("--set", options->set, fmt::format("features to learn from: {}", list_of(set_names())))
       ->required();
-  command
-      ->add_option("--kind", options->kind,
-                   fmt::format("classifier: {}. tree is our own, tree_cv OpenCV's; the others cannot be deployed",
-                               list_of(kKindNames)))
-      ->check(CLI::IsMember(kKindNames))
-      ->capture_default_str();
   CLI::Option* model = command->add_option("--model", options->model, "write the tree: model text")->check(not_empty);
   command->add_option("--name", options->name, "of the model (the file's, without its ending)")
       ->check(not_empty)
       ->needs(model);
-  CLI::Option* grid = command->add_flag(
-      "--grid-search", options->grid_search,
-      "try depth, min-leaf and prune (forest: depth and trees; svm: C and gamma; knn: k) and take the best");
-  command->add_option("--depth", settings.max_depth, "predicates on the longest path; trees and forest")
+  command->add_option("--depth", settings.max_depth, "predicates on the longest path")
       ->check(CLI::Range(1, treec::kMaxDepth))
-      ->capture_default_str()
-      ->excludes(grid);
-  command->add_option("--min-leaf", settings.min_leaf, "rows of the smallest leaf; trees and forest")
+      ->capture_default_str();
+  command->add_option("--min-leaf", settings.min_leaf, "rows of the smallest leaf")
       ->check(CLI::Range(1, 1'000'000))
-      ->capture_default_str()
-      ->excludes(grid);
-  command->add_option("--prune", settings.prune, "least share of errors, 0 to 1, that a further leaf must save; tree")
+      ->capture_default_str();
+  command->add_option("--prune", settings.prune, "least share of errors, 0 to 1, that a further leaf must save")
       ->check(number_from_to(0.0, 1.0))
-      ->capture_default_str()
-      ->excludes(grid);
+      ->capture_default_str();
   command
       ->add_option("--recorded-weight", settings.recorded_weight,
-                   "of a recorded row beside a simulated one, of which there are many more; trees and forest")
+                   "of a recorded row beside a simulated one, of which there are many more")
       ->check(number_from_to(0.001, 1000.0))
       ->capture_default_str();
   command
       ->add_option("--slip-weight", settings.slip_weight,
-                   "of a slip row beside a hold row; below 1: fewer false alarms, later detection; all but knn")
+                   "of a slip row beside a hold row; below 1: fewer false alarms, later detection")
       ->check(number_from_to(0.001, 1000.0))
       ->capture_default_str();
-  command->add_option("--criterion", options->criterion, "what a split must lessen: information or gini; tree")
-      ->check(CLI::IsMember({"information", "gini"}))
-      ->capture_default_str();
-  command->add_option("--seed", settings.seed, "of the folds and of the forest")->capture_default_str();
+  command->add_option("--seed", settings.seed, "of the folds")->capture_default_str();
   command->add_option("--folds", options->folds, "parts of whole trials, each judged by those who learned the others")
       ->check(CLI::Range(2, 1000))
       ->capture_default_str();

@@ -73,13 +73,11 @@ class Grower {
     return hold * config_.hold_weight + slip * config_.slip_weight;
   }
 
-  // Impurity times weight. Information: sum w log2 w - sum over classes, in bit; Gini: w (1 - sum p^2).
+  // Entropy times weight, in bit.
   [[nodiscard]] double impurity(const Mass& mass) const {
     const double hold = mass.hold * config_.hold_weight;
     const double slip = mass.slip * config_.slip_weight;
-    const double sum = hold + slip;
-    if (config_.criterion == Criterion::kInformationGain) return x_log_x(sum) - x_log_x(hold) - x_log_x(slip);
-    return sum > 0.0 ? 2.0 * hold * slip / sum : 0.0;
+    return x_log_x(hold + slip) - x_log_x(hold) - x_log_x(slip);
   }
 
   // Grows the rows [begin, end) of every order below a new node; the node's id is its place at the call.

@@ -2,9 +2,9 @@
 // Our own decision tree (CART: Breiman, Friedman, Olshen, Stone 1984), grown for a device that compares integers.
 //
 // One predicate, x <= t, t an integer: the midpoint of two neighbouring values, rounded down. A split is the one of the
-// largest gain among those that leave `min_leaf` rows on both sides; of equal gains the first feature and the lowest
-// threshold win. Weights are summed per class before the class's own weight is applied, so rows of weight 2 and doubled
-// rows give the same bits, and so do any order of rows. Rows of weight 0 are not there at all.
+// largest gain of information among those that leave `min_leaf` rows on both sides; of equal gains the first feature
+// and the lowest threshold win. Weights are summed per class before the class's own weight is applied, so rows of
+// weight 2 and doubled rows give the same bits, and so do any order of rows. Rows of weight 0 are not there at all.
 // Pruning: of all subtrees the smallest one of least error + prune * leaves, error as a share of the total weight.
 // Even with prune = 0 a split goes that does not lessen the error: no node keeps two leaves of one verdict.
 // Range: up to 2^31 rows; weights 0 or more, of which some are positive. A leaf where both classes weigh the same says
@@ -40,7 +40,6 @@ struct CartConfig {
   int max_depth = 8;
   int min_leaf = 40;
   double prune = 0.0;
-  Criterion criterion = Criterion::kInformationGain;
   double hold_weight = 1.0;  // of a hold row, on top of the row's own
   double slip_weight = 1.0;
 };

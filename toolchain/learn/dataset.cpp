@@ -16,15 +16,6 @@ constexpr double kTouch_n = 0.02;
 // Of the trial's largest force. Whoever presses with less is letting go: what slides then, is meant to.
 constexpr double kReleaseShare = 0.5;
 
-scene::Scene varied(scene::Scene scene, const Variation& variation) {
-  if (variation.fps) scene.fps = *variation.fps;
-  if (variation.marker_noise_um) scene.effects.marker_noise_um = *variation.marker_noise_um;
-  if (variation.marker_loss) scene.effects.marker_loss = *variation.marker_loss;
-  if (variation.shear_modulus_mpa) scene.gel.shear_modulus_mpa = *variation.shear_modulus_mpa;
-  scene.level.inject = variation.inject.value_or(scene::Inject::kMarkers);
-  return scene;
-}
-
 }  // namespace
 
 std::vector<Label> labels_of(std::span<const Truth> truth) {
@@ -41,10 +32,10 @@ std::vector<Label> labels_of(std::span<const Truth> truth) {
   return labels;
 }
 
-void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation,
-               const Watch& watch) {
-  const Params all = with_all_features(params);
-  const scene::Scene scene = varied(planned.scene, variation);
+void play_into(Samples& samples, const Planned& planned, scene::Inject inject) {
+  const Params all = with_all_features(Params{});
+  scene::Scene scene = planned.scene;
+  scene.level.inject = inject;
   tool::Rig rig(all);
   tool::Player player(scene, rig.clock());
   App& app = rig.connect(player.camera());
@@ -62,7 +53,6 @@ void play_into(Samples& samples, const Planned& planned, const Params& params, c
       row.slide_mm_s = truth.slide_mm_s;
       samples.rows.push_back(row);
       truths.push_back({truth.contact.normal_n, truth.level});
-      if (watch) watch(app, truth);
     }
   }
   trial.count = static_cast<int>(truths.size());

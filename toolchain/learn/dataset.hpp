@@ -19,23 +19,7 @@
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/samples.hpp"
 
-namespace holdfast {
-class App;
-namespace scene {
-struct Snapshot;
-}
-}  // namespace holdfast
-
 namespace holdfast::learn {
-
-// What is changed in every scene, for studies: the gel, the camera's rate, the tracking.
-struct Variation {
-  std::optional<double> fps;
-  std::optional<double> marker_noise_um;
-  std::optional<double> marker_loss;  // probability a marker and frame
-  std::optional<double> shear_modulus_mpa;
-  std::optional<scene::Inject> inject;  // markers unless given
-};
 
 // One grasp to play. `trial` has no rows yet.
 struct Planned {
@@ -52,11 +36,8 @@ struct Truth {
 };
 [[nodiscard]] std::vector<Label> labels_of(std::span<const Truth> truth);
 
-// Plays one scene and appends its trial, with these labels.
-// `watch` sees the firmware and the truth of each frame, whose row is the last one then; its label comes at the end.
-using Watch = std::function<void(const App&, const scene::Snapshot&)>;
-void play_into(Samples& samples, const Planned& planned, const Params& params, const Variation& variation = {},
-               const Watch& watch = {});
+// Plays one scene by the default parameters and appends its trial, with these labels.
+void play_into(Samples& samples, const Planned& planned, scene::Inject inject = scene::Inject::kMarkers);
 
 // One labelled clip, whole. Its rest position: recordings.cpp.
 struct RecordedClip {

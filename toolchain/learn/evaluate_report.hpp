@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An evaluation as tables and pictures: CSV for programs, text for the terminal, one HTML page for people. The page
-// needs nothing else: no script, no style sheet, no network; dark on white, fit for print. Shares are in percent, as
-// the paper prints them. Whose figures they are stands over the columns: simulated, recorded, or the paper's.
+// An evaluation as tables: CSV for programs, text for the terminal. Shares are in percent, as the paper prints them.
+// Whose figures they are stands over the columns: simulated, recorded, or the paper's.
 #pragma once
 
 #include <optional>
@@ -42,7 +41,6 @@ struct Table {
   std::string id;  // file name without .csv
   std::string title{};
   std::string note{};
-  bool page = true;    // on the page
   bool brief = false;  // at the terminal, there only the rows whose cell `brief_id` shows `brief_value`
   std::string brief_id{};
   std::string brief_value{};
@@ -50,26 +48,13 @@ struct Table {
   std::vector<std::vector<Cell>> rows{};
 };
 
-struct Chart {
-  std::string id;  // file name without .svg
-  std::string note;
-  std::string svg;
-};
-
 struct ReportFacts {
   std::string source;                                      // "simulated", "recorded", or both
   std::vector<std::pair<std::string, std::string>> facts;  // what was judged, in order
   std::vector<std::string> warnings;
-  bool held_out = false;  // the given models have not seen these rows
 };
 
 [[nodiscard]] std::vector<Table> tables_of(const Evaluation& evaluation, const ReportFacts& facts);
-[[nodiscard]] std::vector<Chart> charts_of(const Samples& samples, const Evaluation& evaluation,
-                                           const ReportFacts& facts);
-
 [[nodiscard]] std::string csv(const Table& table);
 [[nodiscard]] std::string text(const Table& table);  // brief columns
-[[nodiscard]] std::string html(const ReportFacts& facts, const std::vector<Table>& tables,
-                               const std::vector<Chart>& charts);
-
 }  // namespace holdfast::learn

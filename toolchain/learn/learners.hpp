@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The classifiers: four of OpenCV's ml module, which the paper compares, and our own tree, which the device runs.
+// The classifiers: our own tree (cart.hpp), which the device runs, and k-NN, the paper's best, to compare with.
 //
-//   tree_cv  OpenCV DTrees. Splits by Gini impurity; the paper writes information gain.
-//   forest   OpenCV RTrees
-//   svm      OpenCV SVM, RBF; features scaled to zero mean and unit variance of the training rows
-//   knn      OpenCV KNearest, scaled likewise
-//   tree     our CART (cart.hpp): integer thresholds, information gain or Gini, weights by row. Only this one and
-//            tree_cv can be deployed: tree() of the others is empty.
-// Ties and random choices are settled by `seed`: the same rows give the same classifier.
+// The tree splits by information gain at integer thresholds and weighs each row. k-NN is OpenCV's, with one neighbour,
+// on features scaled to zero mean and unit variance of the training rows; it has no weights and cannot be deployed.
 #pragma once
 
 #include <cstdint>
@@ -49,33 +44,22 @@ struct Matrix {
 // As judge() of pipeline.cpp: where the picture is read, nothing slips without contact.
 [[nodiscard]] bool may_slip(const FeatureSet& set, const Row& row);
 
-enum class Kind : std::uint8_t { kTreeCv, kForest, kSvm, kKnn, kTree };
+enum class Kind : std::uint8_t { kTree, kKnn };
 [[nodiscard]] std::string_view name_of(Kind kind);
-[[nodiscard]] std::optional<Kind> find_kind(std::string_view name);
-
-enum class Criterion : std::uint8_t { kInformationGain, kGini };
 
 struct Settings {
   Kind kind = Kind::kTree;
-  std::uint64_t seed = 1;
-  bool balanced = true;          // both classes weigh the same, whatever their numbers (trees, forest, svm)
+  std::uint64_t seed = 1;  // of the folds
+  // Of the tree. Both classes weigh the same, whatever their numbers.
   double slip_weight = 1.0;      // of a slip row on top of that; below 1: fewer false alarms, later detection
-  double recorded_weight = 1.0;  // of a recorded row (matrix_of); trees and forest
-  int max_depth = 8;             // trees
-  int min_leaf = 40;             // rows; trees and forest
-  double prune = 0.0;            // tree: cost-complexity alpha, share of the total weight that a leaf must pay
-  Criterion criterion = Criterion::kInformationGain;  // tree
-  int trees = 50;                                     // forest
-  double svm_c = 1.0;
-  double svm_gamma = 0.0;  // 0: one over the number of features
-  int neighbours = 1;      // knn
+  double recorded_weight = 1.0;  // of a recorded row (matrix_of)
+  int max_depth = 8;
+  int min_leaf = 40;   // rows
+  double prune = 0.0;  // cost-complexity alpha, share of the total weight that a leaf must pay
 };
 
 // Nothing, or why no classifier can learn from these rows: no rows, one class only, weights that are none.
 [[nodiscard]] std::optional<std::string> unfit(const Matrix& rows);
-
-// What each row weighs in learning: its own weight times its class's. Range: rows that are not unfit.
-[[nodiscard]] std::vector<double> row_weights(const Settings& settings, const Matrix& rows);
 
 class Learner {
  public:

@@ -99,6 +99,14 @@ Interval interval_of(std::span<const double> values) {
   return interval;
 }
 
+std::optional<double> quantile(std::vector<double> values, double share) {
+  if (values.empty()) return std::nullopt;
+  const double rank = std::ceil(share * static_cast<double>(values.size())) - 1.0;
+  const auto at = static_cast<std::ptrdiff_t>(std::clamp(rank, 0.0, static_cast<double>(values.size() - 1)));
+  std::nth_element(values.begin(), values.begin() + at, values.end());
+  return values[static_cast<std::size_t>(at)];
+}
+
 namespace {
 
 bool labelled(const Row& row) {

@@ -38,6 +38,9 @@ struct Interval {
 };
 [[nodiscard]] Interval interval_of(std::span<const double> values);
 
+// The value below which `share` of them lie (nearest rank, so always one that occurred); nothing of none.
+[[nodiscard]] std::optional<double> quantile(std::vector<double> values, double share);
+
 // One trial through the decision stage of the firmware (slip/decision.hpp), from one verdict a row.
 struct GraspEvent {
   int trial = 0;

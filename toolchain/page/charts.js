@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small drawings: histogram, latency, the strip behind the scrubber, and the last minute of a live session. Their
-// classes are the report's (report.css), so that recorded and live plots look alike.
+// Drawings: histogram, latency, the strip behind the scrubber, and the plots over time. Their colours are in report.css.
 import { WIRE } from "./tables.js";
 import { shape } from "./gel.js";
 
@@ -124,8 +123,8 @@ export function drawOverview(svg, rows, marks) {
 const kPlotLeft = 62;
 const kPlotRight = 1062;
 
-// The last minute, drawn anew as it grows.
-export class LivePlots {
+// Over time: the last minute of a live session, drawn anew as it grows, or all of a recording.
+export class Plots {
   constructor(svg) {
     this.svg = svg;
     this.from = 0;
@@ -139,18 +138,26 @@ export class LivePlots {
     return this.from + ((x - kPlotLeft) / (kPlotRight - kPlotLeft)) * this.span;
   }
 
-  draw(rows) {
+  // `recorded`: the recording's data; null: live.
+  draw(rows, recorded = null) {
     this.svg.replaceChildren();
     this.bottom = 20;
     if (rows.length === 0) return;
     const last = rows[rows.length - 1].t_s;
-    // The paper gets longer up to a minute, then it moves.
-    this.span = [10, 20, 30].find((span) => last - rows[0].t_s <= span) ?? 60;
-    this.from = Math.max(rows[0].t_s, last - this.span);
+    if (recorded === null) {
+      // The paper gets longer up to a minute, then it moves.
+      this.span = [10, 20, 30].find((span) => last - rows[0].t_s <= span) ?? 60;
+      this.from = Math.max(rows[0].t_s, last - this.span);
+    } else {
+      this.from = rows[0].t_s;
+      this.span = Math.max(last - this.from + (rows.length > 1 ? last - rows[rows.length - 2].t_s : 0.04), 1e-6);
+    }
     this.rows = rows;
+    this.top = recorded !== null && recorded.marks.length > 0 ? 22 : 6;
     const heights = { e: 128, rate: 96, v: 118 };
     const shade = shape(this.svg, "g", {});
-    let y = 6;
+    let y = this.top;
+    if (recorded !== null) y = this.why(y);
     y = this.panel(y, "Entropy E", "nat", heights.e, 0, [["a", "", (r) => (r.featuresValid ? r.entropy : null)]]);
     y = this.panel(y, "Entropy rate dE/dt", "nat/s", heights.rate, null, [
       ["a", "", (r) => (r.ratesValid ? r.rate : null)],
@@ -159,6 +166,11 @@ export class LivePlots {
       ["a", "Vx", (r) => (r.ratesValid ? r.vx : null)],
       ["b", "Vy", (r) => (r.ratesValid ? r.vy : null)],
     ]);
+    if (recorded !== null && recorded.series !== null) {
+      const { name, unit, points } = recorded.series;
+      const truth = points.map(([t_s, v]) => ({ t_s, v }));
+      y = this.panel(y, `Truth: ${name}`, unit, 84, 0, [["v", "", (p) => p.v, truth]]);
+    }
     y = this.band(y, "State", 22, (r) => r.state, (r, x0, x1, at) => {
       shape(this.svg, "rect", { class: `state ${kStateClass[r.state]}`, x: x0, y: at, width: x1 - x0, height: 22 });
       const name = WIRE.states[r.state].name;
@@ -171,7 +183,7 @@ export class LivePlots {
     y = this.alive(y);
     this.bottom = y - 6;
     this.runs((r) => r.slip, (r, x0, x1) => {
-      const box = { class: "shade", x: x0, y: 6, width: x1 - x0, height: this.bottom - 6 };
+      const box = { class: "shade", x: x0, y: this.top, width: x1 - x0, height: this.bottom - this.top };
       if (r.slip) shape(this.svg, "rect", box, shade);
     });
     shape(this.svg, "path", { class: "axis", d: `M${kPlotLeft} ${this.bottom}H${kPlotRight}` });
@@ -179,24 +191,62 @@ export class LivePlots {
       shape(this.svg, "path", { class: "axis", d: `M${this.x(v)} ${this.bottom}v5` });
       text(this.svg, this.x(v), this.bottom + 18, "middle", words);
     }
-    text(this.svg, (kPlotLeft + kPlotRight) / 2, this.bottom + 34, "middle", "time since the first frame (s)");
+    text(this.svg, (kPlotLeft + kPlotRight) / 2, this.bottom + 34, "middle", `time ${recorded === null ? "since the first frame" : "of the recording"} (s)`);
+    if (recorded !== null) this.marks(recorded.marks);
     this.svg.setAttribute("viewBox", `0 0 1080 ${this.bottom + 40}`);
+    this.pointed = shape(this.svg, "path", { class: "hover" });
     this.cursor = shape(this.svg, "path", { class: "cursor" });
   }
 
+  line(path, t_s) {
+    path?.setAttribute("d", t_s === null ? "" : `M${this.x(t_s).toFixed(2)} ${this.top}V${this.bottom}`);
+  }
   showCursor(t_s) {
-    if (this.cursor) this.cursor.setAttribute("d", `M${this.x(t_s)} 6V${this.bottom}`);
+    this.line(this.cursor, t_s);
+  }
+  // Where the pointer is; null: nowhere.
+  showPointed(t_s) {
+    this.line(this.pointed, t_s);
+  }
+
+  // What decides, with its threshold. Without a picture between the dots the markers do, whose figures follow below.
+  why(y) {
+    if (!this.rows.some((r) => r.why !== null && r.why.contact !== null)) return y;
+    const threshold = this.rows.findLast((r) => r.why?.evidence === "imprint")?.why.evidence_threshold ?? 0;
+    const curves = [
+      ["a", "imprint", (r) => (r.featuresValid ? r.imprint : null)],
+      ["b", "coarse", (r) => (r.featuresValid ? r.coarse : null)],
+    ];
+    return this.panel(y, "Imprint's motion against the gel in 0.16 s", "um", 128, 0, curves, threshold);
+  }
+
+  // The onset is named first, the others where there is room left: their lines stay, the summary names them.
+  marks(marks) {
+    const taken = [];
+    for (const mark of [...marks].sort((a, b) => Number(b.onset) - Number(a.onset))) {
+      const at = this.x(mark.t_s);
+      if (!(at >= kPlotLeft && at <= kPlotRight)) continue;
+      shape(this.svg, "path", { class: "truth", d: `M${at} ${this.top - 4}V${this.bottom}` });
+      const width = 7 * mark.name.length;
+      const left = at + width > 1080;
+      const from = left ? at - width : at;
+      if (taken.some((other) => from < other + width && other < from + width)) continue;
+      taken.push(from);
+      const words = { class: "mark", x: left ? at - 3 : at + 3, y: this.top - 8, "text-anchor": left ? "end" : "start" };
+      shape(this.svg, "text", words).textContent = mark.name;
+    }
   }
 
   name(y, words) {
     shape(this.svg, "text", { class: "name small", x: kPlotLeft - 7, y, "text-anchor": "end" }).textContent = words;
   }
 
-  panel(y, name, unit, height, floor, curves) {
+  // A curve may have rows of its own. `threshold`: a line at this value; 0: none.
+  panel(y, name, unit, height, floor, curves, threshold = 0) {
     let low = 0;
-    let high = 0.1;
-    for (const row of this.rows) {
-      for (const [, , value] of curves) {
+    let high = Math.max(0.1, threshold);
+    for (const [, , value, rows = this.rows] of curves) {
+      for (const row of rows) {
         const v = value(row);
         if (v === null) continue;
         low = Math.min(low, v);
@@ -213,26 +263,45 @@ export class LivePlots {
       shape(this.svg, "path", { class: zero ? "zero" : "grid", d: `M${kPlotLeft} ${at(v)}H${kPlotRight}` });
       text(this.svg, kPlotLeft - 7, at(v) + 4, "end", words);
     }
-    shape(this.svg, "text", { class: "name", x: kPlotLeft, y: y + 13 }).textContent = `${name} (${unit})`;
-    curves.forEach(([css, label, value], i) => {
-      let d = "";
-      let down = false;
-      for (const row of this.rows) {
-        const v = value(row);
-        if (v === null) {
-          down = false;
-          continue;
-        }
-        d += `${down ? "L" : "M"}${this.x(row.t_s).toFixed(1)} ${at(v).toFixed(1)}`;
-        down = true;
-      }
-      shape(this.svg, "path", { class: css, d });
+    shape(this.svg, "text", { class: "name", x: kPlotLeft, y: y + 13 }).textContent = unit === "" ? name : `${name} (${unit})`;
+    if (threshold > 0) {
+      shape(this.svg, "path", { class: "truth", d: `M${kPlotLeft} ${at(threshold)}H${kPlotRight}` });
+      text(this.svg, kPlotRight - 3, at(threshold) - 4, "end", `threshold ${threshold.toFixed(0)}`);
+    }
+    curves.forEach(([css, label, value, rows = this.rows], i) => {
+      const dense = rows.length > kPlotRight - kPlotLeft ? " dense" : "";
+      shape(this.svg, "path", { class: css + dense, d: this.path(rows, value, at) });
       if (label === "") return;
       const x = kPlotRight - 56 * (curves.length - i);
       shape(this.svg, "path", { class: css, d: `M${x} ${y + 9}h22` });
       text(this.svg, x + 27, y + 13, "start", label);
     });
     return top + height + 16;
+  }
+
+  // A line through all points, or through the extremes of each step of the drawing when there are too many to see.
+  path(rows, value, at) {
+    const dense = rows.length > 2 * (kPlotRight - kPlotLeft);
+    const step = (row) => Math.floor(this.x(row.t_s));
+    let d = "";
+    let down = false;
+    for (let i = 0; i < rows.length; ) {
+      const from = i;
+      let low = null;
+      let high = null;
+      do {
+        const v = value(rows[i]);
+        if (v !== null && (low === null || v < value(rows[low]))) low = i;
+        if (v !== null && (high === null || v > value(rows[high]))) high = i;
+        ++i;
+      } while (dense && i < rows.length && step(rows[i]) === step(rows[from]));
+      for (const k of low === null ? [] : [...new Set([Math.min(low, high), Math.max(low, high)])]) {
+        d += `${down ? "L" : "M"}${this.x(rows[k].t_s).toFixed(1)} ${at(value(rows[k])).toFixed(1)}`;
+        down = true;
+      }
+      if (low === null) down = false;
+    }
+    return d;
   }
 
   runs(pick, draw) {

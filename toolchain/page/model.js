@@ -80,7 +80,7 @@ export class Recording {
   readRows(bytes) {
     const view = new DataView(bytes.buffer);
     const rows = [];
-    for (let at = 0; at < bytes.length; at += 66) {
+    for (let at = 0; at < bytes.length; at += 74) {
       const flags = view.getUint8(at + 18);
       const flag = (bit) => ((flags >> bit) & 1) === 1;
       const row = {
@@ -103,6 +103,8 @@ export class Recording {
         vy: view.getFloat32(at + 32, true),
         decided_us: view.getFloat32(at + 36, true),
         histogram: bytes.subarray(at + 40, at + 55),
+        imprint: view.getFloat32(at + 66, true),
+        coarse: view.getFloat32(at + 70, true),
       };
       row.why = row.featuresValid ? this.whyOf(view, at + 55, row.slip) : null;
       rows.push(row);

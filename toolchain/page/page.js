@@ -3,7 +3,7 @@
 import { WIRE } from "./tables.js";
 import { Recording, LiveSession, reasonOf } from "./model.js";
 import { GelView } from "./gel.js";
-import { LivePlots, drawHistogram, drawLatency, drawOverview, kStateClass, minus } from "./charts.js";
+import { Plots, drawHistogram, drawLatency, drawOverview, kStateClass, minus } from "./charts.js";
 import { kLabels, Labels } from "./labels.js";
 import { Port, Served, serialOf, whyNoSerial } from "./live.js";
 
@@ -23,7 +23,9 @@ class Page {
     this.live.served = served;
     this.session = recording ?? this.live;
     this.gel = new GelView($("arrows"), $("shot"));
-    this.plots = new LivePlots($("live-plots"));
+    this.plots = new Plots($("live-plots"));
+    this.recorded = recording === null ? null : new Plots($("plots"));
+    this.recorded?.draw(recording.rows, recording.data);
     const Source = served ? Served : Port;
     this.port = new Source({
       bytes: (bytes) => this.received(bytes),
@@ -327,17 +329,8 @@ class Page {
 
   showCursor(row) {
     if (this.session.live) return this.plots.showCursor(row.t_s);
-    const cursor = $("cursor");
-    if (cursor === null) return;
-    cursor.setAttribute("x1", this.plotX(row.t_s));
-    cursor.setAttribute("x2", this.plotX(row.t_s));
-    cursor.style.visibility = "visible";
+    this.recorded.showCursor(row.t_s);
     $("readout").textContent = this.readout(row);
-  }
-
-  plotX(t_s) {
-    const { t0, scale, left } = $("plots").dataset;
-    return (Number(left) + (t_s - Number(t0)) * Number(scale)).toFixed(2);
   }
 
   readout(row) {
@@ -632,34 +625,28 @@ class Page {
 
   // Press and drag sets the frame; the pointer alone reads out.
   listenToPlots() {
-    const time = (svg, event) => {
-      const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
-      if (svg.id === "live-plots") return this.plots.timeAt(at.x);
-      return Number(svg.dataset.t0) + (at.x - Number(svg.dataset.left)) / Number(svg.dataset.scale);
-    };
-    for (const svg of [$("plots"), $("live-plots")]) {
-      if (svg === null) continue;
+    for (const plots of [this.recorded, this.plots]) {
+      if (plots === null) continue;
+      const { svg } = plots;
+      const time = (event) =>
+        plots.timeAt(new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse()).x);
       svg.addEventListener("pointerdown", (event) => {
         if (this.row === undefined) return;
         svg.setPointerCapture(event.pointerId);
-        this.go(this.nearest(time(svg, event)));
+        this.go(this.nearest(time(event)));
       });
       svg.addEventListener("pointermove", (event) => {
         if (this.row === undefined) return;
-        const at = this.nearest(time(svg, event));
+        const at = this.nearest(time(event));
         if (event.buttons === 1) this.go(at);
-        else if (svg.id === "plots") this.hover(this.rows[at]);
+        else if (plots === this.recorded) this.hover(this.rows[at]);
       });
     }
-    $("plots")?.addEventListener("pointerleave", () => this.hover(null));
+    this.recorded?.svg.addEventListener("pointerleave", () => this.hover(null));
   }
 
   hover(row) {
-    $("hover").style.visibility = row === null ? "hidden" : "visible";
-    if (row !== null) {
-      $("hover").setAttribute("x1", this.plotX(row.t_s));
-      $("hover").setAttribute("x2", this.plotX(row.t_s));
-    }
+    this.recorded.showPointed(row === null ? null : row.t_s);
     $("readout").textContent = this.readout(row ?? this.row);
   }
 

@@ -491,61 +491,6 @@ Scene grasp_trial(const PaperObject& object, const Primitive& primitive, GraspKi
   scene.level.contact = as_round(object.shape) ? ContactLevel::kSprings : ContactLevel::kGrid;
   if (level) scene.level = *level;
   Trial(object, primitive, kind, scene.seed).write(scene);
-  for (const std::string_view name : used_capabilities(scene)) scene.needs.emplace_back(name);
-  return scene;
-}
-
-Scene entropy_trace() {
-  const auto* box = std::ranges::find(kPaperObjects, std::string_view("box"), &PaperObject::name);
-  // Gentle for a gripper that starts at 20 N, and a soft gel (the preset of a finite-element model of this sensor):
-  // with less, the grasp moves no dot out of the histogram's first bin (0.13 mm).
-  constexpr double kPress_n = 6.0;
-  constexpr double kFriction = 0.45;
-  const Gel soft{.shear_modulus_mpa = 0.035, .poisson = 0.49, .thickness_mm = 4.25};
-  const FrictionLimit limit = friction_limit(box->shape, soft, kFriction, kPress_n);
-  Scene scene;
-  scene.name = "paper_entropy";
-  scene.help = "the paper's entropy figure: no contact, touch, secure grasp, incipient slip, slip, loss of contact";
-  scene.seed = 1;
-  scene.level.contact = ContactLevel::kGrid;
-  scene.gel = soft;
-  scene.object.name = box->name;
-  scene.object.shape = box->shape;
-  scene.object.friction = kFriction;
-  scene.object.kinetic_friction = kFriction * box->kinetic_share;
-  scene.profile = Profile::kMinimumJerk;
-  scene.effects.marker_noise_um = 1.5;
-  // The arm drags the box out of the grip: to 0.4 of the way to slip, a pause, then off at 5 mm/s at most.
-  const double incipient = 0.4 * limit.slide_mm;
-  const auto press = [&](double t_s, double share) {
-    Waypoint& point = scene.trajectory.emplace_back();
-    point.t_s = t_s;
-    point.force_n = share * kPress_n;
-  };
-  const auto pull = [&](double t_s, double x_mm) {
-    Waypoint& point = scene.trajectory.emplace_back();
-    point.t_s = t_s;
-    point.x_mm = x_mm;
-  };
-  press(0.8, 0.0);
-  press(1.2, 0.3);
-  press(1.4, 0.3);
-  press(1.8, 1.0);
-  pull(3.0, 0.0);
-  pull(3.6, incipient);
-  pull(3.8, incipient);
-  press(4.8, 1.0);
-  pull(5.0, incipient + 3.2);
-  press(5.2, 0.0);
-  // Played: 0; 0.92, flat; 2.3; 0.
-  scene.expect.entropy = {{0.2, 0.7, 0.0, 0.05},
-                          {2.0, 2.45, 0.75, 1.1},
-                          {2.5, 2.95, 0.75, 1.1},
-                          {4.3, 4.7, 2.0, 2.6},
-                          {5.4, 5.9, 0.0, 0.1}};
-  scene.expect.onset_s = Expect::Window{3.8, 4.4};
-  scene.duration_s = 6.0;
-  for (const std::string_view name : used_capabilities(scene)) scene.needs.emplace_back(name);
   return scene;
 }
 

@@ -218,8 +218,4 @@ inline constexpr std::array<GraspKindInfo, 5> kGraspKinds{{
 [[nodiscard]] Scene grasp_trial(const PaperObject& object, const Primitive& primitive, GraspKind kind,
                                 std::uint64_t seed, const std::optional<Level>& level = {});
 
-// The paper's figure "entropy_process": a cardboard box; no contact, first touch, gentle secure grasp with its plateau,
-// incipient slip, slip, loss of contact.
-[[nodiscard]] Scene entropy_trace();
-
 }  // namespace holdfast::scene

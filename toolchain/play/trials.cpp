@@ -60,7 +60,6 @@ void finish(Scene& scene, Dice& dice, TrialKind kind, std::string_view what, int
   scene.level.inject = scene::Inject::kGrey;
   scene.level.contact =
       scene::as_round(scene.object.shape) ? scene::ContactLevel::kSprings : scene::ContactLevel::kGrid;
-  for (const std::string_view name : scene::used_capabilities(scene)) scene.needs.emplace_back(name);
 }
 
 // Measured on 2026-11-24 on 60 closings and on 78 recorded ones, between the dots, after a blur of 0.12 mm: change of
@@ -360,8 +359,6 @@ Trial paper_trial(std::uint64_t seed, int number, bool smooth) {
   if (smooth) scene.object.relief = {};
   scene.effects.marker_noise_um = 0.0;  // of tracked markers; a picture has its own
   scene.effects.pixel_noise = 2.0;
-  scene.needs.clear();
-  for (const std::string_view name : scene::used_capabilities(scene)) scene.needs.emplace_back(name);
   trial.group = scene::info(kind).name;
   trial.slips = scene::info(kind).slips;
   trial.within_frames = 8;
@@ -393,10 +390,6 @@ Trial hand(std::uint64_t seed, int number) {
   if (!both) right.object.relief = {};
   right.seed = dice.seed();
   trial.right_later = Micros(static_cast<std::int64_t>(dice.in({0.0, 1.0}) * 1e6 / trial.scene.fps));
-  for (Scene* const scene : {&trial.scene, &right}) {
-    scene->needs.clear();
-    for (const std::string_view name : scene::used_capabilities(*scene)) scene->needs.emplace_back(name);
-  }
   return trial;
 }
 

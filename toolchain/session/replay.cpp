@@ -129,7 +129,6 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   auto reference = reference_picture(recording, named, pipeline_config(info.params).luma);
   if (const auto* error = std::get_if<sim::Error>(&reference)) return error->line;
   const hal::Frame rest = sim::as_frame(std::get<sim::RecordedFrame>(reference));
-  if (names_a_frame(named)) session.rest_at(std::get<sim::RecordedFrame>(reference).index);
 
   sim::CameraReplay camera(std::move(recording), session.clock());
   const bool as_device = about.time_base_fps >= kLeastFps;

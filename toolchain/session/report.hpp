@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The report of one run: a single HTML file that needs nothing else to be read.
 //
-// Time plots on one axis (E, dE/dt, Vx and Vy, optional truth, state, GRIP_OK, ALIVE), the displacement
-// histogram and the markers' arrows at four moments (rest, largest E, first slip, end), and a summary: all of that as
-// inline SVG, readable without a script. With one (page.hpp) each frame can be looked at, and a live session as well.
-// Light and dark by the reader's preference. Long runs are thinned, plots to the extremes per pixel column: the file
-// stays below 4 MB whatever the number of frames. Times in s of the recording, lengths in pixels of the input, speeds
-// in mm/s, entropy in nat (natural logarithm).
+// Verdict, alarms and summary are readable without a script. With one (page.hpp) there are time plots on one axis (E,
+// dE/dt, Vx and Vy, optional truth, state, GRIP_OK, ALIVE), each frame, and a live session as well.
+// Light and dark by the reader's preference. Long runs are thinned: the file stays below 4 MB whatever the number of
+// frames. Times in s of the recording, lengths in pixels of the input, speeds in mm/s, entropy in nat (natural
+// logarithm).
 #pragma once
 
 #include <array>
@@ -50,16 +49,11 @@ struct ReportInfo {
   std::optional<TruthSeries> series;
   int grid_markers = 63;          // of the grid: what "all" means
   double histogram_range_mm = 0;  // R; 0: the axis counts bins
-  int width_px = 0;               // of the input, for the pictures of the arrows; 0: around the markers
-  int height_px = 0;
-  double arrow_factor = 0;  // 0: chosen so that the longest arrow spans about a pitch
   long saturations = 0;
 };
 
 class Report {
  public:
-  // The frame whose markers are the rest position; before add().
-  void rest_at(long frame) { rest_frame_ = frame; }
   // In order of time. `arrows` may be empty.
   void add(const FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture = {});
 
@@ -68,15 +62,8 @@ class Report {
   [[nodiscard]] std::string write(const std::filesystem::path& path, const ReportInfo& info,
                                   const std::filesystem::path& input = {}) const;
 
-  struct Moment {
-    FrameRecord frame;
-    std::vector<Arrow> arrows;
-  };
-
  private:
   std::vector<FrameRecord> frames_;
-  std::optional<Moment> rest_, peak_, first_slip_, end_;
-  long rest_frame_ = -1;  // not known
   Track track_;
 };
 

@@ -96,8 +96,6 @@ class Session {
 
   // What --reference auto found; before connect().
   void use(const EmptyGel& gel);
-  // The rest position is this frame's.
-  void rest_at(long frame) { report_.rest_at(frame); }
   [[nodiscard]] const std::string& reference_text() const { return info_.reference_text; }
   // For summary and report.
   void note(std::string text) { info_.notes.push_back(std::move(text)); }

@@ -27,6 +27,7 @@ constexpr double kMarkerUnits = 20'480;
 constexpr int kLost = -32'768;  // in place of a displacement
 constexpr unsigned kContactUnknown = 255;
 constexpr std::size_t kLatencyBins = 30;
+constexpr std::size_t kMostTruth = 5000;  // points of a curve 1000 wide
 constexpr double kFresh_s = static_cast<double>(status_frame::kFreshFor.count()) * 1e-6;
 
 // toolchain/page/model.js reads what this writes.
@@ -143,6 +144,7 @@ void Track::keep_row(const FrameRecord& f, bool event) {
   row.put(static_cast<std::uint8_t>(f.contact_known ? static_cast<unsigned>(f.contact) : kContactUnknown));
   row.put(static_cast<std::uint8_t>(evidence)).put(f.evidence_value, true).put(f.evidence_threshold, true);
   row.put(static_cast<std::uint8_t>(std::min(f.evidence_frames, 255U)));
+  row.put(f.imprint_um, f.features_valid).put(f.coarse_um, f.features_valid);
   rows_.keep({frames_, event, row.take()});
 }
 
@@ -186,6 +188,13 @@ std::string Track::json(const ReportInfo& info) const {
   for (const TruthMark& mark : info.marks) {
     if (std::isfinite(mark.t_s)) marks.push_back({{"t_s", mark.t_s}, {"name", mark.name}, {"onset", mark.onset}});
   }
+  nlohmann::json series;
+  if (info.series) {
+    const auto& points = info.series->points;
+    series = {{"name", info.series->name}, {"unit", info.series->unit}, {"points", nlohmann::json::array()}};
+    const std::size_t step = points.size() / kMostTruth + 1;
+    for (std::size_t i = 0; i < points.size(); i += step) series["points"].push_back(points[i]);
+  }
   const nlohmann::json data = {{"frames", frames_},
                                {"clip", info.clip},
                                {"width_px", nothing ? 320.0
@@ -195,6 +204,7 @@ std::string Track::json(const ReportInfo& info) const {
                                {"marker_unit_px", (sized ? width_px_ : 320.0) / kMarkerUnits},
                                {"histogram_range_mm", info.histogram_range_mm},
                                {"marks", marks},
+                               {"series", series},
                                {"evidences", evidences_},
                                {"contacts", contact::kPhaseNames},
                                {"latency", latency_of(decided_us_)},

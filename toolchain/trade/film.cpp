@@ -8,8 +8,7 @@
 
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/clock.hpp"
-#include "toolchain/learn/study.hpp"
-#include "toolchain/play/play.hpp"
+#include "toolchain/learn/plan.hpp"
 
 namespace holdfast::trade {
 namespace {
@@ -30,7 +29,6 @@ constexpr std::array<Choice, kFilms> kChoices{{
 }};
 // The committed trees learned from seeds up to 11 (toolchain/model/train.sh).
 constexpr std::uint64_t kSeed = 907;
-constexpr std::uint64_t kLessonSeed = 911;
 // Sigma of the sensor's picture, grey levels, at the quality that it sends.
 constexpr double kNoise = 3.0;
 
@@ -54,14 +52,6 @@ DisplacementField moved(const scene::Snapshot& truth, const scene::Scene& scene)
   return out;
 }
 
-std::vector<learn::PlannedGrasp> planned_grasps(std::uint64_t seed, int every) {
-  learn::Plan plan;
-  learn::PlanOptions options;
-  options.seed = seed;
-  (void)learn::make_plan(options, plan);  // all objects and kinds: nothing to be refused
-  return learn::thinned(plan, every);
-}
-
 }  // namespace
 
 int picture_height(int width) {
@@ -77,10 +67,8 @@ Film shoot(int which, int picture_width, const std::function<bool()>& go_on) {
   sim::Clock clock;
   sim::SceneCamera camera(grasp.scene, clock);
   Film film;
-  film.trial = grasp.trial;
   film.width = camera.picture().width;
   film.height = camera.picture().height;
-  std::vector<learn::Truth> truths;
   hal::Frame frame;
   if (!camera.start()) return film;
   while ((!go_on || go_on()) && camera.next(frame, std::chrono::seconds{1}) == hal::Capture::kFrame) {
@@ -90,43 +78,9 @@ Film shoot(int which, int picture_width, const std::function<bool()>& go_on) {
                           {frame.bytes.begin(), frame.bytes.end()},
                           {centers.begin(), centers.end()},
                           moved(truth, grasp.scene)});
-    truths.push_back({truth.contact.normal_n, truth.level});
     camera.release(frame);
   }
-  film.labels = learn::labels_of(truths);
-  film.trial.count = static_cast<int>(film.shots.size());
   return film;
-}
-
-Grasp play(const learn::PlannedGrasp& grasp) {
-  const learn::Planned planned = grasp.make();
-  Grasp out;
-  out.trial = planned.trial;
-  scene::Simulation simulation(planned.scene);
-  const scene::PictureConfig picture = scene::scaled(scene::camera_3280x2464(), 410);
-  std::vector<learn::Truth> truths;
-  std::vector<scene::SeenMarker> seen;
-  Saturations ignored;
-  for (int k = 0; k < scene::frame_count(planned.scene); ++k) {
-    const scene::Snapshot& truth = simulation.next();
-    scene::see_markers(simulation, truth, seen);
-    Sight& sight = out.sights.emplace_back();
-    sight.time = Micros(std::llround(truth.t_s * 1e6) + 1);
-    sight.moved = moved(truth, planned.scene);
-    sight.markers = tool::field_of(planned.scene, picture, seen, ignored);
-    truths.push_back({truth.contact.normal_n, truth.level});
-  }
-  out.labels = learn::labels_of(truths);
-  out.trial.count = static_cast<int>(out.sights.size());
-  return out;
-}
-
-std::vector<learn::PlannedGrasp> planned_grasps(int every) {
-  return planned_grasps(kSeed, every);
-}
-
-std::vector<learn::PlannedGrasp> grasps_to_learn_from(int every) {
-  return planned_grasps(kLessonSeed, every);
 }
 
 }  // namespace holdfast::trade

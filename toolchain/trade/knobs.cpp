@@ -11,7 +11,6 @@
 #include <utility>
 
 #include "app/app.hpp"
-#include "base/math.hpp"
 
 namespace holdfast::trade {
 namespace {
@@ -38,12 +37,6 @@ class List {
  private:
   std::vector<Point> all_;
 };
-
-// Rounds to so many bits of fraction, halves away from zero.
-std::int32_t rounded(std::int32_t q8, int bits) {
-  const std::int32_t unit = 1 << (8 - bits);
-  return static_cast<std::int32_t>(div_round(q8, unit)) * unit;
-}
 
 }  // namespace
 
@@ -80,28 +73,6 @@ std::vector<Point> points() {
   list.sweep(&Params::raise_frames, {1, 3, 5});
   list.sweep(&Params::hold_ms, {0, 80, 1000});
   list.sweep(&Params::histogram_range_um, {950, 1425, 2850, 3800});
-  Point& fewer = list.add("markers", "every second row and column");
-  fewer.tuning.marker_every = 2;
-  fewer.params.pitch_um *= 2;
-  for (const int bits : {6, 4, 3, 2, 0}) {
-    list.add("centres", fmt::format("Q{}", bits)).tuning.centre_bits = bits;
-  }
-  const auto learned = [&](std::string_view set, int depth) {
-    Point& point = list.add("tree taught here", fmt::format("{}: depth {}", set, depth));
-    point.tuning.learned_set = set;
-    point.tuning.learned_depth = depth;
-  };
-  for (const std::string_view set : {"velocity", "entropy", "paper"}) learned(set, 8);
-  for (const int depth : {2, 4, 8, 16}) learned("field", depth);
-  using learn::Bins;
-  using learn::EntropyForm;
-  for (const EntropyForm& form :
-       {EntropyForm{.count = 15}, {.bins = Bins::kSoft, .count = 15}, {.count = 7}, {.count = 30}}) {
-    Point& point = list.add("desk computer", fmt::format("double; DTrees; {} {} bins", form.count,
-                                                         form.bins == Bins::kSoft ? "soft" : "hard"));
-    point.tuning.rival = Rival::kDesk;
-    point.tuning.form = form;
-  }
   const auto rival = [&](std::string_view name, Rival which) {
     list.add("others", std::string(name)).tuning.rival = which;
   };
@@ -127,7 +98,7 @@ std::optional<Rival> find_rival(std::string_view name) {
 }
 
 std::optional<std::string> settings_of(const Point& point) {
-  if (point.needs_markers() || point.tuning.picture_width != kPictureWidth) return std::nullopt;
+  if (point.tuning.picture_width != kPictureWidth) return std::nullopt;
   const auto* const rival = std::ranges::find(kRivals, point.tuning.rival, &std::pair<std::string_view, Rival>::second);
   if (rival != kRivals.end()) return fmt::format("rival={}", rival->first);
   std::string out;
@@ -154,22 +125,6 @@ pipeline::Config config_of(const Point& point, const model::Tree* tree) {
   config.tracker.window_pct = point.tuning.window_pct;
   config.imprint.lag = std::chrono::milliseconds(point.tuning.imprint_lag_ms);
   return config;
-}
-
-MarkerField coarsened(const MarkerField& field, const Tuning& tuning) {
-  MarkerField out;
-  const int every = tuning.marker_every;
-  const auto kept = [&](int count) { return static_cast<std::uint8_t>((count + every - 1) / every); };
-  out.grid = {kept(field.grid.rows), kept(field.grid.cols)};
-  for (std::int32_t i = 0; i < out.grid.count(); ++i) {
-    const std::int32_t row = i / out.grid.cols * every;
-    const std::int32_t col = i % out.grid.cols * every;
-    Marker& marker = out.markers[idx(i)];
-    marker = field.markers[idx(row * field.grid.cols + col)];
-    marker.x = PixelsQ8::from_raw(rounded(marker.x.raw(), tuning.centre_bits));
-    marker.y = PixelsQ8::from_raw(rounded(marker.y.raw(), tuning.centre_bits));
-  }
-  return out;
 }
 
 }  // namespace holdfast::trade

@@ -16,6 +16,7 @@
 #include "hal/crew.hpp"
 #include "tactile/entropy.hpp"
 #include "toolchain/learn/calibrate.hpp"
+#include "toolchain/learn/metrics.hpp"
 #include "toolchain/play/thread_time.hpp"
 #include "toolchain/play/timed_crew.hpp"
 #include "toolchain/trade/rival.hpp"
@@ -46,10 +47,8 @@ class TimedDecoder final : public JpegDecoder {
 };
 
 struct Firmware {
-  Firmware(const Point& point, const Lessons& lessons) {
-    if (point.tuning.learned_depth > 0) {
-      tree = std::make_unique<model::Tree>(lessons.tree(point.tuning.learned_set, point.tuning.learned_depth));
-    } else if (point.tuning.model == ModelChoice::kPaper) {
+  explicit Firmware(const Point& point) {
+    if (point.tuning.model == ModelChoice::kPaper) {
       treec::Model model;
       (void)treec::parse(learn::paper_model_text(), model);
       tree = std::make_unique<model::Tree>(treec::to_table(model));
@@ -74,36 +73,6 @@ struct Firmware {
   std::unique_ptr<tool::TimedCrew> crew;
   std::unique_ptr<EighthDecoder> ours;
   std::unique_ptr<TimedDecoder> timed;
-};
-
-// One trial's rows and verdicts, and then its place in the counts.
-class Trial {
- public:
-  Trial(const learn::Trial& trial, const std::vector<learn::Label>& labels) : labels_(labels) {
-    samples_.trials.push_back(trial);
-    samples_.trials.front().first = 0;
-  }
-
-  void add(std::size_t frame, Micros time, bool accepted, bool slips) {
-    learn::Row& row = samples_.rows.emplace_back();
-    row.frame = static_cast<int>(frame);
-    row.t_s = static_cast<double>(time.count()) * 1e-6;
-    row.label = labels_[frame];
-    row.accepted = accepted;
-    verdicts_.push_back(accepted && slips ? 1 : 0);
-  }
-  void add(std::size_t frame, Micros time, const pipeline::Result& result) {
-    add(frame, time, result.quality.ok() && result.referenced, result.verdict != Verdict::kHold);
-  }
-  void count(const decision::Config& config, learn::ConditionScore& out) {
-    samples_.trials.front().count = static_cast<int>(samples_.rows.size());
-    out.add(samples_, 0, verdicts_, config);
-  }
-
- private:
-  const std::vector<learn::Label>& labels_;
-  learn::Samples samples_;
-  std::vector<std::uint8_t> verdicts_;
 };
 
 // Mean of |E - E of the truth|.
@@ -175,11 +144,9 @@ struct Times {
 }  // namespace
 
 struct Trialled::State {
-  State(Point asked, const Lessons& lessons) : point(std::move(asked)) {
+  explicit State(Point asked) : point(std::move(asked)) {
     if (point.tuning.rival == Rival::kNone) {
-      firmware = std::make_unique<Firmware>(point, lessons);
-    } else if (point.tuning.rival == Rival::kDesk) {
-      desk = lessons.desk_tree(point.tuning.form);
+      firmware = std::make_unique<Firmware>(point);
     } else {
       rival = std::make_unique<RivalTracker>(point.tuning.rival);
     }
@@ -198,41 +165,24 @@ struct Trialled::State {
     }
   }
 
-  void show_at_desk(const Grasp& grasp) {
-    DoubleFeatures features(point.tuning.form);
-    Trial grasp_trial(grasp.trial, grasp.labels);
-    for (std::size_t k = 0; k < grasp.sights.size(); ++k) {
-      const Sight& sight = grasp.sights[k];
-      const double start = tool::thread_us();
-      const auto values = features.update(sight.markers, sight.time);
-      const bool slips = values && desk->slips(*values);
-      grasped_us.push_back(tool::thread_us() - start);
-      grasp_trial.add(k, sight.time, values.has_value(), slips);
-    }
-    grasp_trial.count({}, *grasped);
-  }
-
   Point point;
   std::unique_ptr<Firmware> firmware;
   std::unique_ptr<RivalTracker> rival;
-  std::unique_ptr<DeskTree> desk;
   std::unique_ptr<pipeline::State> pipeline;
   Times times;
   PictureTally seen;
   MarkerError markers;
-  EntropyError filmed_entropy, grasped_entropy;
-  std::optional<learn::ConditionScore> grasped;
-  std::vector<double> grasped_us;
+  EntropyError entropy;
   std::optional<learn::ClipScore> recorded;
 };
 
-Trialled::Trialled(const Point& point, const Lessons& lessons) : state_(std::make_unique<State>(point, lessons)) {}
+Trialled::Trialled(const Point& point) : state_(std::make_unique<State>(point)) {}
 Trialled::~Trialled() = default;
 Trialled::Trialled(Trialled&&) noexcept = default;
 
 void Trialled::show(const Film& film, std::size_t k) {
   State& s = *state_;
-  if (s.point.needs_markers() || film.width != s.point.tuning.picture_width) return;
+  if (film.width != s.point.tuning.picture_width) return;
   const Shot& shot = film.shots[k];
   if (s.rival) {
     if (k % static_cast<std::size_t>(s.rival->every()) != 0) return;
@@ -261,7 +211,7 @@ void Trialled::show(const Film& film, std::size_t k) {
     ++s.seen.frames;
     if (result.quality.ok()) {
       s.markers.add(s.pipeline->tracker.field, shot.markers, luma_input::reduction(config.luma, frame), film.width);
-      s.filmed_entropy.add(config.features, shot.moved, result);
+      s.entropy.add(config.features, shot.moved, result);
     } else {
       ++s.seen.rejected;
     }
@@ -270,34 +220,9 @@ void Trialled::show(const Film& film, std::size_t k) {
   if (k + 1 == film.shots.size()) s.pipeline.reset();
 }
 
-void Trialled::show(const Grasp& grasp) {
-  State& s = *state_;
-  if (s.rival) return;
-  if (!s.grasped) s.grasped.emplace();
-  if (s.desk) {
-    s.show_at_desk(grasp);
-    return;
-  }
-  const pipeline::Config& config = s.firmware->config;
-  const auto state = std::make_unique<pipeline::State>();
-  Trial trial(grasp.trial, grasp.labels);
-  for (std::size_t k = 0; k < grasp.sights.size(); k += static_cast<std::size_t>(s.point.tuning.frame_every)) {
-    const Sight& sight = grasp.sights[k];
-    const MarkerField markers = coarsened(sight.markers, s.point.tuning);
-    const double start = tool::thread_us();
-    const pipeline::Result result =
-        pipeline::update_markers(*state, config, markers, sight.time, static_cast<std::uint32_t>(k));
-    s.grasped_us.push_back(tool::thread_us() - start);
-    trial.add(k, sight.time, result);
-    // Fewer markers are not the histogram of all.
-    if (s.point.tuning.marker_every == 1) s.grasped_entropy.add(config.features, sight.moved, result);
-  }
-  trial.count(config.decision, *s.grasped);
-}
-
 void Trialled::show(const learn::RecordedClip& clip) {
   State& s = *state_;
-  if (s.point.needs_markers() || s.rival || s.point.tuning.picture_width != kPictureWidth) return;
+  if (s.rival || s.point.tuning.picture_width != kPictureWidth) return;
   pipeline::Config config = s.firmware->config;
   config.tracker.grid.auto_size = true;
   config.follow_drift = true;  // as a device does
@@ -329,12 +254,7 @@ Price Trialled::price() const {
     price.seen->decode_us_p50 = percentile(s.times.decode_us, 0.5);
     price.seen->rms_px = s.markers.rms();
     price.seen->missed = s.markers.missed;
-    price.seen->entropy_error_nat = s.filmed_entropy.mean();
-  }
-  if (s.grasped) {
-    price.grasped = s.grasped;
-    price.grasped_us_p50 = percentile(s.grasped_us, 0.5);
-    price.grasped_entropy_error_nat = s.grasped_entropy.mean();
+    price.seen->entropy_error_nat = s.entropy.mean();
   }
   price.recorded = s.recorded;
   return price;

@@ -4,9 +4,8 @@
 // Time is thread CPU time of this machine, median over the frames; ratios are what may be compared between machines. Of
 // several threads it is the critical path's, in frames whose helpers came in time (play/timed_crew.hpp).
 // Marker error: RMS over all markers and frames of the films, in px of a picture 320 wide. Error of E: mean of |E minus
-// the E of the true displacements in the same bins|. Decisions on grasps are counted as in learn/study.hpp, the verdict
-// frame by frame and the request event by event; those on recordings as in learn/clip_score.hpp. Films are too few for
-// decisions.
+// the E of the true displacements in the same bins|. Decisions are counted on recordings, as in learn/clip_score.hpp:
+// films are too few for them.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +15,6 @@
 
 #include "toolchain/learn/clip_score.hpp"
 #include "toolchain/learn/dataset.hpp"
-#include "toolchain/learn/study.hpp"
 #include "toolchain/trade/film.hpp"
 #include "toolchain/trade/knobs.hpp"
 
@@ -40,9 +38,6 @@ struct PictureTally {
 struct Price {
   std::int64_t memory_bytes = 0;     // of the pipeline and the decoder with the pictures that this setting works on
   std::optional<PictureTally> seen;  // rms and entropy mean nothing when all was rejected
-  std::optional<learn::ConditionScore> grasped;     // from the markers on: without the imprint
-  double grasped_us_p50 = 0.0;                      // a frame of these, from the markers to the request
-  std::optional<double> grasped_entropy_error_nat;  // nothing: other markers or bins than the truth's
   std::optional<learn::ClipScore> recorded;
 };
 
@@ -50,21 +45,17 @@ struct Price {
 // meets all alike.
 class Trialled {
  public:
-  // `lessons`: for points that learn; none of the others looks at it.
-  Trialled(const Point& point, const Lessons& lessons);
+  explicit Trialled(const Point& point);
   ~Trialled();
   Trialled(Trialled&&) noexcept;
   Trialled& operator=(Trialled&&) = delete;
   Trialled(const Trialled&) = delete;
   Trialled& operator=(const Trialled&) = delete;
 
-  // Frame k = 0, 1, ... of a film through the pipeline. Nothing happens when the point needs markers, or pictures of
-  // another width.
+  // Frame k = 0, 1, ... of a film through the pipeline. Nothing happens when the point needs pictures of another width.
   void show(const Film& film, std::size_t k);
-  // A whole grasp from its markers on. Nothing happens when the point wants pictures.
-  void show(const Grasp& grasp);
   // A recording likewise, with the lattice that is found in it; a setting that finds no rest position detects nothing.
-  // Nothing happens when the point needs markers, other pictures, or is a rival.
+  // Nothing happens when the point needs other pictures, or is a rival.
   void show(const learn::RecordedClip& clip);
   [[nodiscard]] Price price() const;
 

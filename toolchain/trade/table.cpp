@@ -10,14 +10,11 @@
 #include <map>
 #include <utility>
 
-#include "toolchain/learn/charts.hpp"
 #include "toolchain/learn/evaluate_report.hpp"
 #include "toolchain/learn/number_text.hpp"
 
 namespace holdfast::trade {
 namespace {
-
-using learn::charts::Scatter;
 
 enum class Better : std::uint8_t { kLess, kMore, kNeither };
 struct Figure {
@@ -29,7 +26,6 @@ struct Figure {
 };
 constexpr double kTimesTremble = 0.05;
 constexpr double kErrorsTremble = 0.005;  // a root mean square over 100 000 markers is good to 0.2 %
-constexpr double kSharesTremble = 0.005;  // their 20 000 frames depend on each other
 
 constexpr std::array<Figure, kFigures> kTable{{
     {"us_p50", "us", 0, Better::kLess, kTimesTremble},
@@ -41,14 +37,6 @@ constexpr std::array<Figure, kFigures> kTable{{
     {"frames_rejected", "refused", 0, Better::kLess},
     {"damaged_used_pct", "used %", 1, Better::kLess},
     {"film_entropy_error_nat", "E err", 4},
-    {"grasp_us_p50", "us", 1, Better::kLess, kTimesTremble},
-    {"grasp_entropy_error_nat", "E err", 4},
-    {"grasp_balanced_pct", "bal. %", 1, Better::kMore, kSharesTremble},
-    {"grasp_onsets", "onsets", 0},
-    {"grasp_unnoticed", "not", 0, Better::kLess},
-    {"grasp_delay_ms_p50", "ms p50", 0, Better::kLess},
-    {"grasp_delay_ms_p95", "ms p95", 0},
-    {"grasp_alarms_per_hour", "alarms/h", 0, Better::kLess},
     {"clip_onsets", "onsets", 0},
     {"clip_within_5", "<= 5", 0, Better::kMore},
     {"clip_within_10", "<= 10", 0, Better::kMore},
@@ -121,17 +109,6 @@ Line line_of(long index, const Point& point, const Price& price) {
     if (seen.damaged > 0)
       figures[kDamagedUsed] = 100.0 * static_cast<double>(seen.damaged_used) / static_cast<double>(seen.damaged);
     figures[kEntropyError] = seen.entropy_error_nat;
-  }
-  if (price.grasped) {
-    figures[kGraspEntropyError] = price.grasped_entropy_error_nat;
-    figures[kGraspUs] = price.grasped_us_p50;
-    if (price.grasped->frames.count() > 0) figures[kGraspBalanced] = 100.0 * price.grasped->frames.balanced_accuracy();
-    const learn::EventGroup& events = price.grasped->events;
-    figures[kGraspOnsets] = events.onsets;
-    figures[kGraspUnnoticed] = events.missed + events.before;
-    figures[kGraspDelayP50] = learn::quantile(events.ms, 0.5);
-    figures[kGraspDelayP95] = learn::quantile(events.ms, 0.95);
-    figures[kGraspAlarms] = events.alarms_per_hour();
   }
   if (price.recorded) {
     const learn::ClipScore& score = *price.recorded;
@@ -251,28 +228,18 @@ const Line* dominated_by(const Line& line, const std::vector<Line>& lines) {
   return found == lines.end() ? nullptr : &*found;
 }
 
-bool on_front(const Line& line, const std::vector<Line>& lines, std::size_t a, std::size_t b) {
-  if (!line.figures[a] || !line.figures[b]) return false;
-  return std::ranges::none_of(lines, [&](const Line& other) {
-    return beats(other, line, std::array<std::size_t, 2>{a, b});
-  });
-}
-
 std::string text(const std::vector<Line>& lines, bool whole) {
   learn::Table table;
   table.columns = {{.id = "knob", .title = "", .group = ""}, {.id = "value", .title = "", .group = ""}};
-  constexpr std::array<std::size_t, 19> kShown{
-      kUsP50,         kDecodeUs,       kMemory,        kInstructionsX86, kInstructionsArm,
-      kRms,           kDamagedUsed,    kEntropyError,  kGraspUs,         kGraspEntropyError,
-      kGraspBalanced, kGraspUnnoticed, kGraspDelayP50, kGraspDelayP95,   kGraspAlarms,
-      kClipWithin5,   kClipWithin10,   kClipAlarms,    kClipTrialAlarms};
+  constexpr std::array<std::size_t, 12> kShown{kUsP50,           kDecodeUs,     kMemory,      kInstructionsX86,
+                                               kInstructionsArm, kRms,          kDamagedUsed, kEntropyError,
+                                               kClipWithin5,     kClipWithin10, kClipAlarms,  kClipTrialAlarms};
   for (const std::size_t i : kShown) {
     table.columns.push_back({.id = std::string(kTable[i].id),
                              .title = std::string(kTable[i].title),
                              .group = i <= kMemory            ? "a frame"
                                       : i >= kInstructionsX86 ? "million instructions"
                                       : i <= kEntropyError    ? "pictures"
-                                      : i <= kGraspAlarms     ? "grasps from markers on"
                                                               : "recordings",
                              .decimals = kTable[i].decimals});
   }
@@ -297,39 +264,6 @@ std::string text(const std::vector<Line>& lines, bool whole) {
     out += fmt::format("dominated: {} {}, by {} {}\n", line.knob, line.value, better->knob, better->value);
   }
   return out;
-}
-
-std::string svg(const std::vector<Line>& lines) {
-  Scatter chart;
-  chart.title = "Settings of the firmware: what speed costs";
-  const auto panel = [&](std::string_view name, std::size_t a, std::string_view x, std::size_t b, std::string_view y,
-                         bool logarithmic) {
-    Scatter::Panel out{std::string(name), {std::string(x), logarithmic}, {std::string(y), logarithmic}, {}};
-    for (const Line& line : lines) {
-      if (!line.figures[a] || !line.figures[b]) continue;
-      if (logarithmic && (*line.figures[a] <= 0.0 || *line.figures[b] <= 0.0)) continue;  // nothing was seen
-      // Settings that change nothing here lie on mode fast.
-      const Line& base = lines.front();
-      const bool same = line.index != 0 && base.figures[a] &&
-                        compared(kTable[a], *line.figures[a], *base.figures[a]) == 0 &&
-                        compared(kTable[b], *line.figures[b], *base.figures[b]) == 0;
-      if (same) continue;
-      std::size_t kind = 0;
-      for (; kind < chart.kinds.size() && chart.kinds[kind] != line.knob; ++kind) {
-      }
-      if (kind == chart.kinds.size() && kind < 6) chart.kinds.push_back(line.knob);
-      const double unit = a == kUsP50 ? 1e-3 : 1.0;
-      out.dots.push_back({*line.figures[a] * unit, *line.figures[b], std::min<std::size_t>(kind, 6),
-                          line.mode.empty() ? fmt::format("{} {}", line.knob, line.value) : line.mode,
-                          !line.mode.empty(), on_front(line, lines, a, b)});
-    }
-    chart.panels.push_back(std::move(out));
-  };
-  panel("Pictures", kUsP50, "CPU time of a frame, ms (this machine)", kRms, "marker error, px of 320", true);
-  panel("Decisions, from the markers on", kGraspAlarms, "false alarms an hour held", kGraspDelayP50, "median delay, ms",
-        false);
-  if (chart.kinds.size() == 6) chart.kinds.emplace_back("others");
-  return learn::charts::draw(chart);
 }
 
 std::string modes_markdown(const std::vector<Line>& lines) {

@@ -2,7 +2,7 @@
 // The prices of all settings as one table: a CSV whose pieces put together are the whole, and what can be read off it.
 //
 // A row that has a figure for everything and is no better than another in anything is dominated: nobody should choose
-// it. The front of a picture is what nothing beats in both of its axes.
+// it.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace holdfast::trade {
 
-inline constexpr std::size_t kFigures = 24;
+inline constexpr std::size_t kFigures = 16;
 // What is measured of a line, in the order of the CSV's columns. Recordings: of all that were given.
 enum : std::uint8_t {
   kUsP50,
@@ -30,14 +30,6 @@ enum : std::uint8_t {
   kRejected,
   kDamagedUsed,
   kEntropyError,
-  kGraspUs,
-  kGraspEntropyError,
-  kGraspBalanced,
-  kGraspOnsets,
-  kGraspUnnoticed,
-  kGraspDelayP50,
-  kGraspDelayP95,
-  kGraspAlarms,
   kClipOnsets,
   kClipWithin5,
   kClipWithin10,
@@ -67,12 +59,9 @@ struct Line {
 
 // The line that is as good in everything and better in something; null: none, or a figure is missing.
 [[nodiscard]] const Line* dominated_by(const Line& line, const std::vector<Line>& lines);
-// Whether nothing else is better in one of the two and as good in the other.
-[[nodiscard]] bool on_front(const Line& line, const std::vector<Line>& lines, std::size_t a, std::size_t b);
 
 // `whole`: these are all lines, so that one can be compared with the others.
 [[nodiscard]] std::string text(const std::vector<Line>& lines, bool whole);
-[[nodiscard]] std::string svg(const std::vector<Line>& lines);
 // The shipped modes as a table in Markdown.
 [[nodiscard]] std::string modes_markdown(const std::vector<Line>& lines);
 

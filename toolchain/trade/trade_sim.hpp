@@ -5,6 +5,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "drivers/sim/scene/scene.hpp"
@@ -13,33 +14,22 @@ namespace holdfast::tool {
 
 // One level on one scene.
 struct LevelPrice {
-  std::string scene;
   std::string level;    // "springs 64", "grid 0.70 mm"
-  std::string omitted;  // capabilities that the scene uses and the level lacks; empty = none
-  bool reference = false;
   bool best = false;    // nothing is both faster and nearer
   double us_p50 = 0.0;  // thread CPU time of a frame in contact, marker motion included
-  double us_p99 = 0.0;
   double rms_px = 0.0;  // of all markers and frames in contact, against the reference; px of a picture 320 wide
-  double most_px = 0.0;
-  double entropy_nat = 0.0;              // mean change of E, same frames
-  int label_flips = 0;                   // frames whose label (more than half slips) differs
-  int frames = 0;                        // in contact
-  std::optional<double> onset_shift_ms;  // truth; none = one of the two has no onset
-  std::optional<double> alarm_shift_ms;  // firmware: first rise of slip after that of the reference; likewise
+  int label_flips = 0;  // frames whose label (more than half slips) differs
+  int frames = 0;       // in contact
 };
 
 // One way into the firmware, on one scene as it is, the scene's own contact and effects.
 struct EntryPrice {
-  std::string scene;
-  std::string entry;    // of scene::kInjectNames
-  double us_p50 = 0.0;  // thread CPU time of a frame in contact, simulator and firmware
-  double us_p99 = 0.0;
+  std::string_view entry;        // of scene::kInjectNames
+  double us_p50 = 0.0;           // thread CPU time of a frame in contact, simulator and firmware
   std::optional<double> rms_px;  // where there are pictures: marker centres against the truth; px of a picture 320 wide
   double entropy_nat = 0.0;      // mean change of E against the features' entry, frames in contact that both accept
   int refused = 0;               // frames that the firmware did not accept, once it has its rest position
   int frames = 0;                // in contact
-  std::optional<double> alarm_shift_ms;  // first rise of slip after that of the features' entry; none: one has none
 };
 
 struct TradeSimConfig {
@@ -53,10 +43,5 @@ struct TradeSimConfig {
 
 // All ways in, cheapest first.
 [[nodiscard]] std::vector<EntryPrice> price_entries(const scene::Scene& scene);
-
-[[nodiscard]] std::string trade_sim_csv(const std::vector<LevelPrice>& prices);
-[[nodiscard]] std::string trade_sim_entries_csv(const std::vector<EntryPrice>& prices);
-// One panel per scene: time against error, both logarithmic, with what each level omits.
-[[nodiscard]] std::string trade_sim_svg(const std::vector<LevelPrice>& prices);
 
 }  // namespace holdfast::tool

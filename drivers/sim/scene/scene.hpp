@@ -160,7 +160,6 @@ struct Scene {
   std::uint64_t seed = 1;
   double fps = 25.0;
   double duration_s = 0.0;
-  std::vector<std::string> needs;  // "requires" in the file: capabilities of the build (kCapabilities)
   Level level;
   Gel gel{.shear_modulus_mpa = 0.035, .poisson = 0.49, .thickness_mm = 4.25};
   MarkerGrid markers;
@@ -173,46 +172,5 @@ struct Scene {
   Expect expect;
   Goal goal;
 };
-
-// What this build can do, by the names that "requires" uses. Both levels can, unless it is `grid_alone`.
-struct Capability {
-  std::string_view name;
-  std::string_view help;
-  bool grid_alone = false;
-};
-[[nodiscard]] constexpr bool can(ContactLevel level, const Capability& capability) {
-  return level == ContactLevel::kGrid || !capability.grid_alone;
-}
-inline constexpr std::array<Capability, 29> kCapabilities{{
-    {"press", "markers move under a press"},
-    {"shear", "markers move under a drag"},
-    {"twist", "the object turns about the normal"},
-    {"partial_slip", "a stick area shrinks inside a slip annulus"},
-    {"gross_slip", "the whole contact slides"},
-    {"layer", "finite thickness of the gel"},
-    {"load_history", "reversal, cycles, and a normal force that changes under shear"},
-    {"kinetic_friction", "kinetic friction below the static one"},
-    {"cone", "a body of revolution other than a sphere"},
-    {"shapes", "objects that are not round, and textures", true},
-    {"compliance", "a soft object between gripper and gel"},
-    {"mass", "an object with mass on a springy drive: stick-slip"},
-    {"pull", "forces from outside on an object with mass"},
-    {"creep", "a held load goes on deforming the gel"},
-    {"press_dilation", "FOTS's outward motion under a press"},
-    {"marker_noise", "noise of marker places"},
-    {"marker_loss", "markers missing now and then, or for ever"},
-    {"marker_duplicates", "dots beside dots"},
-    {"dirt", "dark specks on the picture"},
-    {"fabrication", "dots printed off their place"},
-    {"relief", "a fine relief of the object, which the picture shows"},
-    {"pixel_noise", "noise of the picture"},
-    {"light", "drift and flicker of the light"},
-    {"exposure", "motion blur"},
-    {"rolling_shutter", "rows are taken one after the other"},
-    {"worn_gel", "dots lose contrast"},
-    {"dot_shading", "lit and shaded rims of dots"},
-    {"gel_margins", "dark margins around the gel"},
-    {"camera_faults", "dropped, late, torn, frozen frames; unplug"},
-}};
 
 }  // namespace holdfast::scene

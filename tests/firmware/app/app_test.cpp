@@ -23,6 +23,7 @@
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 #include "tests/support/spread_tree.hpp"
+#include "tests/support/status_receiver.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -244,7 +245,7 @@ TEST_GROUP(App) {
   std::unique_ptr<sim::CameraMemory> memory;
   std::unique_ptr<sim::FaultyCamera> camera;
   std::unique_ptr<App> app;
-  status_frame::Receiver receiver;
+  test::StatusReceiver receiver;
   std::uint16_t sequence = 0;
   std::uint64_t events_read = 0;
   // A receiver's view.

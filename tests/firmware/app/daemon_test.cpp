@@ -25,6 +25,7 @@
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 #include "tests/support/spread_tree.hpp"
+#include "tests/support/status_receiver.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -328,7 +329,7 @@ TEST(Daemon, PassesOverSoundFramesThatAreNoCommand) {
   const std::uint32_t frames = daemon->commands().frames();
   run(200ms);
   LONGS_EQUAL(frames + 1, daemon->commands().frames());
-  status_frame::Receiver robot;
+  test::StatusReceiver robot;
   int told = 0;
   for (const std::uint8_t byte : link.output_bytes()) {
     if (const auto status = robot.push(byte)) told += status->ok() ? 1 : 100;
@@ -712,7 +713,7 @@ TEST(Daemon, EndsPulsesAndTellsSilenceWhenTheClockIsSetBack) {
   board.by = 2h;
   link.clear_output();
   run(500ms);
-  status_frame::Receiver robot;
+  test::StatusReceiver robot;
   int told = 0;
   for (const std::uint8_t byte : link.output_bytes()) {
     if (const auto status = robot.push(byte)) told += status->ok() && !status->frame.grip_ok ? 1 : 100;

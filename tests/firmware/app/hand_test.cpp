@@ -24,6 +24,7 @@
 #include "link/status_frame.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
+#include "tests/support/status_receiver.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -188,7 +189,7 @@ TEST_GROUP(Hand) {
   // What the wire brought since the last call.
   std::vector<status_frame::StatusFrame> told() {
     std::vector<status_frame::StatusFrame> out;
-    status_frame::Receiver receiver;
+    test::StatusReceiver receiver;
     for (const std::uint8_t byte : link.output_bytes()) {
       if (const auto decoded = receiver.push(byte); decoded && decoded->ok()) out.push_back(decoded->frame);
     }

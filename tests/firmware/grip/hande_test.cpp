@@ -180,48 +180,41 @@ TEST(HandE, ActivatesAGripperThatIsNot) {
   LONGS_EQUAL(2, gripper.writes());
 }
 
-// Any caller, either read function, with and without function 23.
+// Any caller.
 TEST(HandE, GripsTightensAndOpensForEveryCaller) {
   for (const Micros step :
        {Micros{1ms}, Micros{3ms}, Micros{5ms}, Micros{7ms}, Micros{10ms}, Micros{25ms}, Micros{40ms}}) {
-    for (const auto read : {modbus_rtu::Read::kHolding, modbus_rtu::Read::kInput}) {
-      for (const bool read_write : {false, true}) {
-        Rig r;
-        r.step = step;
-        r.config.read = read;
-        r.config.read_write = read_write;
-        CHECK_TRUE(r.grip({.width_mm = 20}));
-        CHECK_TRUE(seen.object == Object::kNone);
-        CHECK_TRUE(r.seen.object == Object::kContactClosing);
-        LONGS_EQUAL(counts(20), r.seen.position);
-        LONGS_EQUAL(255, r.seen.echo);
-        DOUBLES_EQUAL(20 + 165 * 20 / 255.0, r.gripper.force_n(), 1e-9);
+    Rig r;
+    r.step = step;
+    CHECK_TRUE(r.grip({.width_mm = 20}));
+    CHECK_TRUE(seen.object == Object::kNone);
+    CHECK_TRUE(r.seen.object == Object::kContactClosing);
+    LONGS_EQUAL(counts(20), r.seen.position);
+    LONGS_EQUAL(255, r.seen.echo);
+    DOUBLES_EQUAL(20 + 165 * 20 / 255.0, r.gripper.force_n(), 1e-9);
 
-        r.wanted.force = 80;  // a step of the regulator is in the gripper with the next exchange
-        const Micros begin = r.clock.now();
-        CHECK_TRUE(r.until([&] { return r.gripper.output(5) == 80; }));
-        CHECK_TRUE(r.clock.now() - begin <= 25ms + step);
-        r.run(500ms);
-        CHECK_TRUE(r.seen.holding && !r.seen.lost && r.seen.fresh);
-        CHECK_TRUE(r.seen.age <= 20ms + 2 * step + 10ms);
+    r.wanted.force = 80;  // a step of the regulator is in the gripper with the next exchange
+    const Micros begin = r.clock.now();
+    CHECK_TRUE(r.until([&] { return r.gripper.output(5) == 80; }));
+    CHECK_TRUE(r.clock.now() - begin <= 25ms + step);
+    r.run(500ms);
+    CHECK_TRUE(r.seen.holding && !r.seen.lost && r.seen.fresh);
+    CHECK_TRUE(r.seen.age <= 20ms + 2 * step + 10ms);
 
-        r.wanted = kOpen;
-        CHECK_TRUE(r.until([&] { return r.seen.object == Object::kAtPosition; }));
-        CHECK_FALSE(r.seen.holding);
-        CHECK_FALSE(r.seen.lost);
-        LONGS_EQUAL(13, r.seen.position);
-        LONGS_EQUAL(2 + 3, r.gripper.writes());
-        LONGS_EQUAL(1, r.gripper.activations());
-        LONGS_EQUAL(0, r.seen.counters.missed);
-        LONGS_EQUAL(0, r.gripper.damaged());
-        CHECK_TRUE(r.gripper.shortest_gap() >= 5ms);
-        const std::uint8_t function = read_write ? 23 : 16;
-        for (std::size_t i = 0; i < r.gripper.requests().size(); ++i) {
-          const auto& request = r.gripper.requests()[i];
-          CHECK_TRUE(request.function == function || request.function == static_cast<std::uint8_t>(read));
-          LONGS_EQUAL(3, request.count);
-        }
-      }
+    r.wanted = kOpen;
+    CHECK_TRUE(r.until([&] { return r.seen.object == Object::kAtPosition; }));
+    CHECK_FALSE(r.seen.holding);
+    CHECK_FALSE(r.seen.lost);
+    LONGS_EQUAL(13, r.seen.position);
+    LONGS_EQUAL(2 + 3, r.gripper.writes());
+    LONGS_EQUAL(1, r.gripper.activations());
+    LONGS_EQUAL(0, r.seen.counters.missed);
+    LONGS_EQUAL(0, r.gripper.damaged());
+    CHECK_TRUE(r.gripper.shortest_gap() >= 5ms);
+    for (std::size_t i = 0; i < r.gripper.requests().size(); ++i) {
+      const auto& request = r.gripper.requests()[i];
+      CHECK_TRUE(request.function == 16 || request.function == 4);
+      LONGS_EQUAL(3, request.count);
     }
   }
 }
@@ -338,35 +331,32 @@ TEST(HandE, AtThePositionOfTheContactIsNotLost) {
 // The status is renewed every 10 ms: one that is read right after a command shows the world before it.
 TEST(HandE, AStatusOlderThanTheCommandIsNotBelieved) {
   for (int offset_us = 0; offset_us < 10'000; offset_us += 700) {
-    for (const bool read_write : {false, true}) {
-      Rig r;
-      r.config.read_write = read_write;
-      CHECK_TRUE(r.grip({.width_mm = 20}));
-      r.wanted = kOpen;
-      CHECK_TRUE(r.until([&] { return r.seen.object == Object::kAtPosition; }));
-      r.clock.advance(Micros{offset_us});
-      r.step = 3ms;
-      r.gripper.put_object({.width_mm = 30});
-      r.wanted = kClose;
-      r.wanted.speed = 0;  // a second to the object
-      bool moved = false;
-      while (!r.seen.holding && r.clock.now() < 20s) {
-        r.call();
-        const bool is_new = r.state.acknowledged && r.state.echo == 255;
-        moved = moved || r.seen.object == Object::kMoving;
-        CHECK_TRUE(!is_new || r.seen.object == Object::kMoving || r.seen.object == Object::kContactClosing);
-      }
-      CHECK_TRUE(moved && r.seen.holding);
-      LONGS_EQUAL(counts(30), r.seen.position);
-      r.wanted = kOpen;
-      r.wanted.speed = 0;
-      // Of the contact before nothing is left once the gripper was told to open.
-      CHECK_TRUE(r.until([&] { return !r.seen.holding; }, 100ms));
-      while (r.seen.position > 13 && r.clock.now() < 40s) {
-        r.call();
-        CHECK_FALSE(r.seen.holding);
-        CHECK_FALSE(r.seen.lost);
-      }
+    Rig r;
+    CHECK_TRUE(r.grip({.width_mm = 20}));
+    r.wanted = kOpen;
+    CHECK_TRUE(r.until([&] { return r.seen.object == Object::kAtPosition; }));
+    r.clock.advance(Micros{offset_us});
+    r.step = 3ms;
+    r.gripper.put_object({.width_mm = 30});
+    r.wanted = kClose;
+    r.wanted.speed = 0;  // a second to the object
+    bool moved = false;
+    while (!r.seen.holding && r.clock.now() < 20s) {
+      r.call();
+      const bool is_new = r.state.acknowledged && r.state.echo == 255;
+      moved = moved || r.seen.object == Object::kMoving;
+      CHECK_TRUE(!is_new || r.seen.object == Object::kMoving || r.seen.object == Object::kContactClosing);
+    }
+    CHECK_TRUE(moved && r.seen.holding);
+    LONGS_EQUAL(counts(30), r.seen.position);
+    r.wanted = kOpen;
+    r.wanted.speed = 0;
+    // Of the contact before nothing is left once the gripper was told to open.
+    CHECK_TRUE(r.until([&] { return !r.seen.holding; }, 100ms));
+    while (r.seen.position > 13 && r.clock.now() < 40s) {
+      r.call();
+      CHECK_FALSE(r.seen.holding);
+      CHECK_FALSE(r.seen.lost);
     }
   }
 }
@@ -619,22 +609,6 @@ TEST(HandE, AfterNoCommunicationTheWriteIsRepeated) {
   CHECK_TRUE(seen.holding && seen.fault_reason == Reason::kNone);
 }
 
-TEST(HandE, TheEmergencyReleaseOpensAndEndsInAFault) {
-  CHECK_TRUE(rig.grip({}));
-  rig.wanted.emergency_release = true;
-  CHECK_TRUE(rig.until([&] { return seen.fault_reason == Reason::kGripperReleasing; }, 200ms));
-  CHECK_FALSE(seen.holding);
-  rig.wanted.reactivate = true;  // has to wait until it has ended
-  CHECK_TRUE(rig.until([&] { return gripper.fault() == 0xF; }));
-  LONGS_EQUAL(1, gripper.activations());
-  LONGS_EQUAL(1, gripper.drops());
-  CHECK_FALSE(seen.lost);
-  rig.wanted.emergency_release = false;
-  CHECK_TRUE(rig.activate());
-  LONGS_EQUAL(2, gripper.activations());
-  DOUBLES_EQUAL(50, gripper.width_mm(), 1e-9);
-}
-
 TEST(HandE, ReactivateWithoutAFaultIsNotHeard) {
   CHECK_TRUE(rig.grip({}));
   for (int i = 0; i < 10; ++i) {
@@ -767,20 +741,17 @@ TEST(HandE, AnUnpluggedAdaptorCostsFewTriesAndNothingElse) {
 TEST(HandE, EveryCommandArrivesOverAnIntermittentLine) {
   for (const auto trouble : {LineTrouble::kDeaf, LineTrouble::kMute, LineTrouble::kWrongCrc, LineTrouble::kTruncated,
                              LineTrouble::kNoiseBefore, LineTrouble::kLate}) {
-    for (const bool read_write : {false, true}) {
-      Rig r;
-      r.config.read_write = read_write;
-      CHECK_TRUE(r.grip({}));
-      r.gripper.trouble(trouble, 4, 60ms);
-      for (int force = 21; force < 120; ++force) {
-        r.wanted.force = static_cast<std::uint8_t>(force);
-        CHECK_TRUE(r.until([&] { return r.state.acknowledged && r.state.outputs[2] == (0xFF00 | force); }, 10s));
-        LONGS_EQUAL(force, r.gripper.output(5));
-      }
-      CHECK_TRUE(r.seen.holding && !r.seen.lost);
-      LONGS_EQUAL(1, r.gripper.activations());
-      CHECK_TRUE(r.gripper.shortest_gap() >= 5ms);
+    Rig r;
+    CHECK_TRUE(r.grip({}));
+    r.gripper.trouble(trouble, 4, 60ms);
+    for (int force = 21; force < 120; ++force) {
+      r.wanted.force = static_cast<std::uint8_t>(force);
+      CHECK_TRUE(r.until([&] { return r.state.acknowledged && r.state.outputs[2] == (0xFF00 | force); }, 10s));
+      LONGS_EQUAL(force, r.gripper.output(5));
     }
+    CHECK_TRUE(r.seen.holding && !r.seen.lost);
+    LONGS_EQUAL(1, r.gripper.activations());
+    CHECK_TRUE(r.gripper.shortest_gap() >= 5ms);
   }
 }
 
@@ -816,8 +787,6 @@ TEST(HandE, RandomRunsKeepEveryPromise) {
   const auto below = [&](std::uint32_t n) { return static_cast<std::uint32_t>(random() % n); };
   for (int round = 0; round < 40; ++round) {
     Rig r;
-    r.config.read_write = below(2) == 0;
-    r.config.read = below(2) == 0 ? modbus_rtu::Read::kHolding : modbus_rtu::Read::kInput;
     std::uint32_t last_missed = 0;
     std::uint32_t misses_in_a_row = 0;
     std::uint32_t last_replies = 0;
@@ -829,7 +798,6 @@ TEST(HandE, RandomRunsKeepEveryPromise) {
                     .position = static_cast<std::uint8_t>(random()),
                     .speed = static_cast<std::uint8_t>(random()),
                     .force = static_cast<std::uint8_t>(random()),
-                    .emergency_release = below(50) == 0,
                     .reactivate = below(2) == 0};
       }
       if (below(100) == 0) {

@@ -101,27 +101,6 @@ Wire wire_of(const std::array<std::uint8_t, sf::kPayloadBytes - 2>& body) {
   return wire;
 }
 
-// What a receiver of the whole stream makes of it.
-struct Heard {
-  std::vector<StatusFrame> frames;
-  int errors = 0;
-};
-
-Heard hear(const Bytes& stream) {
-  sf::Receiver receiver;
-  Heard heard;
-  for (const std::uint8_t byte : stream) {
-    if (const auto result = receiver.push(byte)) {
-      if (result->ok()) {
-        heard.frames.push_back(result->frame);
-      } else {
-        ++heard.errors;
-      }
-    }
-  }
-  return heard;
-}
-
 Bytes bytes_of(const Wire& wire) {
   return {wire.begin(), wire.end()};
 }
@@ -262,9 +241,6 @@ TEST(StatusFrame, KnownAnswerOfAHand) {
   CHECK_TRUE(want == wire);
   const sf::Decoded decoded = sf::decode(want);
   CHECK_TRUE(decoded.ok() && decoded.frame == frame);
-  const Heard heard = hear(joined({want, bytes_of(encoded(StatusFrame{})), want}));
-  LONGS_EQUAL(3, heard.frames.size());
-  LONGS_EQUAL(0, heard.frames[1].fingers);  // version 1 does not tell
 }
 
 // A receiver of version 1 has room for 33 bytes before the 0x00: of each longer frame it hears nothing.
@@ -412,52 +388,4 @@ TEST(StatusFrame, UnknownFlagBitsAndReasonsAreTakenAsTheyAre) {
   LONGS_EQUAL(250, static_cast<int>(decoded.frame.reason));
   CHECK_TRUE(decoded.frame.grip_ok);
   CHECK_FALSE(decoded.frame.slip || decoded.frame.features_valid || decoded.frame.alive);
-}
-
-TEST(StatusFrame, ReceiverFindsFramesInAStream) {
-  std::mt19937 random(6);
-  const StatusFrame a = random_frame(random);
-  const StatusFrame b = random_frame(random);
-  const Bytes wa = bytes_of(encoded(a));
-  const Bytes wb = bytes_of(encoded(b));
-  const auto is = [](const Heard& heard, const std::vector<StatusFrame>& want) { return heard.frames == want; };
-  CHECK_TRUE(is(hear({}), {}));
-  CHECK_TRUE(is(hear(joined({wa, wb})), {a, b}));
-  LONGS_EQUAL(0, hear(joined({{0, 0, 0}, wa, {0, 0}, wb, {0}})).errors);
-  CHECK_TRUE(is(hear(joined({{0, 0, 0}, wa, {0, 0}, wb, {0}})), {a, b}));
-  // Joined in the middle of a frame: every tail of it is dropped, the next frame is heard.
-  for (std::size_t from = 1; from + 1 < wa.size(); ++from) {
-    const Bytes tail(wa.begin() + static_cast<std::ptrdiff_t>(from), wa.end());
-    CHECK_TRUE(is(hear(joined({tail, wb})), {b}));
-  }
-  // Cut before the delimiter: the frame behind it is lost with it, the one after that is heard.
-  for (std::size_t to = 1; to < wa.size(); ++to) {
-    const Bytes head(wa.begin(), wa.begin() + static_cast<std::ptrdiff_t>(to));
-    CHECK_TRUE(is(hear(joined({head, wb, wa})), {a}));
-  }
-  // A damaged byte is told, unless it makes text of the frame's beginning.
-  Bytes bad = wa;
-  bad[20] ^= 0x40;
-  CHECK_TRUE(is(hear(joined({bad, wb})), {b}));
-  LONGS_EQUAL(1, hear(joined({bad, wb})).errors);
-  // Garbage of any length without a delimiter ends with the first one.
-  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x55), wa, wb})), {b}));
-  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x55), {0}, wa, wb})), {a, b}));
-  CHECK_TRUE(is(hear(joined({Bytes(100'000, 0x03), {0}, wa, wb})), {a, b}));
-}
-
-TEST(StatusFrame, ReceiverPassesOverOtherKinds) {
-  Wire wire = wire_of({1, 2});
-  const Bytes status = bytes_of(encoded({}));
-  LONGS_EQUAL(0, hear(bytes_of(wire)).errors);
-  LONGS_EQUAL(1, hear(joined({bytes_of(wire), status, bytes_of(wire)})).frames.size());
-  wire = wire_of({2, 1});
-  LONGS_EQUAL(1, hear(joined({bytes_of(wire), status})).errors);
-}
-
-TEST(StatusFrame, RandomBytesAreHardlyEverAFrame) {
-  std::mt19937 random(7);
-  Bytes noise(2'000'000);
-  for (std::uint8_t& byte : noise) byte = static_cast<std::uint8_t>(random());
-  LONGS_EQUAL(0, hear(noise).frames.size());
 }

@@ -146,45 +146,6 @@ TEST(Settings, AreGoodTogetherOrNotAtAll) {
   LONGS_EQUAL(1, slots().sequence());
 }
 
-// The number behind the last one is 1: in either order of the slots, and on from there.
-TEST(Settings, AreNumberedAnewBehindTheLastNumber) {
-  constexpr std::uint32_t kLast = 0xFFFFFFFF;
-  Params params;
-  const auto payload_of = [&](std::int32_t hold_ms) {
-    params.hold_ms = hold_ms;
-    std::vector<std::uint8_t> payload(settings::kMostPayload);
-    payload.resize(settings::write(params, payload));
-    return payload;
-  };
-  for (const bool swapped : {false, true}) {
-    store = sim::Store{settings::kMostBytes};
-    if (swapped) save(kLast - 2, payload_of(1));
-    save(kLast - 1, payload_of(2));
-    save(kLast, payload_of(3));
-    LONGS_EQUAL(1, slots().next_sequence());
-    for (std::uint32_t next = 1; next <= 3; ++next) {
-      params.hold_ms = static_cast<std::int32_t>(10 + next);
-      save(params);
-      LONGS_EQUAL(next, slots().sequence());
-      LONGS_EQUAL(10 + next, load(Loaded::kAll).hold_ms);
-    }
-  }
-  // Nothing but 1 follows the last number, and the last number does not follow 1.
-  store = sim::Store{settings::kMostBytes};
-  save(kLast, {});
-  std::vector<std::uint8_t> record(sealed::kAround);
-  for (const auto& [sequence, expected] :
-       std::vector<std::pair<std::uint32_t, SlotStore::Put>>{{kLast, SlotStore::Put::kOld},
-                                                             {2, SlotStore::Put::kOld},
-                                                             {1, SlotStore::Put::kBegun},
-                                                             {kLast, SlotStore::Put::kOld}}) {
-    (void)sealed::write(sealed::Kind::kSettings, sequence, {}, record);
-    CHECK(slots().put(record, settings::fits) == expected);
-  }
-  (void)sealed::write(sealed::Kind::kSettings, kLast - 1, {}, record);
-  CHECK(slots().put(record, settings::fits) == SlotStore::Put::kBegun);
-}
-
 // No smaller number passes for a newer one where an owner signs: it would open the way back to all that was signed.
 TEST(Settings, OfAnOwnerEndWithTheLastNumber) {
   constexpr std::uint32_t kLast = 0xFFFFFFFF;

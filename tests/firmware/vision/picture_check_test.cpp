@@ -122,13 +122,11 @@ TEST(PictureCheck, AcceptsTheFirstPictureWhateverItIs) {
   CHECK_FALSE(accepts(with_step(picture(), 100, 100, 60)));
 }
 
-TEST(PictureCheck, AcceptsEveryFrameOfTheScenes) {
-  for (const scene::Scene& scene : {scene::sphere_slip(), scene::sphere_hold(), scene::sphere_shake()}) {
-    const test::ScenePictures film = test::film(scene, view);
-    for (const std::int32_t block : {1, 4, 8}) {
-      *state = {};
-      for (const LumaView& luma : film.views) CHECK_TRUE(picture_check::update(*state, config, luma, block).ok());
-    }
+TEST(PictureCheck, AcceptsEveryFrameOfAScene) {
+  const test::ScenePictures film = test::film(scene::sphere_slip(), view);
+  for (const std::int32_t block : {1, 4, 8}) {
+    *state = {};
+    for (const LumaView& luma : film.views) CHECK_TRUE(picture_check::update(*state, config, luma, block).ok());
   }
 }
 

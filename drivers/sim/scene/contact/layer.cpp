@@ -730,7 +730,7 @@ PressRatio Layer::press_ratio(double a_mm) const {
   const PressRatio& last = table[kLastRow + 2];
   const double power =
       kMostRadius * 0.5 * kStepsPerThickness * (table[kLastRow + 3].force - table[kLastRow + 1].force) / last.force;
-  const double growth = portable::pow(a / kMostRadius, power);
+  const double growth = portable::exp(power * portable::log(a / kMostRadius));
   return {last.force * growth, last.depth, last.peak_pressure * growth};
 }
 

@@ -18,11 +18,31 @@ constexpr std::string_view kShortened = "the scene was made shorter";
 
 // Fields that only a picture shows.
 bool needs_picture(const Field& field) {
-  constexpr std::array<std::string_view, 9> kOfPictures{
-      "pixel_noise", "marker_duplicates", "dot_shading",     "gel_margins", "dirt",
-      "light",       "exposure",          "rolling_shutter", "worn_gel"};
-  return field.path.starts_with("picture.") || field.path.starts_with("object.relief.") ||
-         std::ranges::find(kOfPictures, field.more.capability) != kOfPictures.end();
+  return field.more.picture || field.path.starts_with("picture.") || field.path.starts_with("object.relief.");
+}
+
+bool pressed(const Scene& scene) {
+  return std::ranges::any_of(scene.trajectory, [](const Waypoint& point) {
+    return std::max({point.depth_mm.value_or(0.0), point.force_n.value_or(0.0), point.closing_mm.value_or(0.0)}) > 0.0;
+  });
+}
+
+bool pulled(const Scene& scene) {
+  return std::ranges::any_of(scene.trajectory, [](const Waypoint& point) {
+    return point.pull_x_n.value_or(0.0) != 0.0 || point.pull_y_n.value_or(0.0) != 0.0;
+  });
+}
+
+// Along the gel or about the normal, by its script.
+bool moves(const Scene& scene) {
+  const auto varies = [&](std::optional<double> Waypoint::*channel) {
+    std::optional<double> first;
+    return std::ranges::any_of(scene.trajectory, [&](const Waypoint& point) {
+      if (!first) first = point.*channel;
+      return point.*channel && point.*channel != first;
+    });
+  };
+  return varies(&Waypoint::x_mm) || varies(&Waypoint::y_mm) || varies(&Waypoint::twist_deg);
 }
 
 class Checks {
@@ -37,7 +57,7 @@ class Checks {
     expectations();
     goals();
     // A value that could not be read would make a scene that nobody wrote.
-    if (problems_.count() == 0) capabilities();
+    if (problems_.count() == 0) level();
     if (problems_.count() == 0) idle();
   }
 
@@ -197,54 +217,12 @@ class Checks {
     }
   }
 
-  // The line that switches a capability on, as far as one does.
-  [[nodiscard]] std::pair<int, std::string> origin(std::string_view capability) const {
-    for (const Records& records : all_records()) {
-      const Node* list = records.path.empty() ? nullptr : find(read_.root(), records.path);
-      for (const Field& field : records.fields) {
-        if (field.more.capability != capability) continue;
-        if (records.path.empty() && read_.given(field.path)) {
-          return {read_.line_at(field.path), std::string(field.path)};
-        }
-        for (std::size_t i = 0; list != nullptr && i < list->children.size(); ++i) {
-          const Node* node = find(list->children[i], field.path);
-          if (node != nullptr) return {node->line, joined(Words{records.path, field.path}, "[].")};
-        }
-      }
-    }
-    return {read_.line_at("trajectory"), ""};
-  }
-
-  void capabilities() {
-    const Words used = used_capabilities(scene_);
-    const std::string level(kContactLevelNames[static_cast<std::size_t>(scene_.level.contact)]);
-    Words unnamed;
-    for (const Capability& capability : kCapabilities) {
-      const std::string name(capability.name);
-      const bool is_used = std::ranges::find(used, capability.name) != used.end();
-      const bool named = std::ranges::find(scene_.needs, capability.name) != scene_.needs.end();
-      if ((is_used || named) && !can(scene_.level.contact, capability)) {
-        const auto [line, path] = origin(capability.name);
-        problems_.add(is_used ? line : read_.line_at("requires"),
-                      std::string("level ")
-                              .append(level)
-                              .append(" cannot do ")
-                              .append(name)
-                              .append(" (")
-                              .append(capability.help) +
-                          (is_used && !path.empty() ? "; '" + path + "'" : "") + "), allowed levels: grid",
-                      "the scene was written for another level",
-                      "choose it as level.contact, or leave " + name + " out");
-      } else if (is_used && !named) {
-        unnamed.push_back(capability.name);
-      }
-    }
-    if (unnamed.empty()) return;
-    const auto [line, path] = origin(unnamed.front());
-    problems_.add(
-        read_.given("requires") ? read_.line_at("requires") : line,
-        "the scene uses " + joined(unnamed) + ": say so in 'requires'" + (path.empty() ? "" : " ('" + path + "' does)"),
-        "it was changed and 'requires' was not", R"(write "requires": [")" + joined(used, "\", \"") + "\"]");
+  void level() {
+    if (scene_.level.contact == ContactLevel::kGrid || as_round(scene_.object.shape)) return;
+    const bool textured = as_round({.kind = scene_.object.shape.kind}).has_value();
+    add(textured ? "object.texture.kind" : "object.shape", "level springs cannot do shapes", "",
+        "a smooth sphere or cone on this level", "the scene was written for another level",
+        R"(write "contact": "grid", or another shape)");
   }
 
   // Allowed, but without effect.
@@ -253,11 +231,9 @@ class Checks {
                             const std::string& next) {
       warnings_.add(read_.line_at(path), "unused: " + what, cause, next);
     };
-    const Words used = used_capabilities(scene_);
-    for (const std::string& need : scene_.needs) {
-      if (std::ranges::find(used, need) != used.end()) continue;
-      unused("requires", "nothing in the scene uses \"" + need + "\"", "it was left from another scene",
-             "leave it out of 'requires'");
+    if (read_.given(kGoneKey)) {
+      unused(kGoneKey, "'" + std::string(kGoneKey) + "' is gone: the reader sees what a scene uses",
+             "a scene of an earlier version", "leave it out");
     }
     const Inject inject = scene_.level.inject;
     const bool picture = inject == Inject::kGrey || inject == Inject::kJpeg;

@@ -38,7 +38,6 @@ std::string pair(std::string_view path, const Node& node) {
 Reading::Reading(const Node& root, Scene& scene, json::Problems& problems) : root_(root), problems_(problems) {
   read_record(root, "", scene_table(), &scene);
   if (root.kind != Node::Kind::kObject) return;
-  read_requires(scene);
   for (const Records& list : all_records().subspan(1)) {
     const Node* node = find(root, list.path);
     if (node == nullptr || !is_list(list.path, *node)) continue;
@@ -101,6 +100,7 @@ void Reading::check_keys(const Node& node, const Place& place, const std::string
     const std::string path = section + child.key;
     const std::string shown_path = place.prefix + section + printable(child.key);
     const bool known = std::ranges::find(words, child.key) != words.end();
+    if (shown_path == kGoneKey) continue;
     if (known && find_field(place.fields, path) != nullptr) continue;
     if (known && child.kind == Node::Kind::kObject) {
       check_keys(child, place, path + ".");
@@ -233,31 +233,6 @@ void Reading::check_idle(const Node& object, const Place& place, const void* rec
                   "not used by " + whose + " " + pair(place.prefix + std::string(field.path), *node) +
                       (of_shape ? "; keys of " + whose + ": " + joined(used) : ""),
                   "it is left from another scene", "leave it out");
-  }
-}
-
-void Reading::read_requires(Scene& scene) {
-  const Node* list = find(root_, "requires");
-  if (list == nullptr || !is_list("requires", *list)) return;
-  Words names;
-  for (const Capability& capability : kCapabilities) names.push_back(capability.name);
-  for (const Node& item : list->children) {
-    const auto refuse = [&](const std::string& what, std::string_view cause, const std::string& next,
-                            const std::string& more = "") {
-      problems_.add(item.line, std::string(what).append(" ").append(pair("requires", item)).append(more), cause, next);
-    };
-    if (item.kind != Node::Kind::kText) {
-      refuse("wrong kind of value", "quotes are missing", "give names in quotes", ", allowed the name of a capability");
-    } else if (std::ranges::find(names, item.text) == names.end()) {
-      const std::string near(nearest(item.text, names));
-      refuse("this build has no such capability", "a typing error, or a scene of a later version",
-             near.empty() ? "leave it out, or take a build that has it" : "write \"" + near + "\"",
-             near.empty() ? ", allowed: " + joined(names) : ", nearest is \"" + near + "\"");
-    } else if (std::ranges::find(scene.needs, item.text) != scene.needs.end()) {
-      refuse("capability given twice", kTypo, "remove one of the two");
-    } else {
-      scene.needs.push_back(item.text);
-    }
   }
 }
 

@@ -47,7 +47,6 @@ Pairs pairs(const Records& records, const void* record, std::string_view section
 }
 
 std::string list_text(const Scene& scene, std::string_view path) {
-  if (path == "requires") return scene.needs.empty() ? "" : "[\"" + joined(scene.needs, "\", \"") + "\"]";
   const Records& list = *std::ranges::find(all_records(), path, &Records::path);
   std::string out;
   for (std::size_t i = 0; i < list.size(scene); ++i) {
@@ -167,11 +166,6 @@ std::string describe(const Scene& scene) {
   line("time", file::shown(scene.duration_s) + " s at " + file::shown(scene.fps) + " frames per second; seed " +
                    std::to_string(scene.seed));
   for (const std::string name : {"level", "gel", "markers", "object"}) section(name, name, true);
-  out += "  modelled\n";
-  for (const std::string_view name : used_capabilities(scene)) {
-    out += "    " + std::string(name) + ": " +
-           std::string(std::ranges::find(kCapabilities, name, &Capability::name)->help) + "\n";
-  }
   out += "  left out by level " + std::string(kContactLevelNames[static_cast<std::size_t>(scene.level.contact)]) + "\n";
   for (const std::string_view omission : omissions(scene.level.contact)) out += "    " + std::string(omission) + "\n";
   out += "  trajectory, " + std::string(kProfileNames[static_cast<std::size_t>(scene.profile)]) + "\n" + table(scene);
@@ -199,8 +193,7 @@ std::vector<FieldInfo> scene_fields() {
                      .allowed = file::allowed(field),
                      .standard = field.get != nullptr && !field.more.required ? text_of(field, records.standard) : "",
                      .required = field.more.required,
-                     .help = field.help,
-                     .capability = field.more.capability});
+                     .help = field.help});
       if (!records.path.empty() || field.type != Type::kList) continue;
       const auto list = std::ranges::find(all_records(), field.path, &Records::path);
       if (list != all_records().end()) self(*list, self);

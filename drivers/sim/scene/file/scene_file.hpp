@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scenes as JSON text: reads, writes and describes them, from one table of fields (schema.hpp: key, unit, range,
-// default, help, capability, member). tests/scenes/README.md is that table, printed.
+// default, help, member). tests/scenes/README.md is that table, printed.
 //
 // A scene is read as a whole: every problem comes out with its line, not only the first. Refused are unknown and
 // doubled keys, values of another kind or out of range, keys that mean nothing beside the others (a radius on a box),
-// contradictions (times that do not rise, a pull without a mass), and capabilities that the scene uses without naming
-// them in "requires", or that its contact level does not have. What is allowed but changes nothing is a warning.
+// contradictions (times that do not rise, a pull without a mass), and shapes that the contact level cannot do. What is
+// allowed but changes nothing is a warning.
 //
 // Hostile text ends in an error, too: at most 1 MB, 8 levels deep, 100 keys in an object and 10000 entries in a list;
 // strict JSON in UTF-8 without NUL, byte-order mark or comments.
@@ -51,19 +51,6 @@ struct SceneResult {
 // What a person wants to know before running it; several lines.
 [[nodiscard]] std::string describe(const Scene& scene);
 
-// Names of kCapabilities, in its order. The rules:
-//   press            a depth, force or closing above 0
-//   shear            pressed, and x or y changes or something pulls
-//   twist            pressed, and the twist changes
-//   gross_slip       sheared or twisted and not bonded: friction is finite, so it may let go
-//   partial_slip     likewise
-//   layer            pressed on a gel of finite thickness
-//   load_history     while in contact, the motion turns by more than a right angle or the twist turns back; or the
-//                    normal direction changes after the motion began, other than by a release straight to no contact
-//   shapes           anything but a smooth sphere or cone
-//   all others       a field of that capability differs from its default
-[[nodiscard]] std::vector<std::string_view> used_capabilities(const Scene& scene);
-
 // What a contact level leaves out, one phrase each.
 [[nodiscard]] std::span<const std::string_view> omissions(ContactLevel level);
 
@@ -78,7 +65,6 @@ struct FieldInfo {
   std::string standard;  // default; empty: not given
   bool required = false;
   std::string_view help;
-  std::string_view capability;  // that a value other than the default switches on; empty: none
 };
 [[nodiscard]] std::vector<FieldInfo> scene_fields();
 

@@ -230,9 +230,7 @@ std::string_view idle(const void* record) {
 constexpr Field::More kRequired{.required = true};
 template <auto kUnless>
 constexpr Field::More unused{.idle = idle<kUnless>};  // NOLINT(readability-identifier-naming): a word of the table
-constexpr Field::More switches(std::string_view capability) {
-  return {.capability = capability};
-}
+constexpr Field::More kSeen{.picture = true};
 
 constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kMostSeconds = 100'000.0;
@@ -248,7 +246,6 @@ constexpr auto kSceneFields = std::to_array<Field>({
     of<&Scene::seed>("seed", "", 0, 1.8446744073709552e19, "of everything random"),
     of<&Scene::fps>("fps", "1/s", 1, 1000, "frames per second"),
     of<&Scene::duration_s>("duration_s", "s", 0.001, kMostSeconds, "of the scene; at most 1000000 frames", kRequired),
-    kList("requires", "", 0, kCapabilities.size(), "capabilities that the scene uses: all of them, see below"),
 
     of<&Scene::level, &Level::inject>("level.inject", "where the simulation enters the firmware"),
     of<&Scene::level, &Level::contact>("level.contact", "how the contact is computed"),
@@ -257,7 +254,7 @@ constexpr auto kSceneFields = std::to_array<Field>({
 
     of<&Scene::gel, &Gel::shear_modulus_mpa>("gel.shear_modulus_kpa", "kPa", 0.01, 1e6, "30 to 115 are reported for this gel", {.per_member = 1000}),
     of<&Scene::gel, &Gel::poisson>("gel.poisson", "", 0, 0.5, "Poisson's ratio"),
-    kThickness("gel.thickness_mm", "mm", 0.5, 1000, "of the layer, whose base does not move", {.capability = "layer", .idle = idle<unless_layer>}),
+    kThickness("gel.thickness_mm", "mm", 0.5, 1000, "of the layer, whose base does not move", unused<unless_layer>),
     kHalfSpace("gel.half_space", "a gel without end, instead of a thickness"),
 
     of<&Scene::markers, &MarkerGrid::rows>("markers.rows", "", 2, 16, "of printed dots; rows x cols at most 128"),
@@ -265,7 +262,7 @@ constexpr auto kSceneFields = std::to_array<Field>({
     of<&Scene::markers, &MarkerGrid::pitch_mm>("markers.pitch_mm", "mm", 0.2, 20, "between dots"),
 
     object<&Object::name>("object.name", "", 1, 64, "for reports"),
-    shape<&Shape::kind>("object.shape", "of the side that touches; all but sphere and cone are `shapes`", switches("shapes")),
+    shape<&Shape::kind>("object.shape", "of the side that touches; level springs takes a smooth sphere or cone alone"),
     shape<&Shape::radius_mm>("object.radius_mm", "mm", 0.01, 10'000, "sphere, cylinder, disc; ellipsoid along x; crest of an edge", unused<unless_shape<kSphere, kEllipsoid, kCylinder, kDisc, kEdge>>),
     shape<&Shape::radius_y_mm>("object.radius_y_mm", "mm", 0.01, 10'000, "ellipsoid along y", unused<unless_shape<kEllipsoid>>),
     shape<&Shape::half_x_mm>("object.half_x_mm", "mm", 0.05, 1000, "half a box along x", unused<unless_shape<kBox>>),
@@ -274,43 +271,43 @@ constexpr auto kSceneFields = std::to_array<Field>({
     shape<&Shape::flank_deg>("object.flank_deg", "deg", 0.1, 89, "cone, edge: slope of the flank against the gel", unused<unless_shape<kCone, kEdge>>),
     shape<&Shape::yaw_rad>("object.yaw_deg", "deg", -360, 360, "about the normal, before any twist", {.per_member = kDegreesPerRadian, .idle = idle<unless_turnable>}),
     shape<&Shape::tilt_rad>("object.tilt_deg", "deg", -45, 45, "disc, box: towards the object's +y", {.per_member = kDegreesPerRadian, .idle = idle<unless_shape<kDisc, kBox>>}),
-    shape<&Shape::texture>("object.texture.kind", "ridges along the object's y, or bumps on a square lattice", switches("shapes")),
+    shape<&Shape::texture>("object.texture.kind", "ridges along the object's y, or bumps on a square lattice"),
     shape<&Shape::texture_height_mm>("object.texture.height_mm", "mm", 0, 10, "from valley to crest", unused<unless_textured>),
     shape<&Shape::texture_pitch_mm>("object.texture.pitch_mm", "mm", 0.01, 100, "from crest to crest", unused<unless_textured>),
-    of<&Scene::object, &Object::relief, &Relief::kind>("object.relief.kind", "seen in the picture, of no matter to the contact: ridges and bumps as a texture, or random grain", switches("relief")),
+    of<&Scene::object, &Object::relief, &Relief::kind>("object.relief.kind", "seen in the picture, of no matter to the contact: ridges and bumps as a texture, or random grain"),
     of<&Scene::object, &Object::relief, &Relief::height_um>("object.relief.height_um", "um", 0, 500, "from valley to crest; of grain 4 times its rms", unused<unless_relieved>),
     of<&Scene::object, &Object::relief, &Relief::pitch_mm>("object.relief.pitch_mm", "mm", 0.05, 20, "from crest to crest; of grain its mean period", unused<unless_relieved>),
     object<&Object::friction>("object.friction", "", 0, 100, "static; 0.2 to 1.2 are reported for this gel"),
-    object<&Object::kinetic_friction>("object.kinetic_friction", "", 0, 100, "at most the static one, which it is unless given", switches("kinetic_friction")),
+    object<&Object::kinetic_friction>("object.kinetic_friction", "", 0, 100, "at most the static one, which it is unless given"),
     object<&Object::bonded>("object.bonded", "nothing ever slips"),
-    object<&Object::compliance_mm_per_n>("object.compliance_mm_per_n", "mm/N", 0, 1000, "of the object, in series with the gel; for closing_mm", switches("compliance")),
-    object<&Object::mass_g>("object.mass_g", "g", 0, 1e5, "0: follows its drive; else it needs a drive stiffness or a pull", switches("mass")),
+    object<&Object::compliance_mm_per_n>("object.compliance_mm_per_n", "mm/N", 0, 1000, "of the object, in series with the gel; for closing_mm"),
+    object<&Object::mass_g>("object.mass_g", "g", 0, 1e5, "0: follows its drive; else it needs a drive stiffness or a pull"),
     of<&Scene::object, &Object::touch_mm, &Vec2::x>("object.touch_x_mm", "mm", -100, 100, "where it touches first"),
     of<&Scene::object, &Object::touch_mm, &Vec2::y>("object.touch_y_mm", "mm", -100, 100, "where it touches first"),
 
     of<&Scene::profile>("profile", "between waypoints; minimum jerk is how people move"),
     kList("trajectory", "", 1, kMostSceneItems, "what moves the object: waypoints, times rising", kRequired),
 
-    effect<&Effects::press_dilation>("effects.press_dilation", "", 0, 10, "FOTS's outward motion under a press, as a share of the depth", switches("press_dilation")),
-    effect<&Effects::creep_gain>("effects.creep_gain", "", 0, 10, "share by which a held load goes on deforming the gel", switches("creep")),
+    effect<&Effects::press_dilation>("effects.press_dilation", "", 0, 10, "FOTS's outward motion under a press, as a share of the depth"),
+    effect<&Effects::creep_gain>("effects.creep_gain", "", 0, 10, "share by which a held load goes on deforming the gel"),
     effect<&Effects::creep_tau_s>("effects.creep_tau_s", "s", 0.001, 10'000, "its time constant", unused<unless_creeping>),
     effect<&Effects::drive_stiffness_n_per_mm>("effects.drive_stiffness_n_per_mm", "N/mm", 0, 1e4, "of the arm that moves an object with mass; 0: pull alone", unused<unless_massive>),
     effect<&Effects::damping_n_s_per_mm>("effects.damping_n_s_per_mm", "N s/mm", 0, 1e4, "of the motion of an object with mass", unused<unless_massive>),
-    effect<&Effects::marker_noise_um>("effects.marker_noise_um", "um", 0, 1000, "sigma of each coordinate, every frame", switches("marker_noise")),
-    effect<&Effects::marker_loss>("effects.marker_loss", "", 0, 1, "chance of each marker to be missing, every frame", switches("marker_loss")),
-    effect<&Effects::marker_missing>("effects.marker_missing", "", 0, kMaxMarkers, "dots that were never printed or have worn off", switches("marker_loss")),
-    effect<&Effects::marker_duplicates>("effects.marker_duplicates", "", 0, 64, "dots beside a printed one", switches("marker_duplicates")),
-    effect<&Effects::fabrication_um>("effects.fabrication_um", "um", 0, 1000, "sigma of where each dot was printed", switches("fabrication")),
-    effect<&Effects::fabrication_turn_deg>("effects.fabrication_turn_deg", "deg", -45, 45, "of the whole print", switches("fabrication")),
-    effect<&Effects::pixel_noise>("effects.pixel_noise", "levels", 0, 64, "sigma", switches("pixel_noise")),
-    effect<&Effects::dirt_specks>("effects.dirt_specks", "", 0, 1000, "dark specks that stay where they are", switches("dirt")),
-    effect<&Effects::light_drift_levels_per_s>("effects.light_drift_levels_per_s", "levels/s", -255, 255, "of the whole picture", switches("light")),
-    effect<&Effects::light_flicker_levels>("effects.light_flicker_levels", "levels", 0, 255, "amplitude at 100 Hz, as the frame rate aliases it", switches("light")),
-    effect<&Effects::exposure_ms>("effects.exposure_ms", "ms", 0, 1000, "motion blur", switches("exposure")),
-    effect<&Effects::rolling_shutter_ms>("effects.rolling_shutter_ms", "ms", 0, 1000, "from the first row to the last", switches("rolling_shutter")),
-    effect<&Effects::worn_gel>("effects.worn_gel", "", 0, 1, "0 new .. 1: dots lose contrast in patches", switches("worn_gel")),
-    effect<&Effects::dot_shading_levels>("effects.dot_shading_levels", "levels", 0, 60, "of a dot's rim that faces a lamp", switches("dot_shading")),
-    effect<&Effects::gel_margins>("effects.gel_margins", "dark frame around the pad of 25.25 x 20.75 mm", switches("gel_margins")),
+    effect<&Effects::marker_noise_um>("effects.marker_noise_um", "um", 0, 1000, "sigma of each coordinate, every frame"),
+    effect<&Effects::marker_loss>("effects.marker_loss", "", 0, 1, "chance of each marker to be missing, every frame"),
+    effect<&Effects::marker_missing>("effects.marker_missing", "", 0, kMaxMarkers, "dots that were never printed or have worn off"),
+    effect<&Effects::marker_duplicates>("effects.marker_duplicates", "", 0, 64, "dots beside a printed one", kSeen),
+    effect<&Effects::fabrication_um>("effects.fabrication_um", "um", 0, 1000, "sigma of where each dot was printed"),
+    effect<&Effects::fabrication_turn_deg>("effects.fabrication_turn_deg", "deg", -45, 45, "of the whole print"),
+    effect<&Effects::pixel_noise>("effects.pixel_noise", "levels", 0, 64, "sigma", kSeen),
+    effect<&Effects::dirt_specks>("effects.dirt_specks", "", 0, 1000, "dark specks that stay where they are", kSeen),
+    effect<&Effects::light_drift_levels_per_s>("effects.light_drift_levels_per_s", "levels/s", -255, 255, "of the whole picture", kSeen),
+    effect<&Effects::light_flicker_levels>("effects.light_flicker_levels", "levels", 0, 255, "amplitude at 100 Hz, as the frame rate aliases it", kSeen),
+    effect<&Effects::exposure_ms>("effects.exposure_ms", "ms", 0, 1000, "motion blur", kSeen),
+    effect<&Effects::rolling_shutter_ms>("effects.rolling_shutter_ms", "ms", 0, 1000, "from the first row to the last", kSeen),
+    effect<&Effects::worn_gel>("effects.worn_gel", "", 0, 1, "0 new .. 1: dots lose contrast in patches", kSeen),
+    effect<&Effects::dot_shading_levels>("effects.dot_shading_levels", "levels", 0, 60, "of a dot's rim that faces a lamp", kSeen),
+    effect<&Effects::gel_margins>("effects.gel_margins", "dark frame around the pad of 25.25 x 20.75 mm", kSeen),
 
     kList("faults", "", 0, kMostSceneItems, "of the camera"),
 
@@ -338,20 +335,20 @@ constexpr auto kSceneFields = std::to_array<Field>({
 
 constexpr auto kWaypointFields = std::to_array<Field>({
     of<&Waypoint::t_s>("t_s", "s", 0, kMostSeconds, "rising", kRequired),
-    of<&Waypoint::depth_mm>("depth_mm", "mm", -100, 100, "of the lowest point below the gel's surface; 0 and less: no contact", switches("press")),
-    of<&Waypoint::force_n>("force_n", "N", 0, 10'000, "normal, instead of depth", switches("press")),
-    of<&Waypoint::closing_mm>("closing_mm", "mm", -100, 100, "of the gripper since first touch, instead of depth: object and gel in series", switches("press")),
-    of<&Waypoint::x_mm>("x_mm", "mm", -1000, 1000, "from the place of first touch", switches("shear")),
-    of<&Waypoint::y_mm>("y_mm", "mm", -1000, 1000, "from the place of first touch", switches("shear")),
-    of<&Waypoint::twist_deg>("twist_deg", "deg", -3600, 3600, "about the normal, +x towards +y", switches("twist")),
-    of<&Waypoint::pull_x_n>("pull_x_n", "N", -10'000, 10'000, "on an object with mass", switches("pull")),
-    of<&Waypoint::pull_y_n>("pull_y_n", "N", -10'000, 10'000, "on an object with mass", switches("pull")),
+    of<&Waypoint::depth_mm>("depth_mm", "mm", -100, 100, "of the lowest point below the gel's surface; 0 and less: no contact"),
+    of<&Waypoint::force_n>("force_n", "N", 0, 10'000, "normal, instead of depth"),
+    of<&Waypoint::closing_mm>("closing_mm", "mm", -100, 100, "of the gripper since first touch, instead of depth: object and gel in series"),
+    of<&Waypoint::x_mm>("x_mm", "mm", -1000, 1000, "from the place of first touch"),
+    of<&Waypoint::y_mm>("y_mm", "mm", -1000, 1000, "from the place of first touch"),
+    of<&Waypoint::twist_deg>("twist_deg", "deg", -3600, 3600, "about the normal, +x towards +y"),
+    of<&Waypoint::pull_x_n>("pull_x_n", "N", -10'000, 10'000, "on an object with mass"),
+    of<&Waypoint::pull_y_n>("pull_y_n", "N", -10'000, 10'000, "on an object with mass"),
 });
 
 constexpr auto kFaultFields = std::to_array<Field>({
     of<&FaultEvent::t_s>("t_s", "s", 0, kMostSeconds, "of the first frame that it takes", kRequired),
     of<&FaultEvent::frames>("frames", "", 1, 1e6, "how many it takes"),
-    of<&FaultEvent::fault>("fault", "off: the sensor sends nothing", {.capability = "camera_faults", .required = true}),
+    of<&FaultEvent::fault>("fault", "off: the sensor sends nothing", kRequired),
     of<&FaultEvent::by_ms>("by_ms", "ms", 0, 60'000, "late, backwards", unused<unless_shifted>),
 });
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one table of a scene file's fields (key, unit, range, default, help, capability, member), and what follows from a
+// The one table of a scene file's fields (key, unit, range, default, help, member), and what follows from a
 // row alone: reading, refusing, writing and documenting it.
 #pragma once
 
@@ -30,9 +30,9 @@ inline constexpr std::array<std::string_view, 9> kTypeNames{
 // Of a record: the scene, or an entry of one of its lists.
 struct Field {
   struct More {
-    std::string_view capability{};  // that a value other than the default switches on
-    double per_member = 1.0;        // units of the file in one unit of the member
+    double per_member = 1.0;  // units of the file in one unit of the member
     bool required = false;
+    bool picture = false;                                    // only a picture shows it
     std::string_view (*idle)(const void* record) = nullptr;  // what has no use for it in this record; empty = used
   };
 
@@ -89,7 +89,6 @@ class Reading {
   void read_field(const json::Node& node, const std::string& path, const Field& field, void* record);
   void check_keys(const json::Node& node, const Place& place, const std::string& section);
   void check_idle(const json::Node& object, const Place& place, const void* record);
-  void read_requires(Scene& scene);
   bool is_list(std::string_view path, const json::Node& node);
 
   const json::Node& root_;
@@ -101,5 +100,7 @@ class Reading {
 [[nodiscard]] std::string pair(std::string_view path, const json::Node& node);
 
 inline constexpr std::string_view kTypo = "a typing error";
+// Of earlier versions: read over, with a warning.
+inline constexpr std::string_view kGoneKey = "requires";
 
 }  // namespace holdfast::scene::file

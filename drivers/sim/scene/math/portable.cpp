@@ -204,28 +204,6 @@ double log_of(Split x) {
   return x.power * kLn2.hi + (f - (s * (f - z * polynomial(z, kTerms)) - x.power * kLn2.lo));
 }
 
-// The same to about 2^-64 of the result, for pow.
-Pair log_pair(Split x) {
-  static constexpr auto kTerms = inverse_odds<11>(5, 1.0, 1.0);  // first term left out: 2^-71 of the result
-  constexpr Pair kThird{0x1.5555555555555p-2, 0x1.5555555555555p-56};
-  const double f = x.less_one;
-  const Pair below = exact_sum(2.0, f);
-  const double s = f / below.hi;
-  const Pair back = exact_product(s, below.hi);
-  const double s_lo = (((f - back.hi) - back.lo) - s * below.lo) / below.hi;
-  Pair z = exact_product(s, s);
-  z.lo += 2.0 * s * s_lo;
-  // atanh(s) / s - 1 = z (1/3 + z (1/5 + z/7 + ...))
-  const Pair third = exact_product(z.hi, kThird.hi);
-  Pair more = fast_sum(third.hi, z.hi * z.hi * polynomial(z.hi, kTerms));
-  more.lo += third.lo + z.hi * kThird.lo + z.lo * kThird.hi;
-  const Pair product = exact_product(s, more.hi);
-  Pair half = fast_sum(s, product.hi);
-  half.lo += s_lo + product.lo + s * more.lo + s_lo * more.hi;
-  const Pair sum = exact_sum(x.power * kLn2.hi, 2.0 * half.hi);
-  return fast_sum(sum.hi, sum.lo + 2.0 * half.lo + x.power * kLn2.lo);
-}
-
 }  // namespace
 
 double sin(double x) {
@@ -360,19 +338,6 @@ double cbrt(double x) {
     root += root * (mantissa - cube) / (2.0 * cube + mantissa);
   }
   return std::copysign(times_power_of_two(root, thirds), x);
-}
-
-double pow(double x, double y) {
-  if (x == 1.0 || y == 0.0) return 1.0;
-  if (std::isnan(x) || std::isnan(y) || x < 0.0) return kNan;
-  // |ln x| is at least 1.1e-16: so large a power leaves the doubles, so small a one rounds to 1.
-  const bool large = std::abs(y) > 0x1p64;
-  if (x == 0.0 || std::isinf(x) || large) return (x > 1.0) == (y > 0.0) ? kInfinity : 0.0;
-  if (std::abs(y) < 0x1p-70) return 1.0;
-  const Pair log = log_pair(split(x));
-  if (std::abs(log.hi * y) > 800.0) return log.hi * y > 0.0 ? kInfinity : 0.0;
-  const Pair product = exact_product(log.hi, y);
-  return exp_of_sum(product.hi, product.lo + log.lo * y);
 }
 
 // Near 0 by Taylor's series of erf (first term left out: 5e-18). Else

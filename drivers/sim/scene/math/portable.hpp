@@ -4,15 +4,14 @@
 // steps (frexp, ldexp, bits), in a file without contraction of products (drivers/CMakeLists.txt sees to it).
 //
 // Errors, largest seen against long double over dense sweeps (portable_test.cpp asserts them), in units of the last
-// place: sin, cos, exp, log, cbrt 1; asin, expm1, pow, hypot 1.5; atan2 2; tan 2.5; erfc 4.5. A denormal
+// place: sin, cos, exp, log, cbrt 1; asin, expm1, hypot 1.5; atan2 2; tan 2.5; erfc 4.5. A denormal
 // result may be half a unit worse: it is rounded twice.
-// Cost next to glibc's: 0.7 times (atan2, hypot) to twice (exp 8 ns, log 8 ns, sin 12 ns); pow 4 times (44 ns).
+// Cost next to glibc's: 0.7 times (atan2, hypot) to twice (exp 8 ns, log 8 ns, sin 12 ns).
 //
 // Range: any double. Special values as <cmath> has them (C17 annex F), with these differences:
 //   * every NaN that comes out is the same one, whatever went in
 //   * sin, cos, tan: beyond 1e8 the argument's period is the double next to 2 pi, so the phase drifts (1e-16 of the
 //     argument); the value stays within [-1, 1]
-//   * pow: a negative base (other than -0, taken as 0) is NaN, also under a whole exponent
 // errno and floating-point exceptions mean nothing here.
 #pragma once
 
@@ -27,7 +26,6 @@ namespace holdfast::scene::portable {
 [[nodiscard]] double expm1(double x);
 [[nodiscard]] double log(double x);
 [[nodiscard]] double cbrt(double x);
-[[nodiscard]] double pow(double x, double y);
 [[nodiscard]] double erfc(double x);
 [[nodiscard]] double hypot(double x, double y);
 

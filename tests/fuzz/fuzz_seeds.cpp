@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// console_seeds FOLDER DICTIONARY: every command, locked and not, edited lines, frames among text, stored parameters
-// and models; and the words of the console.
+// What a fuzzer starts from, by the parser's own tables: seeds into a folder that is there, and words as libFuzzer's
+// dictionary.
+//   fuzz_seeds scene|model|link|modbus|console|mcap FOLDER DICTIONARY
 #include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdio>
+#include <fstream>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/crc32.hpp"
@@ -14,29 +17,79 @@
 #include "link/command_frame.hpp"
 #include "store/models.hpp"
 #include "store/settings.hpp"
+#include "tests/fuzz/link_check.hpp"
+#include "tests/fuzz/mcap_check.hpp"
+#include "tests/fuzz/modbus_check.hpp"
 #include "tests/fuzz/model_check.hpp"
-#include "tests/fuzz/seed_file.hpp"
+#include "tests/fuzz/scene_check.hpp"
 
 using namespace holdfast;
 
-int main(int argc, char** argv) {
-  if (argc != 3) {
-    std::fprintf(stderr, "usage: console_seeds FOLDER DICTIONARY\n");
-    return 2;
-  }
+namespace {
+
+struct Start {
   std::vector<std::string> seeds;
   std::string dictionary;
+
+  void add(std::string_view word) { dictionary.append("\"").append(word).append("\"\n"); }
+};
+
+Start of_scenes() {
+  Start start{test::scene_seeds(), ""};
+  const auto add = [&](std::string_view word) { start.add("\\\"" + std::string(word) + "\\\""); };
+  for (const scene::FieldInfo& field : scene::scene_fields()) add(field.path.substr(field.path.rfind('.') + 1));
+  for (const auto section : {"level", "gel", "markers", "object", "texture", "effects", "picture", "expect", "goal"})
+    add(section);
+  for (const auto name : scene::kInjectNames) add(name);
+  for (const auto name : scene::kContactLevelNames) add(name);
+  for (const auto name : scene::kShapeNames) add(name);
+  for (const auto name : scene::kTextureNames) add(name);
+  for (const auto name : scene::kFaultNames) add(name);
+  return start;
+}
+
+Start of_models() {
+  Start start;
+  for (const test::ModelBytes& bytes : test::model_seeds()) {
+    std::string cut(bytes.begin(), bytes.begin() + 5228);  // the fuzzer puts the check sum back
+    start.seeds.push_back(cut.erase(cut.find_last_not_of('\0') + 1));
+  }
+  for (const FeatureSet& set : kFeatureSets) start.add(set.name);
+  for (const FeatureInfo& feature : kFeatures) start.add(feature.name);
+  return start;
+}
+
+template <typename Seeds>
+Start of_bytes(const Seeds& seeds, std::initializer_list<std::string_view> words) {
+  Start start;
+  for (const auto& bytes : seeds) start.seeds.emplace_back(bytes.begin(), bytes.end());
+  for (const std::string_view word : words) start.add(word);
+  return start;
+}
+
+Start of_mcap() {
+  Start start = of_bytes(test::mcap_seeds(), {"\\x89MCAP0\\x0d\\x0a", "ros2", "ros2msg", "cdr", "lz4", "zstd", "jpeg"});
+  for (const char op : std::string_view("123456789abcdef")) {  // opcode and the high bytes of a small length
+    start.add(std::string("\\x0") + op + "\\x10\\x00\\x00\\x00\\x00\\x00\\x00\\x00");
+  }
+  return start;
+}
+
+// Every command, locked and not, edited lines, frames among text, stored parameters and models.
+Start of_console() {
+  Start start;
+  std::vector<std::string>& seeds = start.seeds;
   std::string all;
   for (const console::CommandInfo& command : console::commands()) {
     const std::string name(command.name);
     seeds.push_back(std::string("\x01") + name + "\r");
     seeds.push_back(std::string("\x02") + name + " json\r");
-    dictionary += "\"" + name + " \"\n";
+    start.add(name + " ");
     all += name + "\r\n";
   }
   for (const ParamInfo& row : kParams) {
     seeds.push_back(std::string("\x01") + "set " + std::string(row.name) + " " + std::to_string(row.max) + "\r");
-    dictionary += "\"" + std::string(row.name) + "\"\n";
+    start.add(row.name);
   }
   for (const char* const text :
        {"\x1B[A", "\x1B[C", "\x1B[D", "\x1B[3~", "\x17", "\x0B", "\x09", "\x03", " json\r", "watch on\r"}) {
@@ -46,7 +99,7 @@ int main(int argc, char** argv) {
       (void)std::snprintf(code.data(), code.size(), "\\x%02X", static_cast<unsigned>(static_cast<unsigned char>(*c)));
       escaped += code.data();
     }
-    dictionary += "\"" + escaped + "\"\n";
+    start.add(escaped);
   }
   seeds.push_back("\x01" + all);
   seeds.push_back(std::string("\x01") + "vesrion\x1B[D\x1B[D\x1B[D\x7Frs\x05\r\x1B[A\r");
@@ -98,8 +151,38 @@ int main(int argc, char** argv) {
   none.resize(model.size());
   seeds.push_back("\xE0" + std::string(model.begin(), model.end()) + std::string(none.begin(), none.end()));
   seeds.push_back("\xE0" + std::string(none.begin(), none.end()) + std::string(model.begin(), model.end()));
-  for (std::size_t k = 0; k < seeds.size(); ++k) {
-    if (!test::write_seed(argv[1] + ("/seed_" + std::to_string(k)), seeds[k])) return 1;
+  return start;
+}
+
+bool write(const std::string& path, const std::string& bytes) {
+  std::ofstream file(path, std::ios::binary);
+  file << bytes;
+  if (file.flush()) return true;
+  std::fprintf(stderr, "error: cannot write %s (no such folder, or the disk is full). Next: make the folder\n",
+               path.c_str());
+  return false;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string_view target = argc == 4 ? argv[1] : "";
+  const Start start = target == "scene"   ? of_scenes()
+                      : target == "model" ? of_models()
+                      : target == "link" ? of_bytes(test::link_seeds(), {"\\x00\\x04\\x01\\x01", "\\x00\\x05\\x01\\x02",
+                                                                         "\\x00\\x05\\x01\\x03", "help\\x0a"})
+                      : target == "modbus"
+                          ? of_bytes(test::modbus_seeds(),
+                                     {"\\x09\\x04\\x06", "\\x09\\x84", "\\x09\\x10\\x03\\xE8\\x00\\x03\\x01\\x30"})
+                      : target == "mcap"    ? of_mcap()
+                      : target == "console" ? of_console()
+                                            : Start{};
+  if (start.seeds.empty()) {
+    std::fprintf(stderr, "usage: fuzz_seeds scene|model|link|modbus|console|mcap FOLDER DICTIONARY\n");
+    return 2;
   }
-  return test::write_seed(argv[2], dictionary) ? 0 : 1;
+  for (std::size_t k = 0; k < start.seeds.size(); ++k) {
+    if (!write(argv[2] + ("/seed_" + std::to_string(k)), start.seeds[k])) return 1;
+  }
+  return write(argv[3], start.dictionary) ? 0 : 1;
 }
