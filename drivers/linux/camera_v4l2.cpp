@@ -50,12 +50,9 @@ bool V4l2Camera::do_start() {
   if (kernel_.ioctl(fd_, VIDIOC_STREAMON, &type) == -1) {
     const bool full = errno == ENOSPC;
     return fail("the stream does not start",
-                full ? "another camera has reserved the USB bandwidth of the controller that both are plugged into"
-                     : "a fault of the sensor",
-                full
-                    ? "plug one of them into a port of another controller (lsusb -t lists them; a Pi 4 has one for all "
-                      "four ports, and a hub adds none)"
-                    : "unplug the sensor and plug it in again");
+                full ? "another camera has reserved the USB bandwidth" : "a fault of the sensor",
+                full ? "use another controller (lsusb -t; a Pi 4 has one for all ports)"
+                     : "unplug the sensor and plug it in again");
   }
   ++counts_.starts;
   return true;
