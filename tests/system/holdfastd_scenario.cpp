@@ -522,10 +522,10 @@ TEST(Holdfastd, ReportsAgesOfTwoSensorsUnderLoad) {
   become_fine();
   const std::string busy = said("setsid sh -c 'while :; do :; done' >/dev/null 2>&1 & echo $!");
   asks("\x03", "holdfast> ");
+  const long left_before = sent(), right_before = sent(kRight);
   asks("tasks clear", "OK\r\n");
   asks("watch on", "OK\r\n");
   machine.forget_edges();
-  const long left_before = sent(), right_before = sent(kRight);
   CHECK(machine.wait(
       [&] {
         machine.diagnostics().clear();
@@ -533,8 +533,8 @@ TEST(Holdfastd, ReportsAgesOfTwoSensorsUnderLoad) {
       },
       pairs * 2s + 60s));
   asks("watch off", "OK\r\n");
-  const std::array<long, 2> frames{sent() - left_before, sent(kRight) - right_before};
   const nlohmann::json tasks = asks_json("tasks")["tasks"];
+  const std::array<long, 2> frames{sent() - left_before, sent(kRight) - right_before};  // and what the answers took
   said("kill " + busy);
   std::array<long, 2> accepted{}, most{}, tail{};
   for (const auto& row : tasks) {

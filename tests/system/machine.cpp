@@ -282,8 +282,8 @@ bool Machine::wait(const std::function<bool()>& condition, Span deadline) {
 }
 
 void Machine::serve(Span at_most) {
-  const std::array<Line*, 7> lines{&shell_,       &test_port_,       &monitor_,        &gripper_line_,
-                                   &diagnostics_, &camera_lines_[0], &camera_lines_[1]};
+  const std::array<Line*, 7> lines{
+      &shell_, &test_port_, &monitor_, &gripper_line_, &diagnostics_, &camera_lines_.front(), &camera_lines_.back()};
   std::array<pollfd, 7> ends{};
   for (std::size_t k = 0; k < lines.size(); ++k) {
     ends[k] = {lines[k]->fd(), static_cast<short>(lines[k]->wants_to_send() ? POLLIN | POLLOUT : POLLIN), 0};
