@@ -371,9 +371,9 @@ Holdings holdings(Machine& machine, const std::string& pid) {
   return held;
 }
 
+// Their number of maps is another one in each process: the kernel puts them at random places, and neighbours become one.
 void check_same(const Holdings& before, const Holdings& after) {
   LONGS_EQUAL(before.files, after.files);
-  LONGS_EQUAL(before.maps, after.maps);
   LONGS_EQUAL(before.threads, after.threads);
   LONGS_EQUAL(before.kilobytes, after.kilobytes);
 }
@@ -395,7 +395,9 @@ TEST(Holdfastd, LeaksNothingThroughReplugs) {
     become_fine();
     if (k == 0) first = holdings(machine, process);
   }
-  check_same(first, holdings(machine, process));
+  const Holdings last = holdings(machine, process);
+  check_same(first, last);
+  LONGS_EQUAL(first.maps, last.maps);
   STRCMP_EQUAL(process.c_str(), pid().c_str());
   std::printf(" %d replugs, %ld descriptors, %ld maps;", cycles(), first.files, first.maps);
 }
