@@ -135,9 +135,9 @@ Load update(const Config& config, const DisplacementField& field, Saturations& s
   std::int32_t missing = 0;
   for (std::int32_t i = 0; i < kMarkers; ++i) {
     const MarkerDisplacement& d = field.markers[idx(i)];
-    u.x[idx(i)] = d.dx.raw();
-    u.y[idx(i)] = d.dy.raw();
     if (d.valid) {
+      u.x[idx(i)] = d.dx.raw();
+      u.y[idx(i)] = d.dy.raw();
       out.strained = out.strained || square(d.dx.raw()) + square(d.dy.raw()) > square(kStrained_um);
     } else {
       ++missing;

@@ -131,9 +131,13 @@ class Frames(unittest.TestCase):
         self.assertEqual((why.sequence, why.finger, why.contact_name, why.run), (513, 0, "HELD", 2))
         self.assertEqual((why.evidence_name, why.value_milli, why.threshold_milli), ("imprint", 61440, 34000))
         self.assertEqual((why.unit_name, why.patches, why.growth_log2_q8), ("um", 45, -12))
+        load = hear(example(4))[1][0]
+        self.assertEqual((load.sequence, load.finger, load.basis_name, load.flags), (513, 0, "one_weight", 1))
+        self.assertEqual((load.shear_x_mn, load.shear_y_mn, load.normal_mn), (-300, 400, 1250))
+        self.assertEqual(load.friction_use_permille, 400)
 
     def test_the_example_of_a_hand(self):
-        hand, status = hear(example(4))[1][0], hear(example(0))[1][0]
+        hand, status = hear(example(5))[1][0], hear(example(0))[1][0]
         self.assertEqual((hand.version, hand.fingers, hand.healthy, hand.contact), (2, 3, 2, 3))
         self.assertEqual((status.fingers, status.healthy, status.contact), (0, 0, 0))
         for name in ("sequence", "timestamp_us", "state_name", "slip", "alive", "markers", "vx_um_s", "entropy_nat_q16"):
@@ -156,8 +160,8 @@ class Frames(unittest.TestCase):
         for title, version, table in re.findall(r"## (\w+) frames?, version (\d+)\n(.*?)(?=\n#)", document, re.S):
             rows = re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", table, re.M)
             want = tuple((name, int(byte), kind) for byte, name, kind in rows)
-            kinds = {"Status": [1], "Command": [2], "Answer": [3], "Marker": [4, 5], "Evidence": [6]}[title]
-            for kind in kinds:
+            kinds = {"Status": [1], "Command": [2], "Answer": [3], "Marker": [4, 5], "Evidence": [6], "Load": [7]}
+            for kind in kinds[title]:
                 self.assertEqual(tables.FRAMES[int(version), kind][2], want)
                 found += 1
         self.assertEqual(found, len(tables.FRAMES))
@@ -165,7 +169,7 @@ class Frames(unittest.TestCase):
     def test_numbers_and_names_are_those_of_the_header_for_c(self):
         header = (SOURCE / "toolchain/robot/holdfast_link.h").read_text()
         enum = {}
-        line = r"^  HOLDFAST_(FLAG|STATE|REASON|COMMAND|RESULT|CONTACT|EVIDENCE)_(\w+) = (\d+)"
+        line = r"^  HOLDFAST_(FLAG|STATE|REASON|COMMAND|RESULT|CONTACT|EVIDENCE|BASIS)_(\w+) = (\d+)"
         for kind, name, number in re.findall(line, header, re.M):
             if not name.endswith(("PAYLOAD", "WIRE")):
                 enum.setdefault(kind, {})[int(number)] = name
@@ -176,6 +180,7 @@ class Frames(unittest.TestCase):
         self.assertEqual({n: row[0].upper() for n, row in tables.RESULTS.items()}, enum["RESULT"])
         self.assertEqual(tables.CONTACTS, enum["CONTACT"])
         self.assertEqual({n: name.upper() for n, name in tables.EVIDENCES.items()}, enum["EVIDENCE"])
+        self.assertEqual({n: name.upper() for n, name in tables.BASES.items()}, enum["BASIS"])
 
 
 class ReceiversRule(unittest.TestCase):

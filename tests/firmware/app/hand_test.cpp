@@ -442,7 +442,7 @@ TEST(Hand, TheConsoleShowsTheFiguresOfEach) {
   std::string json = ask("status json\r");
   for (const char* const name : {"left", "right"}) {
     STRCMP_CONTAINS("state OK, reason none, contact EMPTY, evidence imprint 0 of ", line(screen, name).c_str());
-    STRCMP_CONTAINS(", fps 25.00, markers 63, referenced yes, ", line(screen, name).c_str());
+    STRCMP_CONTAINS(", fps 25.00, markers 63, entropy_nat ", line(screen, name).c_str());
     const std::string its = std::string("\"") + name + R"(":{"state":"OK","reason":"none","contact":"EMPTY",)";
     STRCMP_CONTAINS(its.c_str(), json.c_str());
     STRCMP_CONTAINS(": known yes, rows 7, cols 9, lines_cut 0, markers 63, ",
