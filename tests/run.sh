@@ -45,8 +45,8 @@ USAGE
                book pulls, 500 trials of each kind, the entropy of every histogram, what the sanitizers and the emulated
                processor are spared; on the emulated machine 100 replugs, 100 kills, 50 power cuts of an update and the heap calls of 10 000
                frames
-  --system     add part system with all scenarios instead of the short set: hang, watchdog, gripper, and the machine by
-               itself
+  --system     add part system with all scenarios instead of the short set: hang, watchdog, gripper, two sensors, and the
+               machine by itself
   --tidy       add part tidy on every source, 20 minutes on a fresh clone, instead of what changed of late and a share
   --help       this
 Logs are in build/test-logs. NO_COLOR is honoured. What ccache, where it is installed, has compiled in another clone is
@@ -433,7 +433,7 @@ closing() {
     say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
   }
   ((long == 1)) || say "left out (--long): the Debian package in a fresh root of Debian 12 and of 13, and for arm64 (--only deb, deb13, deb_arm64), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 500 boards at an MQTT broker (5 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
-  ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, the machine by itself, power cuts, fall-back, an update from a server, an emulated Pi 3"
+  ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, two sensors, the machine by itself, power cuts, fall-back, an update from a server, an emulated Pi 3"
   for line in "${failures[@]}"; do say "${red}failed:${plain} $line"; done
   say "$passed passed, $failed failed, $skipped skipped"
 }

@@ -25,6 +25,7 @@ build libopencv-videoio-dev 4.6.0+dfsg-12
 build libopencv-ml-dev 4.6.0+dfsg-12
 build libopencv-features2d-dev 4.6.0+dfsg-12
 build libopencv-video-dev 4.6.0+dfsg-12
+build libavformat-dev 7:5.1.9-0+deb12u1
 build libjpeg62-turbo-dev 1:2.1.5-2
 build libcli11-dev 2.1.2+ds-1
 build libfmt-dev 9.1.0+ds1-2
@@ -79,6 +80,7 @@ cross qemu-user-static 1:7.2+dfsg-7+deb12u18+b3
 system qemu-system-arm 1:7.2+dfsg-7+deb12u18+b3
 system mmdebstrap 1.3.5-7
 system arch-test 0.20-1
+system libusbredirparser-dev 0.13.0-2
 system e2fsprogs 1.47.0-2+b2
 system kmod 30+20221128-1
 system cpio 2.13+dfsg-7.1

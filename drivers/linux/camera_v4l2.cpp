@@ -48,9 +48,11 @@ bool V4l2Camera::do_start() {
   }
   std::uint32_t type = kBufferType;
   if (kernel_.ioctl(fd_, VIDIOC_STREAMON, &type) == -1) {
+    const bool full = errno == ENOSPC;
     return fail("the stream does not start",
-                errno == ENOSPC ? "too little USB bandwidth: another camera on the same port" : "a fault of the sensor",
-                errno == ENOSPC ? "give the sensor a USB port of its own" : "unplug the sensor and plug it in again");
+                full ? "another camera has reserved the USB bandwidth" : "a fault of the sensor",
+                full ? "use another controller (lsusb -t; a Pi 4 has one for all ports)"
+                     : "unplug the sensor and plug it in again");
   }
   ++counts_.starts;
   return true;

@@ -6,9 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cstring>
-#include <string_view>
 
 namespace holdfast::sim {
 namespace {
@@ -60,88 +58,6 @@ std::size_t skip_entropy(Bytes bytes, std::size_t at) {
 std::size_t big_endian16(Bytes bytes, std::size_t at) {
   return static_cast<std::size_t>(bytes[at]) << 8 | bytes[at + 1];
 }
-
-std::size_t little_endian32(Bytes bytes, std::size_t at) {
-  return static_cast<std::size_t>(bytes[at]) | static_cast<std::size_t>(bytes[at + 1]) << 8 |
-         static_cast<std::size_t>(bytes[at + 2]) << 16 | static_cast<std::size_t>(bytes[at + 3]) << 24;
-}
-
-bool tag_is(Bytes bytes, std::size_t at, std::string_view tag) {
-  return std::memcmp(bytes.data() + at, tag.data(), 4) == 0;
-}
-
-class AviWalker {
- public:
-  explicit AviWalker(Bytes bytes) : bytes_(bytes) {}
-
-  std::optional<AviIndex> walk() {
-    for (std::size_t at = 0; at + 12 <= bytes_.size();) {
-      const bool first = at == 0;
-      if (!tag_is(bytes_, at, "RIFF") || !tag_is(bytes_, at + 8, first ? "AVI " : "AVIX")) {
-        if (first) return std::nullopt;
-        break;  // something else was appended: not ours to judge
-      }
-      const std::size_t end = body_end(at);
-      walk_list(at + 12, end, 0);
-      at = end;
-    }
-    if (video_ < 0 && !index_.truncated) return std::nullopt;
-    return std::move(index_);
-  }
-
- private:
-  static constexpr int kMaxDepth = 4;  // RIFF > movi > rec is the deepest that AVI knows
-
-  // End of the chunk at `at`, padded to even; never past the file, which is then cut short. A list must hold
-  // at least its type: a size below that was to be filled in when the recorder closed the file.
-  std::size_t body_end(std::size_t at) {
-    const std::size_t size = little_endian32(bytes_, at + 4);
-    const bool unclosed = size < 4 && (tag_is(bytes_, at, "RIFF") || tag_is(bytes_, at, "LIST"));
-    if (unclosed || size > bytes_.size() - at - 8) {
-      index_.truncated = true;
-      return bytes_.size();
-    }
-    return std::min(at + 8 + size + (size & 1), bytes_.size());
-  }
-
-  void walk_list(std::size_t at, std::size_t end, int depth) {
-    while (at + 8 <= end) {
-      const std::size_t size = little_endian32(bytes_, at + 4);
-      const bool whole = size <= bytes_.size() - at - 8;
-      const std::size_t next = std::min(body_end(at), end);
-      if (tag_is(bytes_, at, "LIST") && at + 12 <= end) {
-        if (depth < kMaxDepth) walk_list(at + 12, next, depth + 1);
-      } else if (tag_is(bytes_, at, "strh")) {
-        read_stream_header(at + 8, next);
-      } else if (whole && is_video_chunk(at)) {
-        index_.chunks.push_back({at + 8, size});
-      }
-      at = next;
-    }
-  }
-
-  // AVISTREAMHEADER: fccType at 0, dwScale at 20, dwRate at 24, dwLength at 32.
-  void read_stream_header(std::size_t at, std::size_t end) {
-    const int stream = streams_++;
-    if (video_ >= 0 || at + 36 > end || !tag_is(bytes_, at, "vids")) return;
-    video_ = stream;
-    const auto scale = static_cast<double>(little_endian32(bytes_, at + 20));
-    const auto rate = static_cast<double>(little_endian32(bytes_, at + 24));
-    index_.fps = scale > 0 ? rate / scale : 0;
-    index_.announced = static_cast<long>(little_endian32(bytes_, at + 32));
-  }
-
-  // "NNdc" (compressed) or "NNdb" (plain), NN = number of the stream.
-  [[nodiscard]] bool is_video_chunk(std::size_t at) const {
-    return video_ >= 0 && bytes_[at] == '0' + video_ / 10 && bytes_[at + 1] == '0' + video_ % 10 &&
-           bytes_[at + 2] == 'd' && (bytes_[at + 3] == 'c' || bytes_[at + 3] == 'b');
-  }
-
-  Bytes bytes_;
-  AviIndex index_;
-  int streams_ = 0;
-  int video_ = -1;
-};
 
 }  // namespace
 
@@ -205,10 +121,6 @@ std::optional<JpegExtent> find_jpeg(Bytes bytes, std::size_t from) {
   // Cut off inside the coded data: all the rest belongs to it. Otherwise a segment's length cannot be believed.
   picture.end = scanned && at >= bytes.size() ? bytes.size() : find_soi(bytes, picture.begin + 2);
   return picture;
-}
-
-std::optional<AviIndex> index_avi(Bytes bytes) {
-  return AviWalker(bytes).walk();
 }
 
 }  // namespace holdfast::sim

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds pictures in raw MJPEG streams and in AVI files, without decoding them.
-//
-// Both work on bytes in memory (a mapped file), never read outside of them, and end for every input.
+// Finds pictures in raw MJPEG streams in memory (a mapped file), without decoding them; never reads outside of them,
+// and ends for every input.
 #pragma once
 
 #include <cstddef>
@@ -9,8 +8,6 @@
 #include <filesystem>
 #include <optional>
 #include <span>
-#include <string>
-#include <vector>
 
 namespace holdfast::sim {
 
@@ -40,21 +37,5 @@ struct JpegExtent {
 // before the next SOI, or at the end of the bytes. Follows the marker segments (ITU-T T.81, B.1), so that a
 // thumbnail inside an APPn segment is not taken for a picture.
 [[nodiscard]] std::optional<JpegExtent> find_jpeg(std::span<const std::uint8_t> bytes, std::size_t from);
-
-struct AviChunk {
-  std::size_t offset = 0;
-  std::size_t size = 0;  // 0: a frame that the recorder dropped; it keeps its place in time
-};
-
-struct AviIndex {
-  long announced = 0;            // frames by the stream header
-  double fps = 0;                // 0: none or implausible
-  bool truncated = false;        // the file ends before its own sizes say so
-  std::vector<AviChunk> chunks;  // of the first video stream, whole ones only, in order
-};
-
-// Walks RIFF 'AVI ' and OpenDML 'AVIX' by the sizes of the chunks, not by the index, which a broken-off
-// recording lacks. Empty result: not an AVI file or no video stream.
-[[nodiscard]] std::optional<AviIndex> index_avi(std::span<const std::uint8_t> bytes);
 
 }  // namespace holdfast::sim

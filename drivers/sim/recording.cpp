@@ -4,6 +4,10 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+extern "C" {
+#include <libavformat/avformat.h>
+}
+
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -67,6 +71,7 @@ void silence_libraries() {
   static const bool once = [] {
     ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
     cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+    ::av_log_set_level(AV_LOG_QUIET);
     return true;
   }();
   (void)once;
@@ -350,63 +355,147 @@ class PictureSource final : public Recording::Source {
   std::size_t position_ = 0;
 };
 
-// MJPEG in AVI by our own walk: OpenCV 4.6 gives the same bytes in raw mode (compared in the tests), but no
-// time stamps with them, and it hides the empty chunks that stand for dropped frames.
-class AviSource final : public Recording::Source {
+// A film in a container, which announces how long it is.
+class VideoSource : public Recording::Source {
  public:
-  AviSource(std::unique_ptr<MappedFile> file, AviIndex index) : file_(std::move(file)), index_(std::move(index)) {}
+  [[nodiscard]] long frames() const override { return announced_; }
+  [[nodiscard]] double fps() const override { return fps_; }
+
+ protected:
+  explicit VideoSource(fs::path path) : path_(std::move(path)) {}
+
+  void announce(double frames, double fps) {
+    announced_ = frames >= 1 && frames < 1e9 ? std::lround(frames) : -1;
+    fps_ = fps;
+  }
+  void took(double time_s) {
+    last_s_ = time_s;
+    if (count_ == 1) first_s_ = time_s;
+  }
+  Read cut_off() {
+    return stops(announced_ < count_ ? "" : " of " + std::to_string(announced_) + " announced",
+                 "truncated or damaged by an interrupted copy, a full disk or a recorder that was killed",
+                 "copy or record it again, or save the rest with 'ffmpeg -i IN -c copy OUT'");
+  }
+  Read stops(const std::string& of, const std::string& cause, const std::string& next) {
+    return fail(fail_line(path_, "stops after " + std::to_string(count_) + of + " frames", cause, next));
+  }
+  // Some containers announce an estimate (duration x rate), so the time covered is compared, not the count;
+  // two frames and 1 % are left for rounding and for frames that the codec holds back.
+  Read check_end() {
+    if (announced_ < 0 || count_ == 0) return Read::kEnd;
+    const double by_time = (last_s_ - first_s_) * fps_ + 1;
+    const double covered = std::max(static_cast<double>(count_), by_time);
+    return covered >= static_cast<double>(announced_) * 0.99 - 2 ? Read::kEnd : cut_off();
+  }
+
+  void came() { ++count_; }
+  [[nodiscard]] long count() const { return count_; }
+  [[nodiscard]] const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+  long count_ = 0;
+  long announced_ = -1;
+  double fps_ = 0;
+  double first_s_ = 0;
+  double last_s_ = 0;
+};
+
+// Whether an AVI ends where its own sizes say, which libavformat leaves open; none: not an AVI. A size of 0 was to be
+// filled in when the recorder closed the file.
+std::optional<bool> avi_is_whole(std::span<const std::uint8_t> bytes) {
+  const auto tag_is = [&](std::size_t at, std::string_view tag) {
+    return at + 12 <= bytes.size() &&
+           std::equal(tag.begin(), tag.end(), bytes.begin() + static_cast<std::ptrdiff_t>(at));
+  };
+  if (!tag_is(0, "RIFF") || !tag_is(8, "AVI ")) return std::nullopt;
+  for (std::size_t at = 0; tag_is(at, "RIFF");) {
+    std::size_t size = 0;
+    for (std::size_t k = 4; k-- > 0;) size = size << 8 | bytes[at + 4 + k];
+    if (size < 4 || size > bytes.size() - at - 8) return false;
+    at += 8 + size + (size & 1);
+  }
+  return true;
+}
+
+// MJPEG in AVI, Matroska, MP4 ...: the packets as they are.
+class PacketSource final : public VideoSource {
+ public:
+  // `whole`: known to be, so that frames which are announced and do not come were dropped by the recorder.
+  PacketSource(const fs::path& path, bool whole) : VideoSource(path), whole_(whole) {
+    AVFormatContext* file = nullptr;
+    // An absolute path cannot be taken for a protocol ("a:b.avi").
+    if (::avformat_open_input(&file, fs::absolute(path).c_str(), nullptr, nullptr) < 0) return;
+    file_.reset(file);
+    if (::avformat_find_stream_info(file, nullptr) < 0) return;
+    const int best = ::av_find_best_stream(file, AVMEDIA_TYPE_VIDEO, -1, -1, nullptr, 0);
+    if (best < 0) return;
+    video_ = file->streams[best];
+    const AVRational rate = ::av_guess_frame_rate(file, video_, nullptr);
+    const double fps = rate.den > 0 ? ::av_q2d(rate) : 0;
+    announce(video_->nb_frames > 0 ? static_cast<double>(video_->nb_frames)
+                                   : static_cast<double>(file->duration) / AV_TIME_BASE * fps,
+             fps);
+    counts_places_ = ::av_cmp_q(::av_inv_q(rate), video_->time_base) == 0;
+  }
+
+  [[nodiscard]] bool is_mjpeg() const {
+    return video_ != nullptr && packet_ != nullptr && video_->codecpar->codec_id == AV_CODEC_ID_MJPEG;
+  }
+  // Of a file that is cut off: how much is left of it.
+  [[nodiscard]] Error refusal() {
+    while (video_ != nullptr && packet_ != nullptr && skip() == Read::kFrame) continue;
+    (void)cut_off();
+    return Error{error()};
+  }
 
   Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
-    if (skip_dropped() == Read::kEnd) return Read::kEnd;
-    const AviChunk chunk = index_.chunks[position_];
-    pts_s = index_.fps > 0 ? std::optional(static_cast<double>(position_) / index_.fps) : std::nullopt;
-    take_jpeg(file_->bytes().subspan(chunk.offset, chunk.size), frame);
-    frame.sequence = static_cast<std::uint32_t>(position_++);
+    pts_s.reset();
+    if (skip() == Read::kEnd) return is_cut() ? cut_off() : whole_ ? Read::kEnd : check_end();
+    const std::int64_t time = packet_->pts != AV_NOPTS_VALUE ? packet_->pts : packet_->dts;
+    if (time != AV_NOPTS_VALUE) pts_s = static_cast<double>(time) * ::av_q2d(video_->time_base);
+    took(pts_s.value_or(0));
+    take_jpeg({packet_->data, static_cast<std::size_t>(packet_->size)}, frame);
+    frame.sequence = static_cast<std::uint32_t>(counts_places_ && pts_s ? time : count() - 1);
     return Read::kFrame;
   }
   Read skip() override {
-    if (skip_dropped() == Read::kEnd) return Read::kEnd;
-    ++position_;
+    do {
+      ::av_packet_unref(packet_.get());
+      if (::av_read_frame(file_.get(), packet_.get()) < 0) return Read::kEnd;
+    } while (packet_->stream_index != video_->index);
+    if (is_cut()) return Read::kEnd;
+    came();
     return Read::kFrame;
   }
-  [[nodiscard]] long frames() const override {
-    return std::count_if(index_.chunks.begin(), index_.chunks.end(), [](AviChunk c) { return c.size > 0; });
-  }
-  [[nodiscard]] double fps() const override { return index_.fps; }
 
  private:
-  Read skip_dropped() {
-    while (position_ < index_.chunks.size() && index_.chunks[position_].size == 0) ++position_;
-    return position_ < index_.chunks.size() ? Read::kFrame : Read::kEnd;
-  }
+  [[nodiscard]] bool is_cut() const { return (packet_->flags & AV_PKT_FLAG_CORRUPT) != 0; }
 
-  std::unique_ptr<MappedFile> file_;
-  AviIndex index_;
-  std::size_t position_ = 0;
+  struct Free {
+    void operator()(AVFormatContext* file) const { ::avformat_close_input(&file); }
+    void operator()(AVPacket* packet) const { ::av_packet_free(&packet); }
+  };
+
+  std::unique_ptr<AVFormatContext, Free> file_;
+  std::unique_ptr<AVPacket, Free> packet_{::av_packet_alloc()};
+  AVStream* video_ = nullptr;
+  bool whole_;
+  // AVI's times are places, so that a frame which the recorder dropped leaves a gap.
+  bool counts_places_ = false;
 };
 
-// Everything else through OpenCV. In raw mode (MJPEG in MP4, Matroska, ...) OpenCV 4.6 gives packets without
-// time stamps, so a second capture that decodes runs beside it for them.
-class VideoSource final : public Recording::Source {
+// Everything else is decoded.
+class DecodedSource final : public VideoSource {
  public:
-  enum class Mode : std::uint8_t { kDecoded, kPackets };
-
-  VideoSource(fs::path path, Mode mode) : path_(std::move(path)), mode_(mode) {
+  explicit DecodedSource(const fs::path& path) : VideoSource(path) {
     try {
-      silence_libraries();
-      // An absolute path cannot be taken for a protocol ("a:b.avi").
-      const std::string name = fs::absolute(path_).string();
-      // Not CAP_ANY: it also looks for USB photo cameras (gphoto2), slowly and with leaks.
-      for (const int backend : {cv::CAP_FFMPEG, cv::CAP_GSTREAMER, cv::CAP_OPENCV_MJPEG}) {
-        if (capture_.open(name, backend)) break;
+      // Absolute: as above. Not CAP_ANY: it also looks for USB photo cameras (gphoto2), slowly and with leaks.
+      for (const int backend : {cv::CAP_FFMPEG, cv::CAP_GSTREAMER}) {
+        if (capture_.open(fs::absolute(path).string(), backend)) break;
       }
-      if (!capture_.isOpened()) return;
-      announced_ = count_from(capture_.get(cv::CAP_PROP_FRAME_COUNT));
-      fps_ = capture_.get(cv::CAP_PROP_FPS);
-      if (mode_ == Mode::kPackets) {
-        if (!capture_.set(cv::CAP_PROP_FORMAT, -1)) capture_.release();
-        stamps_.open(name, cv::CAP_FFMPEG);
-      }
+      if (is_open()) announce(capture_.get(cv::CAP_PROP_FRAME_COUNT), capture_.get(cv::CAP_PROP_FPS));
     } catch (const cv::Exception&) {
       capture_.release();
     }
@@ -418,66 +507,34 @@ class VideoSource final : public Recording::Source {
     try {
       pts_s.reset();
       if (skip() == Read::kEnd) return check_end();
-      cv::VideoCapture& clock = mode_ == Mode::kPackets ? stamps_ : capture_;
-      const double pts_ms = clock.isOpened() ? clock.get(cv::CAP_PROP_POS_MSEC) : 0;
-      if (pts_ms != 0 || count_ == 1) pts_s = pts_ms / 1000;  // 0: the frame has no stamp
+      const double pts_ms = capture_.get(cv::CAP_PROP_POS_MSEC);
+      if (pts_ms != 0 || count() == 1) pts_s = pts_ms / 1000;  // 0: the frame has no stamp
       cv::Mat picture;
       if (!capture_.retrieve(picture) || picture.empty()) return check_end();
-      frame.sequence = static_cast<std::uint32_t>(count_ - 1);
-      last_s_ = pts_s.value_or(0);
-      if (count_ == 1) first_s_ = last_s_;
-      if (mode_ == Mode::kPackets) {
-        take_jpeg({picture.data, picture.total() * picture.elemSize()}, frame);
-        return Read::kFrame;
-      }
+      frame.sequence = static_cast<std::uint32_t>(count() - 1);
+      took(pts_s.value_or(0));
       if (picture.depth() != CV_8U || (picture.channels() != 1 && picture.channels() != 3)) {
-        return fail(fail_line(path_, "has more than 8 bits per channel, or alpha", "a scientific or edited video",
+        return fail(fail_line(path(), "has more than 8 bits per channel, or alpha", "a scientific or edited video",
                               "convert it to 8 bit, for instance to MJPEG"));
       }
       reduce_to(to_grey(picture), smallest_fitting_factor(picture.cols, picture.rows), frame);
       return Read::kFrame;
     } catch (const cv::Exception& problem) {
-      return fail(fail_line(path_, "stops after " + std::to_string(count_) + " frames", problem.err,
-                            "play it in a video player; convert it to MJPEG"));
+      return stops("", problem.err, "play it in a video player; convert it to MJPEG");
     }
   }
   Read skip() override {
     try {
       if (!capture_.grab()) return Read::kEnd;
-      if (stamps_.isOpened() && !stamps_.grab()) stamps_.release();
     } catch (const cv::Exception&) {
       return Read::kEnd;
     }
-    ++count_;
+    came();
     return Read::kFrame;
   }
-  [[nodiscard]] long frames() const override { return announced_; }
-  [[nodiscard]] double fps() const override { return fps_; }
 
  private:
-  static long count_from(double value) { return value >= 1 && value < 1e9 ? std::lround(value) : -1; }
-
-  // Some containers announce an estimate (duration x rate), so the time covered is compared, not the count;
-  // two frames and 1 % are left for rounding and for frames that the codec holds back.
-  Read check_end() {
-    if (announced_ < 0 || count_ == 0) return Read::kEnd;
-    const double by_time = (last_s_ - first_s_) * fps_ + 1;
-    const double covered = std::max(static_cast<double>(count_), by_time);
-    if (covered >= static_cast<double>(announced_) * 0.99 - 2) return Read::kEnd;
-    return fail(fail_line(
-        path_, "stops after " + std::to_string(count_) + " of " + std::to_string(announced_) + " announced frames",
-        "the file is truncated or damaged", "copy it again, or record it again"));
-  }
-
-  fs::path path_;
-  Mode mode_;
   cv::VideoCapture capture_;
-  cv::VideoCapture stamps_;
-  long announced_ = -1;
-  long count_ = 0;
-  double fps_ = 0;
-  double first_s_ = 0;
-  double last_s_ = 0;
 };
 
 SourceResult open_folder(const fs::path& path) {
@@ -501,37 +558,15 @@ SourceResult open_folder(const fs::path& path) {
   return std::make_unique<ImageSource>(std::move(files));
 }
 
-SourceResult open_video(const fs::path& path) {
-  auto packets = std::make_unique<VideoSource>(path, VideoSource::Mode::kPackets);
-  if (packets->is_open()) {
-    RecordedFrame first;
-    std::optional<double> pts_s;
-    if (packets->next(first, pts_s) == Read::kFrame && starts_like_jpeg(first.bytes) && !first.damaged) {
-      return std::make_unique<VideoSource>(path, VideoSource::Mode::kPackets);
-    }
-  }
-  auto decoded = std::make_unique<VideoSource>(path, VideoSource::Mode::kDecoded);
-  if (!decoded->is_open()) {
-    return fail_line(path, "is not a video that can be opened", "not a video, cut off or damaged, or an unknown codec",
-                     "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");
-  }
-  return decoded;
-}
-
-SourceResult open_avi(const fs::path& path, std::unique_ptr<MappedFile> file, AviIndex index) {
-  const auto found = static_cast<long>(index.chunks.size());
-  if (index.truncated) {
-    return fail_line(
-        path,
-        "the AVI is truncated: it holds " + std::to_string(found) + " whole frames of " +
-            (index.announced > 0 && index.announced >= found ? std::to_string(index.announced) : "an unknown number"),
-        "an interrupted copy, a full disk, or a recorder that was killed",
-        "copy or record it again, or save the rest with 'ffmpeg -i IN.avi -c copy OUT.avi'");
-  }
-  const auto first = std::find_if(index.chunks.begin(), index.chunks.end(), [](AviChunk c) { return c.size > 0; });
-  if (first == index.chunks.end()) return open_video(path);  // chunks of a kind that only a codec knows
-  if (!starts_like_jpeg(file->bytes().subspan(first->offset, first->size))) return open_video(path);
-  return std::make_unique<AviSource>(std::move(file), std::move(index));
+SourceResult open_video(const fs::path& path, std::span<const std::uint8_t> bytes) {
+  const std::optional<bool> whole = avi_is_whole(bytes);
+  auto packets = std::make_unique<PacketSource>(path, whole.value_or(false));
+  if (whole == false) return packets->refusal();
+  if (packets->is_mjpeg()) return packets;
+  auto decoded = std::make_unique<DecodedSource>(path);
+  if (decoded->is_open()) return decoded;
+  return fail_line(path, "is not a video that can be opened", "not a video, cut off or damaged, or an unknown codec",
+                   "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");
 }
 
 SourceResult open_pictures(const fs::path& path, std::unique_ptr<MappedFile> file,
@@ -569,8 +604,7 @@ SourceResult open_source(const fs::path& path, const RecordingOptions& options) 
     return std::make_unique<StreamSource>(std::move(file));
   }
   if (is_image_name(path)) return std::make_unique<ImageSource>(std::vector<fs::path>{path});
-  if (auto index = index_avi(file->bytes())) return open_avi(path, std::move(file), std::move(*index));
-  return open_video(path);
+  return open_video(path, file->bytes());
 }
 
 // Reads up to the first frame that tells the size: the first one, unless it is a damaged JPEG.

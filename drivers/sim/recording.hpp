@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Recordings from disk, as a camera would have sent them.
 //
-// Inputs: any video file that OpenCV's videoio opens, a folder of images in natural order (img2 before
+// Inputs: any video file that libavformat or OpenCV's videoio opens, a folder of images in natural order (img2 before
 // img10), a single image, a raw concatenated MJPEG stream, or JPEG pictures at known places of any file.
 // MJPEG content (a stream, AVI or another container, a folder of JPEG files) comes out as the original JPEG
 // bytes; everything else as 8-bit BT.601 luma, reduced by the smallest integer box mean that fits the working

@@ -156,7 +156,7 @@ class App {
   [[nodiscard]] std::int32_t expected(int finger) const { return of(finger).keeping.sensor; }
   // The status frame that was sent last.
   [[nodiscard]] const status_frame::StatusFrame& told() const { return told_; }
-  [[nodiscard]] timing::Stopwatch& stopwatch() { return left_.state.stopwatch; }
+  [[nodiscard]] timing::Stopwatch& stopwatch(int finger = 0) { return of(finger).state.stopwatch; }
   // For a thread of its own (app/watchdog.hpp).
   [[nodiscard]] OutputWatchdog& watchdog() { return watchdog_; }
 

@@ -127,7 +127,7 @@ void Daemon::take_frame() {
   const App::Polled polled = app_.poll(kSlice);
   if (polled != App::Polled::kWaiting) {
     const int finger = app_.latest();
-    recorder_.take(app_.result(finger), app_.state(finger).displacement, app_.outputs(), devices_.clock.now());
+    recorder_.take(app_.result(finger), app_.state(finger).displacement, app_.outputs(), devices_.clock.now(), finger);
   }
   if (polled == App::Polled::kSignalled || !streaming(app_.latest())) regulate();
   if (polled != App::Polled::kSignalled || !app_.accepted()) return;

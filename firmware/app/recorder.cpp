@@ -15,7 +15,7 @@ std::int16_t cut(std::int32_t um) {
 }  // namespace
 
 void Recorder::take(const pipeline::Result& result, const DisplacementField& field, const supervisor::Outputs& outputs,
-                    Micros now) {
+                    Micros now, int finger) {
   FlightFrame& frame = frames_.next();
   frame = {};
   frame.at = now;
@@ -26,6 +26,7 @@ void Recorder::take(const pipeline::Result& result, const DisplacementField& fie
   frame.state = outputs.state;
   frame.reason = outputs.reason;
   frame.accepted = outputs.accepted;
+  frame.finger = static_cast<std::uint8_t>(finger);
   frame.slip = outputs.slip;
   frame.grip_ok = outputs.grip_ok;
   frame.features = result.quality.ok() && result.referenced;

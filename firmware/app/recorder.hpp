@@ -27,6 +27,7 @@ struct FlightFrame {
   DeviceState state = DeviceState::kBoot;
   Reason reason = Reason::kNone;
   bool accepted = false, slip = false, grip_ok = false, features = false;
+  std::uint8_t finger = 0;  // whose it is
   std::uint8_t markers = 0;
   GridSize grid;
   std::int32_t vx_um_s = 0, vy_um_s = 0;
@@ -56,8 +57,8 @@ struct EventInfo {
 
 inline constexpr std::array<EventInfo, 11> kEvents{{
     {EventKind::kState, "state", "state", "reason"},
-    {EventKind::kCameraStarted, "camera_started", "starts", ""},
-    {EventKind::kCameraGone, "camera_gone", "reason", ""},
+    {EventKind::kCameraStarted, "camera_started", "starts", "finger"},
+    {EventKind::kCameraGone, "camera_gone", "reason", "finger"},
     {EventKind::kCommand, "command", "command", "result"},
     {EventKind::kSetting, "setting", "parameter", "value"},
     {EventKind::kUnlocked, "unlocked", "", ""},
@@ -100,9 +101,9 @@ class Recorder {
   using Frames = Ring<FlightFrame, kFrames>;
   using Events = Ring<FlightEvent, kEventCount>;
 
-  // After each frame, or each time that one did not come.
+  // After each frame of a finger, or each time that one did not come.
   void take(const pipeline::Result& result, const DisplacementField& field, const supervisor::Outputs& outputs,
-            Micros now);
+            Micros now, int finger = 0);
   void note(EventKind kind, Micros now, std::int32_t a = 0, std::int32_t b = 0) { events_.next() = {now, kind, a, b}; }
 
   [[nodiscard]] const Frames& frames() const { return frames_; }

@@ -47,6 +47,32 @@ Answer list_step(Page& page, std::string_view key, std::span<const Column> colum
   return kDone;
 }
 
+bool is_hand(Console& console) {
+  return console.daemon().app().fingers() > 1;
+}
+
+// What is a finger's own stands, of a hand, behind its name.
+template <typename Fields>
+void of_finger(Console& console, int finger, Fields fields) {
+  if (is_hand(console)) console.page().part(fingers::kNames[idx(finger)]);
+  fields(console, finger);
+  if (is_hand(console)) console.page().end_part();
+}
+
+// Lists of a hand have a column before the others: whose the row is.
+template <std::size_t N>
+struct FingerColumns {
+  std::array<Column, N + 1> all{{{"finger", 8}}};
+
+  explicit constexpr FingerColumns(const std::array<Column, N>& one) { std::ranges::copy(one, all.begin() + 1); }
+  [[nodiscard]] std::span<const Column> of(Console& console) const {
+    return std::span(all).subspan(is_hand(console) ? 0 : 1);
+  }
+};
+void finger_cell(Console& console, int finger) {
+  if (is_hand(console)) console.page().cell(fingers::kNames[idx(finger)]);
+}
+
 // ---- About the console itself
 
 // On a screen of 80x24 there is no room for the arguments of all.
@@ -224,9 +250,9 @@ std::optional<Micros> last_slip(const Recorder::Frames& frames) {
 }
 
 // Whether something touches the gel, and what the verdict stands on.
-void evidence_of(Console& console, Page& page, bool json) {
+void evidence_of(Console& console, Page& page, int finger) {
   const App& app = console.daemon().app();
-  const pipeline::Result& result = app.result();
+  const pipeline::Result& result = app.result(finger);
   const bool known = result.quality.ok() && result.referenced;
   if (known && result.contact.judged) {
     page.text("contact", contact::kPhaseNames[static_cast<std::size_t>(
@@ -234,13 +260,13 @@ void evidence_of(Console& console, Page& page, bool json) {
   } else {
     page.nothing("contact");
   }
-  const evidence::Shown shown = console.shown(app.outputs().reason);
+  const evidence::Shown shown = console.shown(app.outputs().reason, finger);
   if (!known || shown.evidence == Evidence::kNone) {
     page.nothing("evidence");
     return;
   }
   const std::string_view name = kEvidenceNames[static_cast<std::size_t>(shown.evidence)];
-  if (json) {
+  if (page.json()) {
     page.text("evidence", name);
     page.decimal("evidence_value", shown.value_milli, 1000, 1);
     page.decimal("evidence_threshold", shown.threshold_milli, 1000, 1);
@@ -255,13 +281,13 @@ void evidence_of(Console& console, Page& page, bool json) {
 }
 
 // The forces on the gel, and how much of the friction they use.
-void load_of(const pipeline::Result& result, Page& page, bool json) {
+void load_of(const pipeline::Result& result, Page& page) {
   const load::Load& load = result.load;
   const std::string_view basis = load::kBasisNames[static_cast<std::size_t>(load.basis)];
   const std::int64_t shear_mn =
       isqrt(static_cast<std::uint64_t>(square(load.shear_x.raw()) + square(load.shear_y.raw())));
   if (!result.quality.ok() || load.basis == load::Basis::kNone) return page.nothing("load");
-  if (json) {
+  if (page.json()) {
     page.text("load", basis);
     page.yes_no("load_within", load.within);
     page.decimal("shear_n", shear_mn, 1000, 3);
@@ -275,28 +301,22 @@ void load_of(const pipeline::Result& result, Page& page, bool json) {
   page.text("load", line.view());
 }
 
-Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
-  if (words.count != 1) return error(Error::kArguments);
+void finger_status(Console& console, int finger) {
   const App& app = console.daemon().app();
-  const pipeline::Result& result = app.result();
-  const supervisor::Outputs& outputs = app.outputs();
-  const ReasonInfo& why = info(outputs.reason);
+  const pipeline::Result& result = app.result(finger);
   Page& page = console.page();
-  page.open(words.json);
-  page.text("state", info(outputs.state).name);
-  page.text("reason", why.name);
-  page.text("what", why.what);
-  page.text("cause", why.cause);
-  page.text("next", why.next);
-  page.yes_no("grip_ok", outputs.grip_ok);
-  page.yes_no("slip", outputs.slip);
-  evidence_of(console, page, words.json);
-  load_of(result, page, words.json);
+  if (is_hand(console)) {
+    const supervisor::State& its = app.supervisor(finger);
+    page.text("state", info(its.device).name);
+    page.text("reason", info(its.reason).name);
+  }
+  evidence_of(console, page, finger);
+  load_of(result, page);
   page.decimal("age_ms", std::clamp<std::int64_t>((console.now() - result.timestamp).count(), 0, 1'000'000'000), 1000,
                1);
-  page.decimal("fps", measured_fps_milli(app.health()), 1000, 2);
+  page.decimal("fps", measured_fps_milli(app.health(finger)), 1000, 2);
   page.integer("markers", result.markers);
-  if (words.json) {  // a screen has no line left; the state says it, too
+  if (page.json()) {  // a screen has no line left; the state says it, too
     page.integer("markers_expected", result.grid.count());
     page.yes_no("referenced", result.referenced);
   }
@@ -304,13 +324,44 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   page.decimal("entropy_rate_nat_s", result.features.entropy_rate.raw(), 256, 2);
   page.decimal("vx_mm_s", result.features.vx.raw(), 1000, 2);
   page.decimal("vy_mm_s", result.features.vy.raw(), 1000, 2);
+}
+
+void status_of_lines(Console& console) {
+  const supervisor::Outputs& outputs = console.daemon().app().outputs();
+  const ReasonInfo& why = info(outputs.reason);
+  Page& page = console.page();
+  page.text("state", info(outputs.state).name);
+  page.text("reason", why.name);
+  page.text("what", why.what);
+  page.text("cause", why.cause);
+  page.text("next", why.next);
+  page.yes_no("grip_ok", outputs.grip_ok);
+  page.yes_no("slip", outputs.slip);
+}
+
+// The lines, each finger, the rest: a step each, because two fingers are more than one may make.
+Answer status(Console& console, const Words& words, std::int32_t step) {
+  if (words.count != 1) return error(Error::kArguments);
+  const App& app = console.daemon().app();
+  Page& page = console.page();
+  if (step == 0) {
+    page.open(words.json);
+    status_of_lines(console);
+    return kMore;
+  }
+  if (step <= app.fingers()) {
+    of_finger(console, step - 1, finger_status);
+    return kMore;
+  }
   if (const auto slipped = last_slip(console.daemon().recorder().frames()); slipped) {
     page.decimal("last_slip_s_ago", (console.now() - *slipped).count(), 1'000'000, 1);
   } else {
     page.nothing("last_slip_s_ago");
   }
   page.integer("grip_force_counts", console.daemon().grip().force);
-  page.integer("faults_since_start", app.supervisor().faults);
+  std::int64_t faults = 0;
+  for (int finger = 0; finger < app.fingers(); ++finger) faults += app.supervisor(finger).faults;
+  page.integer("faults_since_start", faults);
   if (words.json) page.decimal("uptime_s", (console.now() - console.started()).count(), 1'000'000, 0);
   page.text("supply", hal::Supply::kNames[static_cast<std::size_t>(console.daemon().supply())]);
   if (words.json) {  // a screen has no line left, and its prompt says the first
@@ -321,34 +372,45 @@ Answer status(Console& console, const Words& words, std::int32_t /*step*/) {
   return kDone;
 }
 
-constexpr std::array<Column, 8> kTaskColumns{{{"task", 9},
-                                              {"count", 10},
-                                              {"p50_us", 9},
-                                              {"p99_9_us", 10},
-                                              {"max_us", 9},
-                                              {"late", 7},
-                                              {"budget_us", 11},
-                                              {"what", 0}}};
+constexpr FingerColumns kTaskColumns{std::array<Column, 8>{{{"task", 9},
+                                                            {"count", 10},
+                                                            {"p50_us", 9},
+                                                            {"p99_9_us", 10},
+                                                            {"max_us", 9},
+                                                            {"late", 7},
+                                                            {"budget_us", 11},
+                                                            {"what", 0}}}};
 
 Answer tasks(Console& console, const Words& words, std::int32_t step) {
-  timing::Stopwatch& stopwatch = console.daemon().app().stopwatch();
+  App& app = console.daemon().app();
   if (words.count == 2 && words[1] == "clear") {
-    stopwatch.clear();
+    for (int finger = 0; finger < app.fingers(); ++finger) app.stopwatch(finger).clear();
     return kDone;
   }
   if (words.count != 1) return error(Error::kArguments);
   Page& page = console.page();
   if (step == 0) {
     page.open(words.json);
-    if (const auto first = console.daemon().app().first_confirmed(); first) {
+    if (const auto first = app.first_confirmed(); first) {
       page.integer("first_frame_ms", *first / Micros{1000}, "after the kernel started");
     } else {
       page.nothing("first_frame_ms");
     }
   }
-  return list_step(page, "tasks", kTaskColumns, step, static_cast<std::int32_t>(kTasks.size()), [&](std::int32_t k) {
-    const TaskInfo& task = kTasks[idx(k)];
+  // The last ones are not done for a finger; they stand with the first.
+  constexpr auto kAll = static_cast<std::int32_t>(kTasks.size());
+  constexpr auto kOfFinger = static_cast<std::int32_t>(Task::kServe);
+  const std::int32_t count = kAll + (app.fingers() - 1) * kOfFinger;
+  return list_step(page, "tasks", kTaskColumns.of(console), step, count, [&](std::int32_t k) {
+    const int finger = k < kAll ? 0 : 1;
+    const TaskInfo& task = kTasks[idx(k - finger * kAll)];
+    const timing::Stopwatch& stopwatch = app.stopwatch(finger);
     const timing::Histogram& histogram = stopwatch.of(task.task);
+    if (task.task < Task::kServe) {
+      finger_cell(console, finger);
+    } else if (is_hand(console)) {
+      page.no_cell();
+    }
     page.cell(task.name);
     page.cell(histogram.count());
     page.cell(histogram.quantile(500).count());
@@ -731,24 +793,18 @@ Answer model(Console& console, const Words& words, std::int32_t step) {
   return kDone;
 }
 
-Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
-  if (words.count == 2 && words[1] == "learn") {
-    if (!console.unlocked()) return error(Error::kLocked);
-    const auto result = console.daemon().obey({.command = command_frame::Command::kTare});
-    return result == command_frame::Outcome::kDone ? kDone : error(Error::kRefused);
-  }
-  if (words.count != 1) return error(Error::kArguments);
-  const reference::State& state = console.daemon().app().state().reference;
+void finger_reference(Console& console, int finger) {
+  const pipeline::State& its = console.daemon().app().state(finger);
+  const reference::State& state = its.reference;
   std::int32_t known = 0;
   for (std::int32_t i = 0; state.known && i < state.rest.grid.count(); ++i) {
     if (state.rest.markers[idx(i)].valid) ++known;
   }
   Page& page = console.page();
-  page.open(words.json);
   page.yes_no("known", state.known);
   page.integer("rows", state.rest.grid.rows);
   page.integer("cols", state.rest.grid.cols);
-  page.integer("lines_cut", console.daemon().app().state().tracker.cut.lines());
+  page.integer("lines_cut", its.tracker.cut.lines());
   page.integer("markers", known);
   page.decimal("pitch_px", state.pitch.raw(), 256, 2);
   page.integer("pitch_printed_um", console.params().pitch_um);
@@ -761,31 +817,59 @@ Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
     page.nothing("middle_x_px");
     page.nothing("middle_y_px");
   }
-  page.integer("width_px", console.daemon().app().state().luma.width);
-  page.integer("height_px", console.daemon().app().state().luma.height);
-  page.yes_no("resumed", console.daemon().resumed());
-  page.close();
+  page.integer("width_px", its.luma.width);
+  page.integer("height_px", its.luma.height);
+  page.yes_no("resumed", console.daemon().resumed(finger));
+}
+
+Answer reference(Console& console, const Words& words, std::int32_t /*step*/) {
+  if (words.count == 2 && words[1] == "learn") {
+    if (!console.unlocked()) return error(Error::kLocked);
+    const auto result = console.daemon().obey({.command = command_frame::Command::kTare});
+    return result == command_frame::Outcome::kDone ? kDone : error(Error::kRefused);
+  }
+  if (words.count != 1) return error(Error::kArguments);
+  console.page().open(words.json);
+  for (int finger = 0; finger < console.daemon().app().fingers(); ++finger) {
+    of_finger(console, finger, finger_reference);
+  }
+  console.page().close();
   return kDone;
 }
 
-constexpr std::array<Column, 7> kMarkerColumns{
-    {{"row", 5}, {"col", 5}, {"valid", 7}, {"x_px", 10}, {"y_px", 10}, {"dx_um", 8}, {"dy_um", 0}}};
+constexpr FingerColumns kMarkerColumns{std::array<Column, 7>{
+    {{"row", 5}, {"col", 5}, {"valid", 7}, {"x_px", 10}, {"y_px", 10}, {"dx_um", 8}, {"dy_um", 0}}}};
+
+void finger_frame(Console& console, int finger) {
+  const pipeline::Result& result = console.daemon().app().result(finger);
+  console.page().integer("sequence", result.sequence);
+  console.page().text("quality", info(result.quality.reason).name);
+}
 
 Answer frame(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
-  const pipeline::State& state = console.daemon().app().state();
-  const pipeline::Result& result = console.daemon().app().result();
-  const GridSize grid = state.tracker.field.grid;
-  if (!console.daemon().app().supervisor().any_accepted) return error(Error::kNothingYet);
+  const App& app = console.daemon().app();
+  std::array<std::int32_t, fingers::kMaxFingers> markers{};  // none before the finger's first frame
+  for (int finger = 0; finger < app.fingers(); ++finger) {
+    if (!app.supervisor(finger).any_accepted) continue;
+    markers[idx(finger)] = app.state(finger).tracker.field.grid.count();
+  }
+  const std::int32_t count = markers[0] + markers[1];
+  if (count == 0) return error(Error::kNothingYet);
   Page& page = console.page();
   if (step == 0) {
     page.open(words.json);
-    page.integer("sequence", result.sequence);
-    page.text("quality", info(result.quality.reason).name);
+    for (int finger = 0; finger < app.fingers(); ++finger) of_finger(console, finger, finger_frame);
   }
-  return list_step(page, "markers", kMarkerColumns, step, grid.count(), [&](std::int32_t k) {
+  return list_step(page, "markers", kMarkerColumns.of(console), step, count, [&](std::int32_t k) {
+    const int finger = k < markers[0] ? 0 : 1;
+    if (finger == 1) k -= markers[0];
+    const pipeline::State& state = app.state(finger);
+    const pipeline::Result& result = app.result(finger);
+    const GridSize grid = state.tracker.field.grid;
     const Marker& marker = state.tracker.field.markers[idx(k)];
     const MarkerDisplacement& d = state.displacement.markers[idx(k)];
+    finger_cell(console, finger);
     page.cell(k / grid.cols);
     page.cell(k % grid.cols);
     page.cell(marker.valid ? 1 : 0);
@@ -827,9 +911,12 @@ Answer trace(Console& console, const Words& words, std::int32_t /*step*/) {
 
 constexpr std::array<Column, 4> kEventColumns{{{"ago_s", 10}, {"event", 16}, {"what", 24}, {"value", 0}}};
 
-void event_cells(Page& page, const FlightEvent& event) {
+void event_cells(Console& console, const FlightEvent& event) {
+  Page& page = console.page();
   Text<40> value;
   std::string_view what;
+  const bool of_camera = event.kind == EventKind::kCameraStarted || event.kind == EventKind::kCameraGone;
+  if (of_camera && is_hand(console)) what = fingers::kNames[idx(event.b)];
   switch (event.kind) {
     case EventKind::kState:
       what = info(static_cast<DeviceState>(event.a)).name;
@@ -871,25 +958,26 @@ void event_cells(Page& page, const FlightEvent& event) {
   page.cell(value.view());
 }
 
-constexpr std::array<Column, 16> kFrameColumns{{{"ago_s", 8},
-                                                {"sequence", 10},
-                                                {"age_ms", 8},
-                                                {"quality", 15},
-                                                {"state", 11},
-                                                {"reason", 15},
-                                                {"accepted", 10},
-                                                {"slip", 6},
-                                                {"grip_ok", 9},
-                                                {"markers", 9},
-                                                {"vx_um_s", 9},
-                                                {"vy_um_s", 9},
-                                                {"entropy_nat", 13},
-                                                {"entropy_rate_nat_s", 20},
-                                                {"cols", 6},
-                                                {"displacement_um", 0}}};
+constexpr FingerColumns kFrameColumns{std::array<Column, 16>{{{"ago_s", 8},
+                                                              {"sequence", 10},
+                                                              {"age_ms", 8},
+                                                              {"quality", 15},
+                                                              {"state", 11},
+                                                              {"reason", 15},
+                                                              {"accepted", 10},
+                                                              {"slip", 6},
+                                                              {"grip_ok", 9},
+                                                              {"markers", 9},
+                                                              {"vx_um_s", 9},
+                                                              {"vy_um_s", 9},
+                                                              {"entropy_nat", 13},
+                                                              {"entropy_rate_nat_s", 20},
+                                                              {"cols", 6},
+                                                              {"displacement_um", 0}}}};
 
 void frame_cells(Console& console, const FlightFrame& frame, bool markers) {
   Page& page = console.page();
+  finger_cell(console, frame.finger);
   page.cell((console.now() - frame.at).count(), 1'000'000, 3);
   page.cell(frame.sequence);
   page.cell(frame.age_us, 1000, 1);
@@ -929,7 +1017,7 @@ Answer log(Console& console, const Words& words, std::int32_t step) {
       const FlightEvent& event = recorder.events()[idx(k)];
       page.cell((console.now() - event.at).count(), 1'000'000, 3);
       page.cell(kEvents[static_cast<std::size_t>(event.kind)].name);
-      event_cells(page, event);
+      event_cells(console, event);
     });
   }
   if (what != "frames" && what != "fault") return error(Error::kArguments);
@@ -937,7 +1025,7 @@ Answer log(Console& console, const Words& words, std::int32_t step) {
   const auto count = static_cast<std::int32_t>(frames.size());
   if (count == 0) return error(Error::kNothingYet);
   if (step == 0) page.open(words.json);
-  return list_step(page, "frames", kFrameColumns, step, count,
+  return list_step(page, "frames", kFrameColumns.of(console), step, count,
                    [&](std::int32_t k) { frame_cells(console, frames[idx(k)], markers); });
 }
 

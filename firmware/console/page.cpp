@@ -12,6 +12,7 @@ constexpr std::string_view kBlanks = "                                ";
 void Page::open(bool json) {
   json_ = json;
   first_ = true;
+  in_part_ = false;
   columns_ = {};
   cell_ = 0;
   if (json_) out_.put("{");
@@ -26,6 +27,10 @@ void Page::key(std::string_view key) {
     out_.put(first_ ? "\"" : ",\"");
     out_.put(key);
     out_.put("\":");
+  } else if (in_part_) {
+    out_.put(first_ ? "" : ", ");
+    out_.put(key);
+    out_.put(" ");
   } else {
     out_.put(key);
     pad(key.size() < kKeyWidth ? kKeyWidth - key.size() : 1);
@@ -37,7 +42,7 @@ void Page::end_field(std::string_view unit) {
   if (json_) return;
   if (!unit.empty()) out_.put(" ");
   out_.put(unit);
-  out_.put("\r\n");
+  if (!in_part_) out_.put("\r\n");
 }
 
 void Page::pad(std::size_t size) {
@@ -82,6 +87,19 @@ void Page::nothing(std::string_view name) {
   key(name);
   out_.put(json_ ? "null" : "-");
   end_field({});
+}
+
+void Page::part(std::string_view name) {
+  key(name);
+  if (json_) out_.put("{");
+  first_ = true;
+  in_part_ = true;
+}
+
+void Page::end_part() {
+  in_part_ = false;
+  first_ = false;
+  out_.put(json_ ? "}" : "\r\n");
 }
 
 void Page::list(std::string_view name, std::span<const Column> columns) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // One answer in two forms from one description: lines for people, or one line of JSON with the same keys.
 //
-// Fields first, then lists; a list has columns, a row a cell for each of them, in order.
+// Fields first, then lists; a list has columns, a row a cell for each of them, in order. Fields of a part of the device
+// are one line with its name before them, or an object of its name.
 #pragma once
 
 #include <array>
@@ -36,6 +37,9 @@ class Page {
   void nothing(std::string_view name);
   void yes_no(std::string_view name, bool value);
 
+  void part(std::string_view name);
+  void end_part();
+
   void list(std::string_view name, std::span<const Column> columns);
   void end_list();
   void row();
@@ -54,7 +58,8 @@ class Page {
 
   Output& out_;
   bool json_ = false;
-  bool first_ = true;  // of the object or array that is open
+  bool first_ = true;  // of the object, array or part that is open
+  bool in_part_ = false;
   std::span<const Column> columns_;
   std::size_t cell_ = 0;
 };

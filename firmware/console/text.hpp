@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
@@ -20,6 +21,7 @@ class Text {
     size_ += taken;
     return *this;
   }
+  Text& operator<<(std::same_as<char> auto letter) { return *this << std::string_view(&letter, 1); }
   Text& operator<<(std::int64_t value) {
     std::array<char, 24> digits;
     const auto* const end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;

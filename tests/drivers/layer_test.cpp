@@ -355,21 +355,6 @@ TEST(Layer, InfiniteThicknessIsTheHalfSpaceBitForBit) {
   DOUBLES_EQUAL(expected.contact_radius_mm, thick.press_by_force(8.0, 5.0).contact_radius_mm, 1e-8);
 }
 
-TEST(Layer, PunchIsHowADomeGrows) {
-  const Layer layer({0.2, 0.49, 4.25});
-  for (const double a : {1.0, 5.0, 16.0}) {
-    for (const double r : {0.0, 0.5, 3.0, 9.0, 30.0}) {
-      const double step = 1e-4 * a;
-      const Spread big = layer.dome(a + step, r);
-      const Spread small = layer.dome(a - step, r);
-      const double area = 2.0 * pi * a * a * 2.0 * step;
-      const Spread punch = layer.punch(a, r);
-      check_near({(big.mean - small.mean) / area, (big.fan - small.fan) / area}, punch,
-                 2e-5 * layer.punch(a, 0.0).mean);
-    }
-  }
-}
-
 TEST(Layer, ManyAtOnceAreTheSame) {
   std::vector<double> r;
   for (double at = 0.0; at < 80.0; at += 0.3701) r.push_back(at);

@@ -49,7 +49,7 @@ TEST_GROUP(LinuxCamera) {
   void teardown() override {
     camera.reset();
     LONGS_EQUAL(0, kernel.open_files());
-    LONGS_EQUAL(0, device->maps);
+    LONGS_EQUAL(0, kernel.maps);
   }
   void plug(const std::string& port, int node) {
     sys.plug({.path = port, .product = "GelSight Mini R0B 2BNN-4ZE7", .serial = "2BNN4ZE7", .first_node = node});
@@ -67,7 +67,7 @@ TEST_GROUP(LinuxCamera) {
     STRCMP_CONTAINS("Likely cause: ", std::string(camera->problem()).c_str());
     STRCMP_CONTAINS("Next: ", std::string(camera->problem()).c_str());
     LONGS_EQUAL(0, kernel.open_files());
-    LONGS_EQUAL(0, device->maps);
+    LONGS_EQUAL(0, kernel.maps);
     kernel.refused.clear();
     kernel.refusals.clear();
   }
@@ -146,8 +146,6 @@ TEST(LinuxCamera, UnpluggedIsGoneAndComesBackUnderAnotherNumber) {
   CHECK_TRUE(camera->problem().empty());
   LONGS_EQUAL(2, camera->counts().starts);
   LONGS_EQUAL(1, kernel.devices["/dev/video1"].opens);
-  camera->stop();
-  device->maps = 0;  // the model counts all under the first
 }
 
 TEST(LinuxCamera, SetsTheVendorsControlsAndReadsThemBack) {
@@ -227,9 +225,32 @@ TEST(LinuxCamera, SaysWhyItDoesNotStart) {
   fails("tells nothing of a buffer");
   kernel.refused[VIDIOC_QBUF] = EIO;
   fails("a buffer is refused");
-  kernel.refused[VIDIOC_STREAMON] = ENOSPC;
-  fails("too little USB bandwidth");
+  kernel.refused[VIDIOC_STREAMON] = EIO;
+  fails("the stream does not start (Input/output error). Likely cause: a fault of the sensor");
   CHECK_TRUE(camera->start());
+}
+
+// Two sensors on one bus: whichever comes second is refused, until the first one has gone.
+TEST(LinuxCamera, TheSecondStreamOnAFullBusIsRefused) {
+  sys.plug({.path = "1-2", .product = "GelSight Mini R0B 28D3-K2R9", .serial = "28D3K2R9", .first_node = 2});
+  const test::VideoDevice& other = kernel.add_camera("/dev/video2");
+  make({.serial = "2BNN4ZE7"});
+  V4l2Camera right({.serial = "28D3K2R9", .sysfs = sysfs.c_str()}, kernel);
+  kernel.streams_at_most = 1;
+  CHECK_TRUE(camera->start());
+  for (int tries = 0; tries < 3; ++tries) CHECK_FALSE(right.start());
+  STRCMP_EQUAL(
+      "/dev/video2: the stream does not start (No space left on device). Likely cause: another camera has reserved the "
+      "USB bandwidth. Next: use another controller (lsusb -t; a Pi 4 has one for all ports)",
+      std::string(right.problem()).c_str());
+  CHECK(right.problem().size() <= 200);  // what `devices` shows at the console
+  CHECK_TRUE(device->streaming);
+  CHECK_FALSE(other.streaming);
+  LONGS_EQUAL(1, kernel.open_files());
+  camera->stop();
+  CHECK_TRUE(right.start());
+  STRCMP_EQUAL("", std::string(right.problem()).c_str());
+  CHECK_FALSE(camera->start());
 }
 
 TEST(LinuxCamera, TakesTheBuffersItGets) {

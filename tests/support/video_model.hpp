@@ -43,7 +43,7 @@ struct VideoDevice {
   std::vector<bool> queued;
   bool streaming = false;
   bool gone = false;
-  int opens = 0, maps = 0;
+  int opens = 0;
 };
 
 class VideoModel : public drivers::Kernel {
@@ -51,7 +51,9 @@ class VideoModel : public drivers::Kernel {
   std::map<std::string, VideoDevice> devices;
   std::map<std::string, int> refusals;   // of open: errno
   std::map<unsigned long, int> refused;  // of ioctl: errno
+  std::ptrdiff_t streams_at_most = 100;  // for which all devices' one bus has bandwidth
   int polled_ms = -1;
+  int maps = 0;  // buffers that are mapped
 
   VideoDevice& add_camera(const std::string& path) {
     VideoDevice& device = devices[path];
@@ -85,12 +87,11 @@ class VideoModel : public drivers::Kernel {
     if (!d.filled.empty()) one->revents = static_cast<short>(one->revents | POLLIN);
     return one->revents != 0 ? 1 : 0;
   }
-  void* map(int fd, std::size_t, off_t offset) override {
-    VideoDevice& d = device(fd);
-    ++d.maps;
+  void* map(int, std::size_t, off_t offset) override {
+    ++maps;
     return offset == 7 ? MAP_FAILED : reinterpret_cast<void*>(static_cast<std::uintptr_t>(0x10000 + offset));
   }
-  void unmap(void*, std::size_t) override { --devices.begin()->second.maps; }
+  void unmap(void*, std::size_t) override { --maps; }
   int ioctl(int fd, unsigned long request, void* argument) override {
     VideoDevice& d = device(fd);
     if (d.gone) return error(ENODEV);
@@ -142,6 +143,9 @@ class VideoModel : public drivers::Kernel {
         return 0;
       }
       case VIDIOC_STREAMON:
+        if (std::ranges::count_if(devices, [](const auto& one) { return one.second.streaming; }) >= streams_at_most) {
+          return error(ENOSPC);  // of the host controller, or of its driver
+        }
         d.streaming = true;
         return 0;
       case VIDIOC_STREAMOFF:

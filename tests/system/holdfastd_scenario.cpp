@@ -2,11 +2,16 @@
 // holdfastd as its unit on the emulated machine, seen as the robot's controller sees it: by its lines, its gripper and
 // its text. Times are those of board/virt, twenty times those of a board.
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
 
+#include <nlohmann/json.hpp>
+
+#include "app/camera_keeper.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/system/scenario.hpp"
 // last: it redefines new
@@ -22,23 +27,29 @@ using test::Moment;
 using test::Span;
 
 constexpr int kGripOk = 0, kAlive = 1;
+constexpr std::size_t kRight = 1;  // of the machine's cameras
+constexpr const char *kLeftSerial = "2BNN4ZE7", *kRightSerial = "28D3K2R9";
 constexpr Span kRule = 20 * 150ms;  // the receiver's, at this board's time
 constexpr Span kToOk = 3min;
-// From where the film's object begins to slide. On the host the 17th of them is the one (replay of the same film), one
+// From where the film's object begins to slide. On the host the third of them is the one (replay of the same film), one
 // more is in the sensor's hands, and two are this observer's.
-constexpr long kToTellSlip = 20;
+constexpr long kToTellSlip = 6;
 
 }  // namespace
 
 TEST_GROUP(Holdfastd) {
-  Machine& machine = test::shared_machine("holdfastd", {});
+  // The second sensor is plugged in by the tests that want it.
+  Machine& machine = test::shared_machine("holdfastd", {.right_film = test::film_path()});
 
   void setup() override {
     CHECK_TEXT(machine.problem().empty(), machine.problem().c_str());
     camera("play 0 11");  // an empty gel
   }
-  void camera(const char* command) {
-    STRCMP_CONTAINS("ok", machine.camera(command).c_str());
+  void camera(const std::string& command, std::size_t which = 0) {
+    STRCMP_CONTAINS("ok", machine.camera(command, which).c_str());
+  }
+  void right(const std::string& command) {
+    camera(command, kRight);
   }
   std::string said(const std::string& command) {
     const Machine::Said answer = machine.run(command);
@@ -55,9 +66,14 @@ TEST_GROUP(Holdfastd) {
     const auto last = std::find_if(edges.rbegin(), edges.rend(), [](const auto& edge) { return edge.line == kAlive; });
     return machine.level(kGripOk) && last != edges.rend() && std::chrono::steady_clock::now() - last->at < kRule;
   }
-  long sent() {
-    const std::string status = machine.camera("status");
+  long sent(std::size_t which = 0) {
+    const std::string status = machine.camera("status", which);
     return std::atol(status.substr(status.find("frames=") + 7).c_str());
+  }
+  // The camera shows it.
+  void await_picture(int picture, std::size_t which = 0) {
+    const std::string shown = " picture=" + std::to_string(picture) + " ";
+    CHECK(machine.wait([&] { return machine.camera("status", which).find(shown) != std::string::npos; }, 2min));
   }
   // The camera sends so many frames more.
   void frames_pass(long frames) {
@@ -81,6 +97,36 @@ TEST_GROUP(Holdfastd) {
     said("rm -rf " + folder + " && mkdir -p " + folder);
     if (!lines.empty()) said("printf '[Service]\\n" + lines + "' > " + folder + "/test.conf");
     said("systemctl daemon-reload");
+  }
+  // What the console says to a line, up to its `answer`.
+  std::string asks(const std::string& line, const char* answer) {
+    machine.diagnostics().clear();
+    machine.type(line + "\r");
+    CHECK_TEXT(machine.wait([&] { return machine.diagnostics().find(answer) != std::string::npos; }, 1min),
+               machine.diagnostics().c_str());
+    return machine.diagnostics();
+  }
+  nlohmann::json asks_json(const std::string& line) {
+    const std::string said = asks(line + " json", "}\r\nOK\r\n");
+    const std::size_t begin = said.find("\n{") + 1;
+    nlohmann::json json = nlohmann::json::parse(said.substr(begin, said.find('\r', begin) - begin), nullptr, false);
+    CHECK_TEXT(json.is_object(), said.c_str());
+    return json;
+  }
+  // With these options in place of those of /etc/holdfast/holdfastd.conf; none: with those again.
+  void restart_with(const std::string& options) {
+    const std::string file = "/run/holdfastd-test.conf";
+    if (!options.empty()) said("echo 'HOLDFASTD_OPTIONS=" + options + "' > " + file);
+    change_unit(options.empty() ? "" : "EnvironmentFile=" + file + "\\n");
+    machine.diagnostics().clear();
+    said("systemctl restart holdfastd");
+    machine.forget_edges();
+  }
+  void restart_as_hand(const std::string& left_serial, const std::string& right_serial) {
+    // As `devices` numbers them.
+    const auto number = [](std::string_view serial) { return std::to_string(camera_keeper::number_of(serial)); };
+    restart_with("--sensor " + left_serial + " --right " + right_serial + " --host /dev/ttyS1 --set left_sensor=" +
+                 number(kLeftSerial) + " --set right_sensor=" + number(kRightSerial));
   }
   void use_libcamera(const std::string& options) {
     change_unit("ExecStart=\\nExecStart=/usr/bin/holdfastd --backend libcamera " + options + " $HOLDFASTD_OPTIONS\\n");
@@ -156,7 +202,7 @@ TEST(Holdfastd, StartsAndBecomesFineOnAnEmptyGel) {
 TEST(Holdfastd, ASlipIsAnEdge) {
   become_fine();
   camera("play 12 37 then 36 37");
-  CHECK(machine.wait([this] { return machine.camera("status").find(" picture=37 ") != std::string::npos; }, 2min));
+  await_picture(37);
   CHECK_TEXT(fine(), journal().c_str());
   machine.forget_edges();
   const long before = sent();
@@ -169,7 +215,7 @@ TEST(Holdfastd, ASlipIsAnEdge) {
   const long pictures = sent() - before;
   std::printf(" LOW %ld pictures after the slide began;", pictures);
   CHECK(pictures <= kToTellSlip);
-  CHECK(machine.wait([this] { return machine.camera("status").find(" picture=5 ") != std::string::npos; }, 2min));
+  await_picture(5);
   become_fine();
 }
 
@@ -377,19 +423,135 @@ TEST(Holdfastd, LeaksNothingThroughKills) {
 // The console on the machine's second serial port, as somebody at its other end has it.
 TEST(Holdfastd, AnswersOnItsConsole) {
   become_fine();
-  const auto asks = [this](const char* line, const char* answer) {
-    machine.diagnostics().clear();
-    machine.type(line);
-    CHECK_TEXT(machine.wait([&] { return machine.diagnostics().find(answer) != std::string::npos; }, 1min),
-               machine.diagnostics().c_str());
+  asks("\x03", "holdfast> ");
+  asks("version json", R"("board":"virt")");
+  asks("status json", R"({"state":"OK")");
+  asks("tasks json", R"({"first_frame_ms":)");
+  asks("set raise_frames 3", "ERR 10 locked");
+  asks("devi\t", "2BNN4ZE7");
+  asks("log frames json", "]}\r\nOK\r\n");
+  become_fine();
+}
+
+// Two sensors on one board, each known by its stored serial: what one of them sees or suffers, the lines say for both.
+TEST(Holdfastd, ServesTwoSensors) {
+  right("play 0 11");
+  right("plug");
+  restart_as_hand(kLeftSerial, kRightSerial);
+  become_fine();
+  const int before = restarts();
+  asks("\x03", "holdfast> ");
+  nlohmann::json status = asks_json("status");
+  for (const char* const finger : {"left", "right"}) {
+    STRCMP_EQUAL("OK", status[finger]["state"].get<std::string>().c_str());
+    LONGS_EQUAL(63, status[finger]["markers"].get<int>());
+  }
+
+  // An edge for each frame of the slower one.
+  right("period 1200");
+  frames_pass(4);
+  machine.forget_edges();
+  const long left_before = sent(), right_before = sent(kRight);
+  frames_pass(15);
+  const long edges = confirmed(), left_sent = sent() - left_before, right_sent = sent(kRight) - right_before;
+  std::printf(" %ld edges for %ld and %ld frames;", edges, left_sent, right_sent);
+  CHECK(left_sent >= 15 && edges >= right_sent - 2 && edges <= right_sent + 1);
+  CHECK_TEXT(fine(), journal().c_str());
+  right("period 800");
+
+  // Both hold the object; it slides over the left one alone.
+  camera("play 12 37 then 36 37");
+  right("play 12 37 then 36 37");
+  await_picture(37);
+  await_picture(37, kRight);
+  CHECK_TEXT(fine(), journal().c_str());
+  const long pictures = sent();
+  camera("play 38 82 then 0 11");
+  CHECK_TEXT(machine.wait([this] { return !machine.level(kGripOk); }, 1min), journal().c_str());
+  std::printf(" LOW %ld pictures after the slide began;", sent() - pictures);
+  CHECK(sent() - pictures <= kToTellSlip);
+  CHECK(machine.wait([this] { return machine.diagnostics().find("* SLIP ") != std::string::npos; }, 1min));
+  right("play 60 82 then 0 11");  // both let go
+  await_picture(5, kRight);
+  become_fine();
+
+  // One is pulled out: the other's frames go on, and it is the hand that is not fine.
+  const auto told = [this](const std::string& what) {
+    return std::atoi(said("journalctl -u holdfastd -o cat | grep -c '" + what + "'; true").c_str());
   };
-  asks("\x03\r", "holdfast> ");
-  asks("version json\r", R"("board":"virt")");
-  asks("status json\r", R"({"state":"OK")");
-  asks("tasks json\r", R"({"first_frame_ms":)");
-  asks("set raise_frames 3\r", "ERR 10 locked");
-  asks("devi\t\r", "2BNN4ZE7");
-  asks("log frames json\r", "]}\r\nOK\r\n");
+  const int of_left = told("left finger: "), right_is_back = told("right finger: the camera is there");
+  right("unplug");
+  stop_being_fine();
+  machine.forget_edges();
+  frames_pass(10);
+  LONGS_EQUAL(0, confirmed());
+  status = asks_json("status");
+  STRCMP_EQUAL("FAULT", status["state"].get<std::string>().c_str());
+  STRCMP_EQUAL("camera_gone", status["reason"].get<std::string>().c_str());
+  STRCMP_EQUAL("OK", status["left"]["state"].get<std::string>().c_str());
+  CHECK(status["left"]["age_ms"].get<double>() < 150);
+  CHECK(status["right"]["age_ms"].get<double>() > 150);
+  right("plug");
+  become_fine();
+  LONGS_EQUAL(of_left, told("left finger: "));
+  LONGS_EQUAL(right_is_back + 1, told("right finger: the camera is there"));
+  LONGS_EQUAL(before, restarts());
+
+  // In each other's place.
+  restart_as_hand(kRightSerial, kLeftSerial);
+  CHECK(machine.wait([this] { return machine.diagnostics().find("* FAULT camera_wrong") != std::string::npos; }, 2min));
+  CHECK(!fine());
+  const nlohmann::json devices = asks_json("devices")["devices"];
+  STRCMP_CONTAINS("the other finger's sensor", devices[0]["more"].get<std::string>().c_str());
+  STRCMP_CONTAINS("the other finger's sensor", devices[1]["more"].get<std::string>().c_str());
+
+  right("unplug");
+  restart_with("");
+  become_fine();
+}
+
+// How old frames are when the lines have changed by them, in this board's time. Beside it `watch on` and a busy
+// process. The periods differ, so that each finger's frame meets the other's decoding at every point of it.
+TEST(Holdfastd, ReportsAgesOfTwoSensorsUnderLoad) {
+  const char* const asked = std::getenv("HOLDFAST_PAIRS");
+  const long pairs = asked != nullptr ? std::atol(asked) : 40;
+  right("play 0 11");
+  right("plug");
+  right("period 810");
+  restart_as_hand(kLeftSerial, kRightSerial);
+  become_fine();
+  const std::string busy = said("setsid sh -c 'while :; do :; done' >/dev/null 2>&1 & echo $!");
+  asks("\x03", "holdfast> ");
+  const long left_before = sent(), right_before = sent(kRight);
+  asks("tasks clear", "OK\r\n");
+  asks("watch on", "OK\r\n");
+  machine.forget_edges();
+  CHECK(machine.wait(
+      [&] {
+        machine.diagnostics().clear();
+        return confirmed() >= pairs;
+      },
+      pairs * 2s + 60s));
+  asks("watch off", "OK\r\n");
+  const nlohmann::json tasks = asks_json("tasks")["tasks"];
+  const std::array<long, 2> frames{sent() - left_before, sent(kRight) - right_before};  // and what the answers took
+  said("kill " + busy);
+  std::array<long, 2> accepted{}, most{}, tail{};
+  for (const auto& row : tasks) {
+    if (row["task"] != "age") continue;
+    const std::size_t finger = row["finger"] == "left" ? 0 : 1;
+    const auto ms = [&row](const char* key) { return std::lround(row[key].get<double>() / 1000); };
+    accepted[finger] = row["count"].get<long>();
+    most[finger] = ms("max_us");
+    tail[finger] = ms("p99_9_us");
+    CHECK(accepted[finger] >= pairs && accepted[finger] <= frames[finger] + 1);
+    CHECK(most[finger] <= 150);  // what is older is none that was accepted
+  }
+  std::printf(" p99.9 of age %ld and %ld ms, most %ld and %ld, of %ld and %ld frames, %ld and %ld sent;", tail[0],
+              tail[1], most[0], most[1], accepted[0], accepted[1], frames[0], frames[1]);
+  right("unplug");
+  right("period 800");
+  restart_with("");
   become_fine();
 }
 

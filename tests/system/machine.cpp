@@ -32,6 +32,7 @@ constexpr Span kLook = 50ms;         // how long nothing may happen before condi
 constexpr Span kGripperLook = 2ms;   // the same while the gripper has an answer under way
 constexpr Span kRequestGap = 500ms;  // a request that goes on later is another one
 constexpr std::string_view kGreeting = "@@SHELL";
+constexpr std::array<std::string_view, 2> kUsb{"usb", "right"};  // sockets and logs of the cameras
 
 Moment now() {
   return std::chrono::steady_clock::now();
@@ -148,29 +149,38 @@ Machine::Machine(const Config& config)
   std::vector<std::filesystem::path> files{config.image / "vmlinuz", config.image / "initrd.gz",
                                            config.image / "root.ext4", config.film};
   if (!config.card.empty()) files = {config.image / "u-boot.bin", config.card, config.film};
+  if (!config.right_film.empty()) files.push_back(config.right_film);
   for (const std::filesystem::path& file : files) {
     if (std::filesystem::exists(file, trouble)) continue;
     problem_ = "there is no " + file.string() + " (not built). Next: tests/run.sh --only system";
     return;
   }
 
-  std::array<int, 2> camera{-1, -1};
-  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, camera.data()) != 0) {
-    problem_ = "no socket is to be had (too many files are open). Next: ulimit -n";
-    return;
-  }
-  ::fcntl(camera[0], F_SETFL, O_NONBLOCK);
-  camera_line_.take(camera[0]);
-  std::vector<std::string> camera_command{std::string(HOLDFAST_BIN_DIR) + "/usb_camera", (sockets_ / "usb").string(),
-                                          config.film.string(), "--period", std::to_string(config.period.count())};
-  if (!config.plugged) camera_command.emplace_back("--unplugged");
-  camera_.start(camera_command, camera[1], logs_ / "camera.log");
-  ::close(camera[1]);
+  start_camera(0, config.film, config.plugged);
+  if (!config.right_film.empty()) start_camera(1, config.right_film, false);
+  if (!problem_.empty()) return;
   emulator_.start(command_line(config), -1, logs_ / "qemu.log");
   if (!connect()) {
     problem_ = "the emulated machine does not start (qemu-system-arm is not installed, or see " +
                (logs_ / "qemu.log").string() + "). Next: tests/run.sh --only packages";
+  } else if (!config.right_film.empty()) {
+    (void)camera("as GelSight Mini R0B 28D3-K2R9 28D3K2R9 0c45:636d", 1);
   }
+}
+
+void Machine::start_camera(std::size_t which, const std::filesystem::path& film, bool plugged) {
+  std::array<int, 2> ends{-1, -1};
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) {
+    problem_ = "no socket is to be had (too many files are open). Next: ulimit -n";
+    return;
+  }
+  ::fcntl(ends[0], F_SETFL, O_NONBLOCK);
+  camera_lines_[which].take(ends[0]);
+  std::vector<std::string> command{std::string(HOLDFAST_BIN_DIR) + "/usb_camera", (sockets_ / kUsb[which]).string(),
+                                   film.string(), "--period", std::to_string(config_.period.count())};
+  if (!plugged) command.emplace_back("--unplugged");
+  cameras_[which].start(command, ends[1], logs_ / (std::string("camera-") + std::string(kUsb[which]) + ".log"));
+  ::close(ends[1]);
 }
 
 Machine::~Machine() {
@@ -215,8 +225,10 @@ std::vector<std::string> Machine::command_line(const Config& config) const {
   add("-chardev", socket("shell") + ",logfile=" + log("shell.log"));
   add("-device", "virtconsole,chardev=shell");
   add("-device", "qemu-xhci,addr=2");
-  add("-chardev", socket("usb"));
-  add("-device", "usb-redir,chardev=usb");
+  for (std::size_t which = 0; which < (config.right_film.empty() ? 1 : 2); ++which) {
+    add("-chardev", socket(kUsb[which]));
+    add("-device", std::string("usb-redir,chardev=").append(kUsb[which]));
+  }
   add("-chardev", socket("gripper"));
   add("-device", "pci-serial,chardev=gripper,addr=3");  // /dev/ttyS0
   add("-chardev", socket("diagnostics"));
@@ -276,8 +288,9 @@ bool Machine::wait(const std::function<bool()>& condition, Span deadline) {
 }
 
 void Machine::serve(Span at_most) {
-  const std::array<Line*, 6> lines{&shell_, &test_port_, &monitor_, &gripper_line_, &diagnostics_, &camera_line_};
-  std::array<pollfd, 6> ends{};
+  const std::array<Line*, 7> lines{
+      &shell_, &test_port_, &monitor_, &gripper_line_, &diagnostics_, &camera_lines_.front(), &camera_lines_.back()};
+  std::array<pollfd, 7> ends{};
   for (std::size_t k = 0; k < lines.size(); ++k) {
     ends[k] = {lines[k]->fd(), static_cast<short>(lines[k]->wants_to_send() ? POLLIN | POLLOUT : POLLIN), 0};
   }
@@ -439,17 +452,18 @@ void Machine::cut_power() {
   (void)ask_monitor(R"({"execute":"system_reset"})");
 }
 
-std::string Machine::camera(std::string_view command) {
-  camera_line_.in.clear();
-  camera_line_.out.append(command).append("\n");
+std::string Machine::camera(std::string_view command, std::size_t which) {
+  Line& line = camera_lines_[which];
+  line.in.clear();
+  line.out.append(command).append("\n");
   std::optional<std::string> answer;
   (void)wait(
       [&] {
-        answer = take_line(camera_line_.in);
+        answer = take_line(line.in);
         return answer.has_value();
       },
       kToConnect);
-  note("camera", std::string(command) + ": " + answer.value_or("no answer"));
+  note(which == 0 ? "camera" : "right camera", std::string(command) + ": " + answer.value_or("no answer"));
   return answer.value_or("");
 }
 

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// An emulated machine with everything that holdfastd has around it: the sensor on USB, GPIO lines that are watched and
-// driven from outside, a Hand-E on one serial port, the text console on another, a hardware watchdog, a root shell.
-// Disks are thrown away: every machine starts from the same image (board/image/build.sh), either as an appliance does,
-// from the card by U-Boot, or sooner, from a flat disk by the emulator itself.
+// An emulated machine with everything that holdfastd has around it: one or two sensors on USB, GPIO lines that are
+// watched and driven from outside, a Hand-E on one serial port, the text console on another, a hardware watchdog, a
+// root shell. Disks are thrown away: every machine starts from the same image (board/image/build.sh), either as an
+// appliance does, from the card by U-Boot, or sooner, from a flat disk by the emulator itself.
 //
 // One thread: the machine's surroundings live while wait() or one of the calls that wait runs. Every wait is on a
 // condition and ends at its deadline. What it starts ends with it, also when this program is killed.
-// Logs of a machine are in build/test-logs/system/NAME: console (kernel), shell, diagnostics, camera, qemu, and events,
-// which has everything with its time.
+// Logs of a machine are in build/test-logs/system/NAME: console (kernel), shell, diagnostics, cameras, qemu, and
+// events, which has everything with its time.
 #pragma once
 
 #include <sys/types.h>
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -79,8 +80,9 @@ class Machine {
     std::filesystem::path image{};          // has vmlinuz, initrd.gz, root.ext4; or u-boot.bin and the card
     std::filesystem::path card{};           // starts from this one by U-Boot; empty: from the flat disk
     std::filesystem::path film{};           // what the camera shows
+    std::filesystem::path right_film{};     // what a second one does, serial 28D3K2R9; empty: there is none
     std::string words{};                    // more of the kernel's command line
-    bool plugged = true;                    // the camera, from the start
+    bool plugged = true;                    // the camera, from the start; the second one is plugged in by command
     std::chrono::milliseconds period{800};  // of its frames: 25 fps at board/virt's time scale
     std::int32_t gripper_time = 20;         // the Hand-E's time scale: that of board/virt
     int server = 0;  // port of this machine that it has as 10.0.2.100:8443, and nothing else; 0: it has no network
@@ -123,7 +125,7 @@ class Machine {
 
   // ---- The rest of its surroundings
   // The answer of tests/system/camera_commands.hpp; empty: none came.
-  [[nodiscard]] std::string camera(std::string_view command);
+  [[nodiscard]] std::string camera(std::string_view command, std::size_t which = 0);
   [[nodiscard]] sim::HandE& gripper() { return gripper_; }
   [[nodiscard]] std::string& diagnostics() { return diagnostics_.in; }
   void type(std::string_view text) { diagnostics_.out += text; }
@@ -142,6 +144,7 @@ class Machine {
 
  private:
   [[nodiscard]] std::vector<std::string> command_line(const Config& config) const;
+  void start_camera(std::size_t which, const std::filesystem::path& film, bool plugged);
   [[nodiscard]] bool connect();
   void serve(Span at_most);
   void serve_gripper();
@@ -176,8 +179,10 @@ class Machine {
   Moment request_at_{};
 
   // Last: programs end before the lines that they hold.
-  Line shell_, test_port_, monitor_, gripper_line_, diagnostics_, camera_line_;
-  Child emulator_, camera_;
+  Line shell_, test_port_, monitor_, gripper_line_, diagnostics_;
+  std::array<Line, 2> camera_lines_;
+  Child emulator_;
+  std::array<Child, 2> cameras_;
 };
 
 }  // namespace holdfast::test

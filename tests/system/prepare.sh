@@ -86,6 +86,8 @@ pull_root() (
   # shellcheck source=toolchain/locked.sh
   source toolchain/locked.sh
   local apt=$1.apt here module version
+  board/image/kernel.sh --newer
+  board/image/base.sh --newer
   apt_arm64_in "$apt"
   quietly "$apt/log" "${apt_arm64[@]}" update
   here=$(cut -f 1,2 --output-delimiter== build/image/base.inputs)

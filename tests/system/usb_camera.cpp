@@ -401,7 +401,6 @@ void UsbCamera::begin_frame(Moment now) {
   }
   faulty_ = to_fail_ > 0;
   if (faulty_) --to_fail_;
-  if (allowed_) --*allowed_;
   // From one beginning to the next; a host that was late by more than a period is not made to catch up.
   const Moment planned = next_at_.value_or(now);
   next_at_ = (now - planned > period_ ? now : planned) + period_;
@@ -410,7 +409,7 @@ void UsbCamera::begin_frame(Moment now) {
 std::optional<Bytes> UsbCamera::payload(std::size_t room, Moment now) {
   if (!streaming_ || stalled_ || room <= kHeader + 1) return std::nullopt;
   if (!in_frame_) {
-    if ((allowed_ && *allowed_ == 0) || (next_at_ && now < *next_at_)) return std::nullopt;
+    if (next_at_ && now < *next_at_) return std::nullopt;
     begin_frame(now);
   }
   // A transfer that is full and shorter than a payload would be the first part of one, without its end.
@@ -433,7 +432,6 @@ std::optional<Bytes> UsbCamera::payload(std::size_t room, Moment now) {
 std::optional<Moment> UsbCamera::due() const {
   if (!streaming_ || stalled_) return std::nullopt;
   if (in_frame_) return Moment::min();
-  if (allowed_ && *allowed_ == 0) return std::nullopt;
   return next_at_.value_or(Moment::min());
 }
 
@@ -444,11 +442,6 @@ std::string UsbCamera::controls() const {
     out.append(kUsbControls[k].name).append("=").append(std::to_string(values_[k]));
   }
   return out;
-}
-
-std::optional<int> UsbCamera::control_value(std::string_view name) const {
-  const std::optional<std::size_t> found = find_control(name);
-  return found ? std::optional(values_[*found]) : std::nullopt;
 }
 
 }  // namespace holdfast::test

@@ -97,13 +97,10 @@ class UsbCamera {
   // When payload() may have something again, without a command; none: never.
   [[nodiscard]] std::optional<Moment> due() const;
   [[nodiscard]] const UsbIdentity& identity() const { return identity_; }
-  [[nodiscard]] static Bytes configuration_descriptor();
-  [[nodiscard]] Bytes device_descriptor() const;
 
   // ---- As the test wants it
   struct Play {
     std::size_t first = 0, last = 0;  // pictures of the film, both shown
-    friend bool operator==(const Play&, const Play&) = default;
   };
   // Shows `once` a single time, if there is such, and then `loop` again and again.
   // Range: first <= last < pictures().
@@ -113,8 +110,6 @@ class UsbCamera {
   void truncate(std::uint64_t frames) { to_truncate_ = frames; }           // they end after half of their bytes
   void fail(std::uint64_t frames) { to_fail_ = frames; }                   // they carry the error bit
   void freeze(bool on) { frozen_ = on; }                                   // the same picture, in new frames
-  // So many frames more, then it waits for the next such command; none: it goes on by itself.
-  void allow(std::optional<std::uint64_t> frames) { allowed_ = frames; }
   // What is shown instead of a picture of the film, drawn by the frame's number, from 1; none: the picture itself.
   void set_grain(std::function<Bytes(const Bytes& picture, std::uint64_t frame)> grain) { grain_ = std::move(grain); }
   void set_identity(const UsbIdentity& identity) { identity_ = identity; }  // what is read from now on
@@ -122,11 +117,11 @@ class UsbCamera {
   [[nodiscard]] std::size_t pictures() const { return film_.size(); }
   [[nodiscard]] std::uint64_t frames() const { return frames_; }  // sent to their end
   [[nodiscard]] std::size_t picture() const { return shown_; }    // of the frame under way, or sent last
-  [[nodiscard]] bool streaming() const { return streaming_; }     // a mode was committed, and not stopped
   [[nodiscard]] std::string controls() const;  // "brightness=0 contrast=32 ...", in the table's order
-  [[nodiscard]] std::optional<int> control_value(std::string_view name) const;
 
  private:
+  [[nodiscard]] static Bytes configuration_descriptor();
+  [[nodiscard]] Bytes device_descriptor() const;
   [[nodiscard]] std::optional<Bytes> standard(const UsbSetup& setup);
   [[nodiscard]] std::optional<Bytes> descriptor(std::uint8_t type, std::uint8_t index) const;
   [[nodiscard]] std::optional<Bytes> control_of_unit(const UsbSetup& setup, std::span<const std::uint8_t> data);
@@ -150,7 +145,6 @@ class UsbCamera {
   std::size_t shown_ = 0;
   Bytes bytes_;  // as it is shown
   std::function<Bytes(const Bytes&, std::uint64_t)> grain_;
-  std::optional<std::uint64_t> allowed_;
   bool stalled_ = false, frozen_ = false;
   std::uint64_t to_truncate_ = 0, to_fail_ = 0;
 

@@ -1,20 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The far end of an emulated machine's USB port: the usbredir protocol (its public description, version 0.7), spoken
-// by the side that has the device. Bytes in, bytes out; sockets and clocks are the caller's.
-//
-// Both sides say hello with what they can do; then this side describes the camera and plugs it in. Requests of endpoint
-// 0 are answered at once, transfers of the stream when the camera has something for them.
-// Hostile bytes end in broken(): a message longer than any that has a use here, one that is too short for its type, a
-// hello that is none, more transfers at once than a host has. Nothing is read past what was sent.
+// The far end of an emulated machine's USB port: usbredir, by its own library, on the side that has the device.
+// Requests of endpoint 0 are answered at once, transfers of the stream when the camera has something for them.
 #pragma once
 
-#include <array>
+#include <usbredirparser.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <optional>
-#include <span>
-#include <string>
 
 #include "tests/system/usb_camera.hpp"
 
@@ -22,61 +17,58 @@ namespace holdfast::test {
 
 class UsbredirPeer {
  public:
-  static constexpr std::uint32_t kLongest = 70'000;  // of a message: a control transfer of 65535 bytes and its head
-  static constexpr std::size_t kMostTransfers = 256;
-
   // `camera` outlives this object.
   explicit UsbredirPeer(UsbCamera& camera) : camera_(camera) {}
 
-  // A connection was made: everything of an earlier one is forgotten.
-  void begin();
-  // False: the other side does not speak the protocol; broken() says how. The caller hangs up.
-  [[nodiscard]] bool receive(std::span<const std::uint8_t> bytes);
-  [[nodiscard]] const std::string& broken() const { return broken_; }
+  // A connection was made: everything of an earlier one is forgotten. `socket` does not block.
+  void begin(int socket);
+  // Whatever came, and whatever waits to be sent. False: the other side has gone or does not speak the protocol, and
+  // the caller hangs up.
+  [[nodiscard]] bool receive() { return usbredirparser_do_read(parser_.get()) == 0; }
+  [[nodiscard]] bool send() { return usbredirparser_do_write(parser_.get()) == 0; }
+  [[nodiscard]] bool backlog() const { return usbredirparser_has_data_to_write(parser_.get()) > 0; }
   // Answers the transfers for which the camera has something by now.
   void pump(Moment now);
   // When pump() may have something again by itself; none: not before the next receive().
-  [[nodiscard]] std::optional<Moment> due() const;
-  // To be sent; the caller takes it out.
-  [[nodiscard]] Bytes& out() { return out_; }
+  [[nodiscard]] std::optional<Moment> due() const { return transfers_.empty() ? std::nullopt : camera_.due(); }
 
   // The cable. It stays as it is told through begin().
   void plug();
   void unplug();
-  [[nodiscard]] bool plugged() const { return wanted_; }
-  [[nodiscard]] bool attached() const { return cable_ == Cable::kIn; }  // the other side knows of the device
-  [[nodiscard]] bool refused() const { return refused_; }               // by the other side's filter
-  [[nodiscard]] const std::string& other_side() const { return other_side_; }
-  [[nodiscard]] std::size_t waiting() const { return transfers_.size(); }
 
  private:
   struct Transfer {
     std::uint64_t id = 0;
-    std::size_t room = 0;
+    std::uint32_t room = 0;
+  };
+  struct Free {
+    void operator()(usbredirparser* parser) const { usbredirparser_destroy(parser); }
   };
   enum class Cable : std::uint8_t { kOut, kIn, kLeaving };  // leaving: the other side has yet to say that it knows
 
-  [[nodiscard]] bool break_off(std::string reason);
-  [[nodiscard]] bool take_hello(std::span<const std::uint8_t> body);
-  [[nodiscard]] bool take(std::uint32_t type, std::uint64_t id, std::span<const std::uint8_t> body);
-  [[nodiscard]] bool take_control(std::uint64_t id, std::span<const std::uint8_t> body);
-  [[nodiscard]] bool take_bulk(std::uint64_t id, std::span<const std::uint8_t> body);
-  void cancel(std::uint64_t id);
+  // A callback of the library: what is meant for a device that was unplugged meanwhile is passed over.
+  template <auto kTake, typename... Args>
+  static void heard(void* self, Args... args) {
+    auto& peer = *static_cast<UsbredirPeer*>(self);
+    if (peer.cable_ == Cable::kIn) (peer.*kTake)(args...);
+  }
+  [[nodiscard]] bool can(int capability) const { return usbredirparser_peer_has_cap(parser_.get(), capability) != 0; }
   void attach();
-  void send(std::uint32_t type, std::uint64_t id, const Bytes& body);
-  void send_bulk(std::uint64_t id, std::uint8_t endpoint, std::uint8_t status, const Bytes& data);
-  [[nodiscard]] bool both_can(unsigned capability) const { return (capabilities_ >> capability & 1U) != 0; }
-  [[nodiscard]] std::size_t header_size() const;
+  void reset() { camera_.reset(); }
+  void set_configuration(std::uint64_t id, usb_redir_set_configuration_header* asked);
+  void get_configuration(std::uint64_t id);
+  void set_interface(std::uint64_t id, usb_redir_set_alt_setting_header* asked);
+  void get_interface(std::uint64_t id, usb_redir_get_alt_setting_header* asked);
+  void cancel(std::uint64_t id);
+  void control(std::uint64_t id, usb_redir_control_packet_header* asked, std::uint8_t* data, int size);
+  void bulk(std::uint64_t id, usb_redir_bulk_packet_header* asked, std::uint8_t* data, int size);
+  void send_bulk(std::uint64_t id, std::uint8_t endpoint, std::uint8_t status, Bytes data);
 
   UsbCamera& camera_;
-  Bytes in_, out_;
-  bool greeted_ = false;
-  std::uint32_t capabilities_ = 0;  // of both sides
-  std::string other_side_;
-  std::string broken_;
+  std::unique_ptr<usbredirparser, Free> parser_;
+  int socket_ = -1;
   Cable cable_ = Cable::kOut;
   bool wanted_ = true;
-  bool refused_ = false;
   std::deque<Transfer> transfers_;
 };
 

@@ -93,7 +93,6 @@ scene::Scene hanging(double shear_modulus_kpa) {
                       {.t_s = 2.0, .force_n = 1.5, .y_mm = 30.0 / shear_modulus_kpa},
                       {.t_s = 4.0, .force_n = 1.5, .x_mm = 0.0, .y_mm = 30.0 / shear_modulus_kpa}};
   scene.effects.pixel_noise = 2.0;
-  for (const std::string_view name : scene::used_capabilities(scene)) scene.needs.emplace_back(name);
   return scene;
 }
 

@@ -68,7 +68,8 @@ void Watching::ask_scale() {
   scale_wanted_ = false;
   const Answer answer = device_.say("reference json");
   if (!answer.ok() || answer.lines.empty()) return;
-  const auto json = nlohmann::json::parse(answer.lines.back(), nullptr, false);
+  auto json = nlohmann::json::parse(answer.lines.back(), nullptr, false);
+  if (json.is_object() && json.contains("left")) json = json["left"];  // of a hand: the finger whose markers come
   if (!json.is_object() || !json.value("known", false)) return;
   const double pitch_um = json.value("pitch_printed_um", 0.0);
   if (pitch_um > 0) px_per_um_ = json.value("pitch_px", 0.0) / pitch_um;

@@ -257,7 +257,8 @@ export class LiveSession {
     } catch {
       return false;
     }
-    if ("pitch_px" in answer) this.takeReference(answer);
+    const reference = answer.left ?? answer; // of a hand: the finger whose markers come
+    if ("pitch_px" in reference) this.takeReference(reference);
     else if ("parameters" in answer) this.parameters = answer.parameters;
     else return false;
     this.asked = true;

@@ -167,6 +167,25 @@ TEST_GROUP(Hand) {
     CHECK_TRUE_TEXT(fine(), what.c_str());
     return clock.now() - from;
   }
+  static int occurrences(std::string_view text, std::string_view part) {
+    int count = 0;
+    for (std::size_t at = text.find(part); at != std::string_view::npos; at = text.find(part, at + 1)) ++count;
+    return count;
+  }
+  // A console's answer.
+  std::string ask(std::string_view line) {
+    sim::Serial host{1 << 20};
+    console::Console console(host, *daemon, clock, console::Place{.board = "test", .prompts = false});
+    console.start(params);
+    host.clear_output();
+    CHECK_TRUE(host.feed({reinterpret_cast<const std::uint8_t*>(line.data()), line.size()}));
+    for (int k = 0; k < 200; ++k) {
+      poll();
+      console.poll();
+    }
+    const std::vector<std::uint8_t> bytes = host.output_bytes();
+    return {bytes.begin(), bytes.end()};
+  }
   // What the wire brought since the last call.
   std::vector<status_frame::StatusFrame> told() {
     std::vector<status_frame::StatusFrame> out;
@@ -370,19 +389,6 @@ TEST(Hand, OfOneFingerVersion1IsSentForEver) {
 
 // What a person at the console sees of both, and of sensors in each other's place.
 TEST(Hand, TheConsoleNamesBothFingers) {
-  sim::Serial host;
-  const auto ask = [&](std::string_view line) {
-    console::Console console(host, *daemon, clock, console::Place{.board = "test", .prompts = false});
-    console.start(params);
-    host.clear_output();
-    CHECK_TRUE(host.feed({reinterpret_cast<const std::uint8_t*>(line.data()), line.size()}));
-    for (int k = 0; k < 100; ++k) {
-      poll();
-      console.poll();
-    }
-    const std::vector<std::uint8_t> bytes = host.output_bytes();
-    return std::string(bytes.begin(), bytes.end());
-  };
   start();
   settled();
   std::string seen = ask("devices\r");
@@ -393,12 +399,12 @@ TEST(Hand, TheConsoleNamesBothFingers) {
   STRCMP_CONTAINS(("number " + number).c_str(), seen.c_str());
   plugs[1]->out = true;
   run(1s);
-  STRCMP_CONTAINS("FAULT camera_gone", ask("devices\r").c_str());
+  STRCMP_CONTAINS(", FAULT camera_gone, ", ask("devices\r").c_str());
   plugs[1]->sensor = "ABCD-1234";  // another one, where any would have done
   plugs[1]->out = false;
   run(1s);
   seen = ask("devices\r");
-  STRCMP_CONTAINS("FAULT camera_wrong", seen.c_str());
+  STRCMP_CONTAINS(", FAULT camera_wrong, ", seen.c_str());
   CHECK_TRUE(seen.find("store number") == std::string::npos);
   start_with_swapped_sensors();
   run(1s);
@@ -415,6 +421,68 @@ TEST(Hand, TheConsoleNamesBothFingers) {
   CHECK_TRUE(daemon->start(params).ok());
   run(1s);
   STRCMP_CONTAINS("this is not the stored sensor", ask("devices\r").c_str());
+}
+
+// The right one is pulled out, and another one comes: what is shown of the left one does not change.
+TEST(Hand, TheConsoleShowsTheFiguresOfEach) {
+  const auto line = [](const std::string& text, std::string_view begin) {
+    const std::size_t at = text.find("\n" + std::string(begin));
+    CHECK_TRUE_TEXT(at != std::string::npos, text.c_str());
+    return text.substr(at + 1, text.find('\r', at) - at - 1);
+  };
+  start();
+  STRCMP_CONTAINS("ERR", ask("frame\r").c_str());
+  settled();
+  const std::string screen = ask("status\r");
+  std::ptrdiff_t lines = 0;
+  for (std::size_t at = 0, end = 0; (end = screen.find('\n', at)) != std::string::npos; at = end + 1) {
+    lines += std::max<std::ptrdiff_t>(1, static_cast<std::ptrdiff_t>(end - at + 78) / 80);
+  }
+  CHECK_TRUE_TEXT(lines <= 23, screen.c_str());
+  std::string json = ask("status json\r");
+  for (const char* const name : {"left", "right"}) {
+    STRCMP_CONTAINS("state OK, reason none, contact EMPTY, evidence imprint 0 of ", line(screen, name).c_str());
+    STRCMP_CONTAINS(", fps 25.00, markers 63, referenced yes, ", line(screen, name).c_str());
+    const std::string its = std::string("\"") + name + R"(":{"state":"OK","reason":"none","contact":"EMPTY",)";
+    STRCMP_CONTAINS(its.c_str(), json.c_str());
+    STRCMP_CONTAINS(": known yes, rows 7, cols 9, lines_cut 0, markers 63, ",
+                    (":" + line(ask("reference\r"), name).substr(21)).c_str());
+  }
+  STRCMP_CONTAINS(R"(},"last_slip_s_ago":null,)", json.c_str());
+  std::string markers = ask("frame\r");
+  LONGS_EQUAL(1 + 63, occurrences(markers, "\nleft "));  // sequence and quality, and a row for each
+  LONGS_EQUAL(1 + 63, occurrences(markers, "\nright "));
+  STRCMP_CONTAINS("quality none", line(markers, "right").c_str());
+
+  (void)ask("tasks clear\r");
+  plugs[1]->out = true;
+  run(4s);
+  const std::string tasks = ask("tasks json\r");
+  // 100 frames in 4 s, and those that came while the console was asked; each as old as its camera's latency.
+  STRCMP_CONTAINS(R"({"finger":"left","task":"age","count":111,"p50_us":40000,)", tasks.c_str());
+  STRCMP_CONTAINS(R"({"finger":"right","task":"age","count":11,"p50_us":55000,)", tasks.c_str());
+  STRCMP_CONTAINS(R"({"finger":null,"task":"serve","count":)", tasks.c_str());
+  LONGS_EQUAL(1, occurrences(tasks, R"("task":"console")"));
+  json = ask("status json\r");
+  STRCMP_CONTAINS(R"({"state":"FAULT","reason":"camera_gone",)", json.c_str());
+  STRCMP_CONTAINS(R"("left":{"state":"OK")", json.c_str());
+  STRCMP_CONTAINS(R"("right":{"state":"FAULT","reason":"camera_gone","contact":null,)", json.c_str());
+  STRCMP_CONTAINS(R"("faults_since_start":1,)", json.c_str());  // though the left one had none
+  STRCMP_CONTAINS("quality camera_gone", line(ask("frame\r"), "right").c_str());
+  STRCMP_CONTAINS("camera_gone     right ", ask("log\r").c_str());
+  const std::string flight = ask("log frames\r");
+  CHECK_TRUE(occurrences(flight, "\nleft ") >= 100);
+  const std::size_t gone = flight.find(" camera_gone    FAULT ");  // its quality
+  CHECK_TRUE(gone != std::string::npos);
+  CHECK_TRUE(flight.substr(flight.rfind('\n', gone) + 1, 6) == "right ");
+  CHECK_TRUE(occurrences(ask("log fault\r"), "\nright ") >= 24);
+
+  plugs[1]->out = false;
+  plugs[1]->sensor = "ABCD-1234";
+  start();
+  const std::string reference = ask("reference json\r");
+  LONGS_EQUAL(1, occurrences(reference, R"("resumed":true},"right":{)"));
+  LONGS_EQUAL(1, occurrences(reference, R"("resumed":false}})"));
 }
 
 // `watch on`: evidence of both once there is a reference, markers of the left one, nothing of a finger that is silent.

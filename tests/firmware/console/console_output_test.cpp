@@ -112,6 +112,10 @@ TEST(ConsoleOutput, MakesLinesAndJsonOfOnePage) {
     page.nothing("none");
     page.yes_no("well", true);
     page.yes_no("ill", false);
+    page.part("left");
+    page.integer("force", 3, "N");
+    page.nothing("none");
+    page.end_part();
     page.list("rows", kColumns);
     for (int k = 0; k < 2; ++k) {
       page.row();
@@ -126,13 +130,15 @@ TEST(ConsoleOutput, MakesLinesAndJsonOfOnePage) {
   };
   write(true);
   STRCMP_EQUAL(
-      "{\"title\":\"a \\\"b\\\"\",\"count\":-3,\"half\":0.5,\"none\":null,\"well\":true,\"ill\":false,\"rows\":["
+      "{\"title\":\"a \\\"b\\\"\",\"count\":-3,\"half\":0.5,\"none\":null,\"well\":true,\"ill\":false,"
+      "\"left\":{\"force\":3,\"none\":null},\"rows\":["
       "{\"name\":\"long name\",\"n\":0,\"x\":2.50},{\"name\":\"b\",\"n\":1,\"x\":null}]}\r\n",
       said().c_str());
   write(false);
   STRCMP_EQUAL(
       "title                 a \"b\"\r\ncount                 -3 mm\r\nhalf                  0.5\r\n"
       "none                  -\r\nwell                  yes\r\nill                   no\r\n"
+      "left                  force 3 N, none -\r\n"
       "name  n   x\r\nlong name 0 2.50\r\nb     1   -\r\n",
       said().c_str());
 }

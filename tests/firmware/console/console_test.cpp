@@ -1167,7 +1167,8 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   const std::string status = desk.say("status");
   for (const char* const part :
        {"state                 OK\r\n", "fps                   25.00\r\n", "markers               63\r\n",
-        "grip_ok               yes\r\n", "last_slip_s_ago       -\r\n", "supply                good\r\n"}) {
+        "grip_ok               yes\r\n", "evidence              imprint 0 of 55 um, 0 frames in a row\r\n",
+        "last_slip_s_ago       -\r\n", "supply                good\r\n"}) {
     STRCMP_CONTAINS(part, status.c_str());
   }
   CHECK(std::count(status.begin(), status.end(), '\n') <= 23);  // one screen
