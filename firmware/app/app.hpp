@@ -140,10 +140,13 @@ class App {
   [[nodiscard]] std::optional<Micros> first_confirmed() const { return lines_.first_confirmed; }
   // Accepted frames that the status frame called OK since start(), or since the last FAULT.
   [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
-  // By the last step(): its frame was accepted and OK, and nothing touches any finger's gel.
+  // By the last step(): its frame was accepted and OK, and nothing touches any finger's gel. Where contact is not
+  // judged (contact.hpp), something may.
   [[nodiscard]] bool holds_nothing() const {
-    const auto touched = [](const Finger* finger) { return finger->result.contact.touching; };
-    return accepted() && told_.state == DeviceState::kOk && std::ranges::none_of(each(), touched);
+    const auto empty = [](const Finger* finger) {
+      return finger->result.contact.judged && !finger->result.contact.touching;
+    };
+    return accepted() && told_.state == DeviceState::kOk && std::ranges::all_of(each(), empty);
   }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor(int finger = 0) const { return hand_.supervisors[idx(finger)]; }

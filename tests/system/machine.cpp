@@ -234,6 +234,12 @@ std::vector<std::string> Machine::command_line(const Config& config) const {
   add("-chardev", socket("diagnostics"));
   add("-device", "pci-serial,chardev=diagnostics,addr=4");  // /dev/ttyS1
   add("-device", "i6300esb,addr=5");
+  if (config.server != 0) {
+    // Not tcp:, which calls once for all connections. What ends, ends both ways, as a connection does.
+    add("-netdev", "user,id=net,restrict=on,guestfwd=tcp:10.0.2.100:8443-cmd:bash -c 'exec 3<>/dev/tcp/127.0.0.1/" +
+                       std::to_string(config.server) + "; cat <&0 >&3 & cat <&3; kill $!'");
+    add("-device", "virtio-net-device,netdev=net");
+  }
   add("-action", "watchdog=reset");
   add("-chardev", socket("monitor"));
   add("-mon", "chardev=monitor,mode=control");

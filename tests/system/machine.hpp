@@ -85,6 +85,7 @@ class Machine {
     bool plugged = true;                    // the camera, from the start; the second one is plugged in by command
     std::chrono::milliseconds period{800};  // of its frames: 25 fps at board/virt's time scale
     std::int32_t gripper_time = 20;         // the Hand-E's time scale: that of board/virt
+    int server = 0;  // port of this machine that it has as 10.0.2.100:8443, and nothing else; 0: it has no network
   };
   struct Said {
     int status = -1;  // -1: no answer before the deadline

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Makes what the scenarios start from: the board virt as preset rpi4 built it, and tests/system/root over it.
-#   tests/system/prepare.sh [flat|card]...   both unless named
+#   tests/system/prepare.sh [flat|card|pull]...   flat and card unless named
 # flat: the disk that the emulator starts by itself. card: the card, a release after it as updates on USB sticks - as it
-# should be, and not - and the owner's keys, which are made here and thrown away.
+# should be, and not - and the owner's keys, which are made here and thrown away. pull: a card with what board/pull/README.md
+# tells an owner to put on a system of his own, a network and Debian's curl and openssl among it; and what his server has.
 set -euo pipefail
 PATH=$PATH:/usr/sbin:/sbin  # mke2fs
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -78,6 +79,56 @@ card() {
   rm -rf "$work" "$later"
 }
 
+# pull_root DIR: what a card has no part of. Its packages are not the lock's: no card has them.
+pull_root() (
+  # shellcheck source=toolchain/apt_arm64.sh
+  source toolchain/apt_arm64.sh
+  # shellcheck source=toolchain/locked.sh
+  source toolchain/locked.sh
+  local apt=$1.apt here module version
+  board/image/kernel.sh --newer
+  board/image/base.sh --newer
+  apt_arm64_in "$apt"
+  quietly "$apt/log" "${apt_arm64[@]}" update
+  here=$(cut -f 1,2 --output-delimiter== build/image/base.inputs)
+  # shellcheck disable=SC2046  # names
+  fetch pull "$apt/debs" newer $(closure curl openssl | grep -vxF "$here")
+  mkdir -p "$1/etc/holdfast"
+  for deb in "$apt"/debs/*.deb; do dpkg-deb -x "$deb" "$1"; done
+  rm -rf "$1"/usr/share/{doc,man,lintian}
+  version=$(cat build/image/kernel/version)
+  for module in net/core/failover drivers/net/net_failover drivers/net/virtio_net; do
+    install -D -m 644 -t "$1/usr/lib/holdfast/network" "build/image/kernel/lib/modules/$version/kernel/$module.ko"
+  done
+  cp -r board/pull/root/. tests/system/pull_root/. "$1/"
+  rm -rf "$apt"
+)
+
+pull() {
+  local to=$out/pull place
+  rm -rf "$to"
+  mkdir -p "$to"
+  echo "of the authority" >"$to/ca.pass"
+  echo "of the signer" >"$to/signer.pass"
+  export HOLDFAST_CA_PASS=file:$to/ca.pass HOLDFAST_SIGNER_PASS=file:$to/signer.pass
+  board/image/keys.sh "$to/keys"
+  board/pull/server_keys.sh "$to/tls" 10.0.2.100
+  pull_root "$to/root"
+  cp "$to/tls/pull-ca.pem" "$to/root/etc/holdfast/"
+  printf 'version=0.10.0\nrelease=2\nfloor=1\n' >"$to/release"
+  local -a build=(board/image/build.sh virt --newer --install tests/system/root --install "$to/root" --keyring "$to/keys/keyring.pem")
+  "${build[@]}" --release "$to/release" --out "$to/later" >/dev/null
+  "${build[@]}" --out "$to" | grep -v '^   '
+  board/image/bundle.sh virt --keys "$to/keys" --slot "$to/later/slot" --out "$to/bundle"
+  # The same offered twice: to all boards below this one's place in the rollout, and to one place more.
+  place=$(HOLDFAST_RELEASES=board/image/card/usr/lib/holdfast/releases board/pull/root/usr/lib/holdfast/pull ring \
+    "$(sed -n 's/^HOLDFAST_SERIAL=//p' "$to/root/etc/holdfast/pull.conf")")
+  board/pull/channel.sh virt "$to/www" --keys "$to/keys" --bundle "$to/bundle" --share "$place"
+  cp "$to/www/channel" "$to/www/channel.closed"
+  board/pull/channel.sh virt "$to/www" --keys "$to/keys" --bundle "$to/bundle" --share $((place + 1))
+  rm -rf "$to"/{later,root,slot,bundle,release}
+}
+
 # flip FILE OFFSET: every bit of that byte.
 flip() {
   local byte
@@ -89,9 +140,9 @@ flip() {
 (($# > 0)) || set -- flat card
 for what in "$@"; do
   case $what in
-    flat | card) "$what" ;;
+    flat | card | pull) "$what" ;;
     *)
-      complain "'$what' is nothing to prepare" "a typing error" "tests/system/prepare.sh flat, or card"
+      complain "'$what' is nothing to prepare" "a typing error" "tests/system/prepare.sh flat, card, or pull"
       exit 2
       ;;
   esac

@@ -28,7 +28,7 @@ namespace holdfast::test {
   if (!machine || running != name || !machine->usable()) {
     machine.reset();
     config.name = name;
-    config.image = image_path();
+    if (config.image.empty()) config.image = image_path();
     config.film = film_path();
     machine = std::make_unique<Machine>(config);
     running = name;

@@ -1031,6 +1031,19 @@ TEST(App, HoldsNothingOnlyByAFrameOfAnEmptyGel) {
   CHECK_TRUE(empty > 10 && refused > 10 && held == 6);
 }
 
+// A tree that asks nothing of the picture: nobody can tell.
+TEST(App, DoesNotHoldNothingWhereContactIsNotJudged) {
+  tree = &kSpreadTree;
+  film(30);
+  build();
+  start();
+  for (int k = 0; k < 30; ++k) {
+    CHECK_TRUE(step());
+    CHECK_FALSE(app->holds_nothing());
+  }
+  state_is(DeviceState::kOk, app->told().state);
+}
+
 // What an update is kept by. Frames while the empty gel is learned, the first after a fault, and those over which OK is
 // held are no proof.
 TEST(App, CountsOkFramesSinceTheLastFault) {
