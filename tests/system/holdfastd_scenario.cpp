@@ -371,7 +371,8 @@ Holdings holdings(Machine& machine, const std::string& pid) {
   return held;
 }
 
-// Their number of maps is another one in each process: the kernel puts them at random places, and neighbours become one.
+// Their number of maps is another one in each process: the kernel puts them at random places, and neighbours become
+// one.
 void check_same(const Holdings& before, const Holdings& after) {
   LONGS_EQUAL(before.files, after.files);
   LONGS_EQUAL(before.threads, after.threads);
