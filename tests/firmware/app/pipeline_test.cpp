@@ -216,6 +216,23 @@ TEST(Pipeline, MeasuresWhatTheTruthSays) {
   CHECK_TRUE(std::sqrt(sum_um2 / n) <= 3.6);
 }
 
+TEST(Pipeline, DecidesTheSameWithoutTheForces) {
+  learn();
+  const auto without = std::make_unique<pipeline::State>(*state);
+  pipeline::Config no_load = config;
+  no_load.with_load = false;
+  const Picture shown = picture(chained(gaussian({0.4, -0.3}, 3.5, 0.9, 0.5), rotated(0.5)));
+  const pipeline::Result with_forces = give(frame_of(shown));
+  hal::Frame frame = frame_of(shown);
+  frame.timestamp = now;
+  const pipeline::Result result = pipeline::update(*without, no_load, jpeg, frame);
+  CHECK_TRUE(with_forces.load.basis == load::Basis::kNominal && with_forces.load.shear_x.raw() != 0);
+  CHECK_TRUE(result.load.basis == load::Basis::kNone);
+  LONGS_EQUAL(0, result.load.shear_x.raw());
+  LONGS_EQUAL(with_forces.features.entropy.raw(), result.features.entropy.raw());
+  LONGS_EQUAL(with_forces.features.vx.raw(), result.features.vx.raw());
+}
+
 TEST(Pipeline, RefusesFramesThatDoNotComeForward) {
   learn();
   rejects(Reason::kTimeNotForward, show({}, 0us));
