@@ -45,8 +45,8 @@ USAGE
                book pulls, 500 trials of each kind, the entropy of every histogram, what the sanitizers and the emulated
                processor are spared; on the emulated machine 100 replugs, 100 kills, 50 power cuts of an update and the heap calls of 10 000
                frames
-  --system     add part system with all scenarios instead of the short set: hang, watchdog, gripper, two sensors, and the
-               machine by itself
+  --system     add part system with all scenarios instead of the short set: hang, watchdog, gripper, two sensors, an update
+               from a server, and the machine by itself
   --tidy       add part tidy on every source, 20 minutes on a fresh clone, instead of what changed of late and a share
   --help       this
 Logs are in build/test-logs. NO_COLOR is honoured. What ccache, where it is installed, has compiled in another clone is

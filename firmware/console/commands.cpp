@@ -284,8 +284,7 @@ void evidence_of(Console& console, Page& page, int finger) {
 void load_of(const pipeline::Result& result, Page& page) {
   const load::Load& load = result.load;
   const std::string_view basis = load::kBasisNames[static_cast<std::size_t>(load.basis)];
-  const std::int64_t shear_mn =
-      isqrt(static_cast<std::uint64_t>(square(load.shear_x.raw()) + square(load.shear_y.raw())));
+  const std::int64_t shear_mn = load::shear_mn(load);
   if (!result.quality.ok() || load.basis == load::Basis::kNone) return page.nothing("load");
   if (page.json()) {
     page.text("load", basis);

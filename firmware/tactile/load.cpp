@@ -128,6 +128,10 @@ static_assert(fits(kWeights[0]) && fits(kWeights[1]));
 
 }  // namespace
 
+std::int64_t shear_mn(const Load& load) {
+  return isqrt(static_cast<std::uint64_t>(square(load.shear_x.raw()) + square(load.shear_y.raw())));
+}
+
 Load update(const Config& config, const DisplacementField& field, Saturations& saturations) {
   Load out;
   if (field.grid != GridSize{kRows, kCols} || std::abs(config.pitch_um - kPitch_um) > kPitchOff_um) return out;
@@ -168,9 +172,7 @@ Load update(const Config& config, const DisplacementField& field, Saturations& s
   out.shear_y = scaled(f.shear_y, one);
   out.normal = scaled(f.normal, normal_scale);
   if (out.normal.raw() >= kLeastNormal_mn) {
-    const std::int64_t shear_mn =
-        isqrt(static_cast<std::uint64_t>(square(out.shear_x.raw()) + square(out.shear_y.raw())));
-    out.friction_use = Permille::saturate(div_round(shear_mn * 1000, out.normal.raw()), saturations);
+    out.friction_use = Permille::saturate(div_round(shear_mn(out) * 1000, out.normal.raw()), saturations);
   }
   return out;
 }

@@ -69,6 +69,9 @@ struct Load {
   Permille friction_use;  // Q / P; 0 below kLeastNormal_mn
 };
 
+// |Q| in mN.
+[[nodiscard]] std::int64_t shear_mn(const Load& load);
+
 // Range: forces below 2^28 before the scale, 2^43 behind it; what leaves +-32.767 N is clamped and counted.
 [[nodiscard]] Load update(const Config& config, const DisplacementField& field, Saturations& saturations);
 

@@ -371,8 +371,8 @@ Holdings holdings(Machine& machine, const std::string& pid) {
   return held;
 }
 
-// Their number of maps is another one in each process: the kernel puts them at random places, and neighbours become
-// one.
+// Not maps, which are one process's alone: the kernel puts anonymous ones at random places, and neighbours become one.
+// 24 fresh processes on a PC had the same kB and threads, and 1323 to 1334 maps.
 void check_same(const Holdings& before, const Holdings& after) {
   LONGS_EQUAL(before.files, after.files);
   LONGS_EQUAL(before.threads, after.threads);
