@@ -367,13 +367,6 @@ std::string frame_number(const std::string& text) {
   return CLI::detail::lexical_cast(text, value) && value >= 0 ? "" : fmt::format("'{}' is no number of a frame", text);
 }
 
-// CLI11's own range check lets "nan" pass.
-std::string frame_rate(const std::string& text) {
-  double fps = 0;
-  if (CLI::detail::lexical_cast(text, fps) && fps >= 0.1 && fps <= 1000) return {};
-  return fmt::format("'{}' is no rate of frames from 0.1 to 1000", text);
-}
-
 }  // namespace
 
 void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
@@ -401,7 +394,7 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
       ->capture_default_str();
   command->add_option("--mode", options->common.mode, "speed setting for JPEG pictures")->capture_default_str();
   command->add_option("--fps", options->fps, "frames per second of inputs that carry no time (else 25), or a wrong one")
-      ->check(frame_rate);
+      ->check(number_from_to(0.1, 1000));
   CLI::Option* const weight =
       command->add_option("--weight", options->weight_g, "grams that hang on the gel or stand on it in INPUT")
           ->check(CLI::Range(1.0, 5000.0));

@@ -247,14 +247,14 @@ void add_findings(learn::Table& table, const std::vector<Clip>& clips, const Det
       const bool listed = full && counted;
       const auto t = idx(one.frame);
       const bool known = full && !one.missed && t < clip.ours.slip.size();
-      table.rows.push_back({detector.name, clip.folder, clip.labels.name, one.frame,
-                            learn::kPhaseNames[idx(int(one.phase))],
-                            one.missed   ? "missed"
-                            : one.silent ? "false alarm"
-                            : counted    ? "alarm"
-                                         : "not counted",
-                            one.what, known ? info(clip.ours.state[t]).name : std::string_view(),
-                            known ? info(clip.ours.reason[t]).name : std::string_view(), listed ? "yes" : "no"});
+      table.rows.push_back(
+          {detector.name, clip.folder, clip.labels.name, one.frame, learn::kPhaseNames[idx(int(one.phase))],
+           one.missed   ? "missed"
+           : one.silent ? "false alarm"
+           : counted    ? "alarm"
+                        : "not counted",
+           one.what, known ? info(clip.ours.state[t]).name : std::string_view(),
+           known ? info(clip.ours.reason[t]).name : std::string_view(), listed ? "yes" : "no", clip.labels.note});
     }
   }
 }
@@ -278,7 +278,8 @@ learn::Table findings_table(const std::vector<Clip>& clips, const std::vector<De
                   {"what", "what", ""},
                   {"state", "state", "", 1, false},
                   {"reason", "reason", "", 1, false},
-                  {"listed", "listed", "", 1, false}}};
+                  {"listed", "listed", "", 1, false},
+                  {"note", "note of the labels", "", 1, false}}};
   for (const Detector& detector : detectors) {
     add_findings(table, clips, detector, &detector == &detectors.front());
   }

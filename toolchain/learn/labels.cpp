@@ -99,6 +99,7 @@ class LabelRow {
       }
       clip_.confidence = *confidence;
     }
+    clip_.note = cell("note");
     for (const std::string& text = cell("silent_intervals"); const std::string_view part : parts_of(text)) {
       const std::size_t colon = std::min(part.find(':'), part.size());
       const auto confidence = find_confidence(part.substr(std::min(colon + 1, part.size())));

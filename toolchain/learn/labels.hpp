@@ -20,7 +20,7 @@ struct LabelColumn {
   bool required;
   std::string_view help;
 };
-inline constexpr std::array<LabelColumn, 15> kLabelColumns{{
+inline constexpr std::array<LabelColumn, 16> kLabelColumns{{
     {"clip", true, "name of the recording beside the label file, with its ending or without .avi, .mjpg or .mcap"},
     {"slip_start", true, "first frame in which the object moves against the gel; empty: it never does"},
     {"slip_end", true, "last frame of that slip"},
@@ -36,6 +36,7 @@ inline constexpr std::array<LabelColumn, 15> kLabelColumns{{
     {"event_start", false, "first frame of the event"},
     {"event_end", false, "last frame of the event"},
     {"confidence", false, "high, medium or low (high without the column); onsets of low confidence do not count"},
+    {"note", false, "what the labeller saw, in words; beside every missed onset and alarm in findings.csv"},
 }};
 
 enum class Confidence : std::uint8_t { kHigh, kMedium, kLow };
@@ -72,6 +73,7 @@ struct ClipLabels {
   std::vector<SilentFrames> silent;
   std::vector<Frames> empty;
   Confidence confidence = Confidence::kHigh;
+  std::string note;
 
   [[nodiscard]] bool is_empty(long frame) const;
   [[nodiscard]] bool is_silent(long frame) const;  // of high or medium confidence

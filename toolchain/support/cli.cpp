@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <csignal>
@@ -34,7 +33,9 @@ std::string parse_shard(const std::string& text, int& shard, int& shards) {
 std::function<std::string(const std::string&)> number_from_to(double least, double most) {
   return [least, most](const std::string& text) {
     double value = 0.0;
-    if (CLI::detail::lexical_cast(text, value) && value >= least && value <= most) return std::string{};
+    const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (wrong == std::errc{} && end == text.data() + text.size() && value >= least && value <= most)
+      return std::string{};
     return fmt::format("'{}' is no number from {:g} to {:g}", text, least, most);
   };
 }
