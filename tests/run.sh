@@ -118,7 +118,7 @@ not_sanitized='PowerCut'
 not_emulated='PowerCut|Render|Tracker|ModelFile|firmware_tests.Models|Imprint|HandE|PictureCheck$|JpegDc|JpegFast$'
 # What the run without options leaves to --all, as well.
 not_short='RealClips|firmware_tests.Simulation|PowerCut|GalleryTwice|FaultsSoak|host_tests.Grip|JpegCorruption|JpegFuzz|PictureCheckOnClips|ContactGridFine|e2e.flash_loop'
-not_short+='|ImprintClips|ImprintGrasps|LogFiles|ReplayReference|SlipModel|Flicker|e2e.update_pull|e2e.cluster|ConsoleFlood|EvaluateRecorded|host_tests.Paper|host_tests.Recordings|host_tests.Trade'
+not_short+='|ImprintClips|ImprintGrasps|LogFiles|ReplayReference|Flicker|e2e.update_pull|e2e.cluster|ConsoleFlood|EvaluateRecorded|host_tests.Paper|host_tests.Recordings|host_tests.Trade'
 passed=0 failed=0 skipped=0
 failures=() skips=() times=()
 
