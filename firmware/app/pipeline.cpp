@@ -192,15 +192,15 @@ Result classify(State& state, const Config& config, Result out) {
   out.features.contact = Count::from_raw(held ? 1 : 0);
   const bool raised = state.decision.raised;
   const Features classified = raised ? classifier::while_raised(out.features) : out.features;
-  const auto verdict_of = [&](const Features& features) {
-    return held ? classifier::classify(config.classifier, features) : Verdict::kHold;
-  };
-  out.verdict = verdict_of(classified);
+  if (!held) state.lasting = {};
+  out.verdict = held ? classifier::judge(state.lasting, config.classifier, classified, out.timestamp) : Verdict::kHold;
   out.evidence = evidence::decisive(config.classifier, classified, out.verdict);
   const bool goes_on = raised && held && classifier::goes_on(config.classifier, classified);
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp, goes_on);
   out.run = state.decision.run;
-  if (raised && out.verdict != Verdict::kHold) out.verdict = verdict_of(for_a_step(classified));
+  if (raised && out.verdict != Verdict::kHold) {
+    out.verdict = classifier::classify(config.classifier, for_a_step(classified));
+  }
   state.stopwatch.lap(Task::kClassify);
   return out;
 }
@@ -275,6 +275,7 @@ void tare(State& state) {
   field_features::forget(state.field);
   imprint::forget(state.imprint);
   contact::forget(state.contact);
+  state.lasting = {};
   state.decision = {};
 }
 

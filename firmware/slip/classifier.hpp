@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <utility>
 
+#include "base/units.hpp"
 #include "slip/model.hpp"
 #include "slip/slip_tree.gen.hpp"
 #include "slip/tree_io.hpp"
@@ -90,6 +91,33 @@ struct Config {
 [[nodiscard]] constexpr bool goes_on(const Config& config, const Features& features) {
   constexpr std::int32_t kHalf_q8 = 256;
   return ask(config, features, kHalf_q8) != Verdict::kHold;
+}
+
+inline constexpr std::int32_t kLess_q8 = 160;
+
+// Since when every frame of a contact would be slip if it had moved 2^(kLess_q8 / 256) = 1.54 times as far.
+struct Lasting {
+  bool begun = false;
+  Micros since{};
+  Micros last{};
+};
+
+// The verdict on a frame of a contact: the model's; and slip, too, where nearly so much motion goes on in every frame
+// for the imprint's lag. What moves slowly goes on, noise does not. Of 60 simulated turns of seed 7 that detects 52
+// instead of 47 in time, with the same alarms in 200 recordings but one less, and in closings (2026-11-26). 140 ms
+// are five frames at 25 a second, also when their times jitter. Range: `now` never runs backwards.
+[[nodiscard]] constexpr Verdict judge(Lasting& state, const Config& config, const Features& features, Micros now) {
+  constexpr Micros kLong{140'000};
+  constexpr Micros kGap{100'000};  // frames that far apart are not in a row
+  const Verdict verdict = classify(config, features);
+  if (!needs(config, Stage::kImprint)) return verdict;
+  if (verdict != Verdict::kSlipNow && ask(config, features, kLess_q8) != Verdict::kSlipNow) {
+    state = {};
+    return verdict;
+  }
+  if (!state.begun || now - state.last > kGap) state = {.begun = true, .since = now};
+  state.last = now;
+  return now - state.since >= kLong ? Verdict::kSlipNow : verdict;
 }
 
 }  // namespace holdfast::classifier

@@ -39,10 +39,13 @@ namespace evidence {
   return features;
 }
 
-// Range: any features. The model is asked at most three times, and of a frame that holds not at all.
-[[nodiscard]] constexpr Evidence decisive(const classifier::Config& config, const Features& features, Verdict verdict) {
+// Range: any features. The model is asked at most four times, and of a frame that holds not at all.
+[[nodiscard]] constexpr Evidence decisive(const classifier::Config& config, Features features, Verdict verdict) {
   if (verdict == Verdict::kHold) return Evidence::kNone;
   if (!classifier::needs(config, Stage::kImprint)) return Evidence::kMarkers;
+  if (classifier::classify(config, features) == Verdict::kHold) {  // it is slip because it lasts
+    features = classifier::scaled(features, classifier::kLess_q8);
+  }
   for (const Evidence group : {Evidence::kImprint, Evidence::kCoarse, Evidence::kMarkers}) {
     if (classifier::classify(config, without(features, group)) == Verdict::kHold) return group;
   }

@@ -58,17 +58,22 @@ struct Seen {
 
 struct State {
   std::array<Seen, kMaxFingers> seen{};
+  std::array<classifier::Lasting, kMaxFingers> lasting{};
   decision::State decision;
   Micros now{std::numeric_limits<std::int64_t>::min() / 4};  // the latest time that any finger told
 };
 
-// Range: any features. The model is asked three times at most. `raised`: a slip of the hand.
-[[nodiscard]] constexpr Seen look(const Config& config, Features features, Micros timestamp, bool raised = false) {
+// Range: any features. The model is asked four times at most. `lasting`: of this finger; `raised`: a slip of the hand.
+[[nodiscard]] constexpr Seen look(const Config& config, classifier::Lasting& lasting, Features features,
+                                  Micros timestamp, bool raised = false) {
   if (raised) features = classifier::while_raised(features);
   Seen seen{.known = true, .timestamp = timestamp, .touching = features.contact.raw() != 0};
   seen.sees = features.imprint.patches.raw() >= config.sight_patches;
-  if (!seen.touching) return seen;
-  const Verdict plain = classifier::ask(config.classifier, features, 0);
+  if (!seen.touching) {
+    lasting = {};
+    return seen;
+  }
+  const Verdict plain = classifier::judge(lasting, config.classifier, features, timestamp);
   if (plain == Verdict::kSlipNow) {
     const bool strong = classifier::ask(config.classifier, features, -config.alone_q8) == Verdict::kSlipNow;
     seen.strength = strong ? Strength::kStrong : Strength::kSlip;
@@ -108,7 +113,9 @@ struct Result {
 // Range: 0 <= finger < config.fingers <= kMaxFingers.
 [[nodiscard]] constexpr Result update(State& state, const Config& config, int finger, bool known,
                                       const Features& features, Micros timestamp) {
-  state.seen[idx(finger)] = known ? look(config, features, timestamp, state.decision.raised) : Seen{};
+  classifier::Lasting& lasting = state.lasting[idx(finger)];
+  if (!known) lasting = {};
+  state.seen[idx(finger)] = known ? look(config, lasting, features, timestamp, state.decision.raised) : Seen{};
   state.now = std::max(state.now, timestamp);
   std::array<const Seen*, kMaxFingers> heard{};
   Result out;

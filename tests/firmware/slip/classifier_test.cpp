@@ -2,6 +2,8 @@
 #include "slip/classifier.hpp"
 
 #include <array>
+#include <chrono>
+#include <random>
 #include <vector>
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -53,6 +55,56 @@ TEST(Classifier, ZeroesRatesThatAreNotValid) {
   for (int i = 0; i < classifier::kCompiledSet.size(); ++i) {
     const FeatureInfo& feature = classifier::kCompiledSet[i];
     LONGS_EQUAL(feature.needs_earlier_frame ? 0 : feature.read(features), x[idx(i)]);
+  }
+}
+
+// Against the whole history, by the rule in words: slip by the model, or in every frame of 140 ms and more, no two of
+// them more than 100 ms apart, motion of more than 1/1.54 of what the model asks.
+TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
+  using namespace std::chrono_literals;
+  const std::int32_t asked = slip_tree::kFirst[0].threshold;  // of the imprint, log2 um in Q8
+  std::mt19937 random(5);
+  const auto in = [&](int from, int to) { return std::uniform_int_distribution(from, to)(random); };
+  int by_model = 0;
+  int by_lasting = 0;
+  for (int round = 0; round < 300; ++round) {
+    classifier::Lasting state;
+    std::vector<Micros> times;
+    std::vector<bool> nearly;
+    Micros now = 1s;
+    for (int k = 0; k < 60; ++k) {
+      now += std::chrono::milliseconds(in(0, 15) == 0 ? in(95, 106) : in(16, 60));
+      Features seen;
+      seen.contact = Count::from_raw(1);
+      seen.imprint.patches = Count::from_raw(20);
+      const std::int32_t below = in(0, 9) == 0 ? in(-40, 200) : in(100, 161);
+      seen.imprint.motion = Log2Q8::from_raw(asked - below);
+      seen.imprint.growth = Log2Q8::from_raw(in(0, 25) == 0 ? 32 : in(-50, 31));
+      const bool grows = seen.imprint.growth.raw() > 31;
+      const bool slips = !grows && below < 0;
+      times.push_back(now);
+      nearly.push_back(!grows && below < 160);
+      std::size_t first = times.size();
+      while (first > 0 && nearly[first - 1] && (first == times.size() || times[first] - times[first - 1] <= 100ms))
+        --first;
+      const bool lasted = first < times.size() && now - times[first] >= 140ms;
+      const Verdict verdict = classifier::judge(state, {}, seen, now);
+      CHECK_TRUE((verdict == Verdict::kSlipNow) == (slips || lasted));
+      CHECK_TRUE(verdict != Verdict::kSlip);
+      by_model += slips ? 1 : 0;
+      by_lasting += lasted && !slips ? 1 : 0;
+    }
+  }
+  CHECK_TRUE(by_model > 100 && by_lasting > 1000);
+}
+
+TEST(Classifier, AModelThatSeesNoPictureIsAskedOnce) {
+  const FeatureSet& paper = *find_feature_set("paper");
+  const model::Tree tree = slip_up_to(paper, 0, 100);
+  classifier::Lasting state;
+  for (int k = 0; k < 10; ++k) {
+    CHECK_TRUE(classifier::judge(state, {&tree}, features, Micros{k * 40'000}) == Verdict::kSlip);
+    CHECK_FALSE(state.begun);
   }
 }
 
