@@ -52,6 +52,17 @@ TEST(Evidence, OfAGelAtRestDecidesNothingAndShowsTheImprint) {
   STRCMP_EQUAL("um", std::string(shown.unit).c_str());
 }
 
+// The model holds on this frame alone: it is slip because as much was there in all frames of a lag.
+TEST(Evidence, OfWhatLastsIsTheGroupThatNearlySlips) {
+  const auto lasting = [&] { return evidence::decisive(kCompiled, features, Verdict::kSlipNow); };
+  features.imprint.motion = Log2Q8::from_raw(slip_tree::kFirst[0].threshold - 100);
+  CHECK_TRUE(decisive() == Evidence::kNone && lasting() == Evidence::kImprint);
+  features.imprint.motion = {};
+  features.imprint.coarse = Log2Q8::from_raw(slip_tree::kFirst[1].threshold - 100);
+  features.field.flow_residual = MicrometresPerSec::from_raw(100);
+  CHECK_TRUE(decisive() == Evidence::kNone && lasting() == Evidence::kCoarse);
+}
+
 TEST(Evidence, IsTheGroupWithoutWhichTheModelHolds) {
   features.imprint.motion = Log2Q8::from_raw(slip_tree::kFirst[0].threshold + 200);
   CHECK_TRUE(decisive() == Evidence::kImprint);
