@@ -2,8 +2,8 @@
 // One verdict from the fingers of a hand, which hold the same object from two sides, each with its own camera.
 //
 // What a finger says is graded by asking the model again with less motion of the imprint (and of its coarse part):
-// strong, if it slips even so. No figure of the model is repeated here, so that any model can be in charge. Rules, of
-// fingers in contact whose evidence is young enough:
+// strong, if it slips even so. Slow motion that lasts (classifier::judge) is slip of its finger. No figure of the model
+// is repeated here, so that any model can be in charge. Rules, of fingers in contact whose evidence is young enough:
 //   one      what it says, as without the other
 //   two      slip, at once, where both slip, or one is strong;
 //            or where one slips whose picture shows a relief and the other's shows none: that one cannot see it;
