@@ -176,7 +176,7 @@ run_ctest() {
     tail -n 20 "$log" | sed 's/^/   | /'
   elif ((bad > 0)); then
     say "   what failed, from $log:"
-    grep -E -A 4 'error: Failure in|runtime error:|ERROR: AddressSanitizer|\*\*\*(Failed|Timeout|Exception)|^error:' "$log" |
+    grep -E -A 4 'error: Failure in|runtime error:|ERROR: AddressSanitizer|\*\*\*(Failed|Timeout|Exception)|^[[:alpha:].]*[eE]rror:' "$log" |
       head -n 60 | sed 's/^/   | /'
   fi
   passed=$((passed + ok)) failed=$((failed + bad)) skipped=$((skipped + out))

@@ -45,7 +45,8 @@ class Heard(unittest.TestCase):
     def setUp(self):
         self.work = tempfile.TemporaryDirectory()
         self.addCleanup(self.work.cleanup)
-        self.domain = str(random.SystemRandom().randrange(100, 230))  # ports of its own, beside other runs
+        # Ports of its own, beside other runs, and below 32768, where the kernel gives ports to whoever asks.
+        self.domain = str(random.SystemRandom().randrange(1, 100))
         self.samples, self.partial = {}, b""
 
     def start(self, command, **more):
@@ -85,6 +86,27 @@ class Heard(unittest.TestCase):
 
     def heard(self, topic):
         return self.samples.get(topic, [])
+
+    def ask(self, number, result, meanwhile=lambda: None):
+        """Publishes a command every second until this is heard of it. DDS drops what is written before writer and
+        reader have found each other, in both directions, and neither side can see when the other one has; a machine
+        under load may also answer later than the bridge waits."""
+        again = 0
+
+        def turn():
+            nonlocal again
+            meanwhile()
+            if time.monotonic() >= again:
+                self.command(number, 0)
+                again = time.monotonic() + 1
+
+        self.until(
+            f"{result} of {number}",
+            lambda: any(
+                (one["command"], one["result_name"]) == (number, result) for one in self.heard("rt/holdfast/answer")
+            ),
+            turn,
+        )
 
     def test_what_a_board_says(self):
         board = tty_board(self)
@@ -129,31 +151,33 @@ class Heard(unittest.TestCase):
         board = tty_board(self)
         self.bridge("--link", board.path, "--commands")
         self.peer()
-        self.until("the two have found each other", lambda: self.heard("rt/holdfast/slip"), board.say)
-        self.command(link.COMMANDS["OPENING"], 1)
+        opening, arm, grip = (link.COMMANDS[name] for name in ("OPENING", "ARM", "GRIP"))
         heard = []
 
-        def listen():
+        def listen(deaf_for):
             board.say()
-            heard.extend(board.commands())
-            if len(heard) == 3 and not board.answered:  # two were lost on the way
-                board.answer(heard[-1], 6)
+            for one in board.commands():
+                heard.append(one)
+                if sum(other.sequence == one.sequence for other in heard) > deaf_for:
+                    board.answer(one, 6)
 
-        self.until("an answer", lambda: self.heard("rt/holdfast/answer"), listen)
-        self.assertEqual({(one.sequence, one.command, one.argument) for one in heard}, {(heard[0].sequence, 2, 1)})
+        def answers(command):
+            return [one for one in self.heard("rt/holdfast/answer") if one["command"] == command]
+
+        def tries(command):
+            return [one for one in heard if one.command == command]
+
+        self.ask(grip, "overdue", lambda: listen(0))
+        self.command(opening, 1)
+        self.until("an answer", lambda: answers(opening), lambda: listen(2))  # two are lost on the way
         want = {"command": 2, "argument": 1, "result": 6, "result_name": "overdue"}
-        self.assertEqual(self.heard("rt/holdfast/answer"), [want])
-        heard.clear()
-        self.command(link.COMMANDS["ARM"], 0)
-        self.until(
-            "nobody answered",
-            lambda: len(self.heard("rt/holdfast/answer")) == 2,
-            lambda: heard.extend(board.commands()),
-        )
-        self.assertEqual(
-            self.heard("rt/holdfast/answer")[1], {"command": 4, "argument": 0, "result": 255, "result_name": "silent"}
-        )
-        self.assertEqual(len(heard), 5)
+        self.assertEqual(answers(opening), [want])
+        self.assertEqual({(one.sequence, one.argument) for one in tries(opening)}, {(tries(opening)[0].sequence, 1)})
+        self.assertGreaterEqual(len(tries(opening)), 3)
+        self.command(arm, 0)
+        self.until("nobody answered", lambda: answers(arm) and len(tries(arm)) >= 5, lambda: listen(5))
+        self.assertEqual(answers(arm), [{"command": 4, "argument": 0, "result": 255, "result_name": "silent"}])
+        self.assertEqual(len(tries(arm)), 5)
 
     def test_a_real_holdfastd_obeys(self):
         port = Path(self.work.name, "link")
@@ -162,9 +186,7 @@ class Heard(unittest.TestCase):
         self.bridge("--link", port, "--commands")
         self.peer()
         self.until("the grip is fine", lambda: any(one["grip_ok"] for one in self.heard("rt/holdfast/slip")))
-        self.command(link.COMMANDS["TARE"], 0)
-        self.until("an answer", lambda: self.heard("rt/holdfast/answer"))
-        self.assertEqual(self.heard("rt/holdfast/answer")[0]["result_name"], "done")
+        self.ask(link.COMMANDS["TARE"], "done")
         self.until("it learns", lambda: any(one["state_name"] == "REFERENCE" for one in self.heard("rt/holdfast/slip")))
 
     def test_a_recording(self):
@@ -209,7 +231,7 @@ class tty_board:
         self.path = os.ttyname(slave)
         test.addCleanup(os.close, self.end)
         test.addCleanup(os.close, slave)
-        self.sequence, self.answered = 65_530, False
+        self.sequence = 65_530
         self.receiver = link.Receiver()
         self.fields = dict(state=2, reason=0, flags=2, markers=0, vx=0, vy=0, entropy=0, rate=0)
         self.alive = False
@@ -236,7 +258,6 @@ class tty_board:
             return []
 
     def answer(self, command, result):
-        self.answered = True
         self.write(link.struct.pack("<BBHBB", 1, 3, command.sequence, command.command, result))
 
 
