@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `holdfast console` against the firmware as a process, over its pseudo terminal.
+#include <fcntl.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -22,6 +24,7 @@
 #include "slip/tree_io.hpp"
 #include "tests/support/deadline.hpp"
 #include "tests/support/host_process.hpp"
+#include "tests/support/http.hpp"
 #include "tests/support/pty.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/console/find.hpp"
@@ -636,6 +639,33 @@ TEST(ConsoleTool, GoesOnWhenThePortIsBack) {
   recorder.send(SIGINT);
   LONGS_EQUAL(0, recorder.finish().status);
   CHECK(check_time_runs(read_file(at("log.csv")), 50) > 0.1);  // the time it was away is in it
+}
+
+// Half a line stands there, which a hang-up would have cleared: whoever only looks does not see the code.
+TEST(ConsoleTool, APageOfABoardShowsNoCode) {
+  const int other = ::open(at("port").c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC);
+  CHECK(other >= 0 && ::write(other, "sta", 3) == 3);
+  HostProcess live(
+      {"/bin/sh", "-c", R"(exec "$@" >"$0")", at("live.out"), kTool, "live", "--board", at("port"), "--port", "0"});
+  std::string out;
+  CHECK(until([&] { return (out = read_file(at("live.out"))).find("to look   http") != std::string::npos; }));
+  const auto address = [&out](std::string_view name) {
+    const std::size_t begin = out.find(name) + 10;
+    return out.substr(begin, out.find('\n', begin) - begin);
+  };
+  test::Http looks(address("to look   "), "GET /stream");
+  CHECK(looks.says("X-Holdfast-Controls: no"));
+  for (const char* const line : {"unlock desk", "echo on", "unlock desk", "status json"}) {
+    CHECK(test::Http(address("page      "), "POST /send", {}, line).says(" 204 "));
+  }
+  CHECK_TEXT(looks.says("\"unlocked\":true"), looks.said.c_str());
+  CHECK(looks.said.find("desk") == std::string::npos);
+  live.send(SIGINT);
+  LONGS_EQUAL(0, live.finish().status);
+  // Locked, and with an echo for people.
+  check_fine(tool({"--run", "version"}));
+  STRCMP_CONTAINS("\"unlocked\":false", tool({"--run", "status json"}).out.c_str());
+  ::close(other);
 }
 
 // Whoever opens the port next, by whatever program, finds it as it was.

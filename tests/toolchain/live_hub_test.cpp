@@ -81,6 +81,22 @@ TEST(LiveHub, LinesReachTheDeviceInPiecesAndInOrder) {
   STRCMP_EQUAL((line + "\r\nb\r\n").c_str(), all.c_str());
 }
 
+// All hear what the port says: it may not say a code.
+TEST(LiveHub, KeepsThePortFromEchoing) {
+  CHECK(hub.say("status\r\n"));
+  STRCMP_EQUAL("status\r\n", to_device().c_str());
+  for (const std::string unlock : {"unlock desk\r\n", "  unlock desk\r\n"}) {
+    CHECK(hub.say(unlock));
+    STRCMP_EQUAL((std::string(Hub::kQuiet) + unlock).c_str(), to_device().c_str());
+  }
+  // A prompt is what only a console that echoes draws, in however many pieces it comes; it is told so once.
+  CHECK(writes("* SEARCHING\r\n\r> \x1B\x1B[A\x1B"));
+  STRCMP_EQUAL("", to_device().c_str());
+  CHECK(writes("["));
+  CHECK(writes("K\r> \x1B[K"));
+  STRCMP_EQUAL(std::string(Hub::kQuiet).c_str(), to_device().c_str());
+}
+
 TEST(LiveHub, GivesTheNewestPictureOnce) {
   CHECK_FALSE(hub.picture_wanted());
   CHECK_FALSE(hub.picture(0, Hub::Millis{0}).has_value());

@@ -60,6 +60,8 @@ class Device {
   [[nodiscard]] bool attach(Millis deadline);
   // Locks what was unlocked from here, ends streams, and gives the echo back to people.
   void detach();
+  // Others unlock it, through the port: detach() locks it all the same.
+  void lock_at_end() { lock_again_ = true; }
 
   // The answer; its lines go to `on_line` as they come, or into the answer when there is none. Ctrl-C goes on to the
   // device. Range: one line of text that says something; tabs become blanks, as a Tab would complete.

@@ -115,4 +115,10 @@ std::string refusal(const std::string& path, Port::Opened why) {
   return {};
 }
 
+std::string no_answer(const std::string& path) {
+  return trouble(path + " does not answer as a Holdfast",
+                 "the firmware is not running, its console is on another port, or not at 115200 8N1",
+                 "look at the device; holdfast devices lists the ports");
+}
+
 }  // namespace holdfast::console_tool

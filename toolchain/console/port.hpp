@@ -42,5 +42,7 @@ class Port {
 
 // Why `path` did not open, in one line.
 [[nodiscard]] std::string refusal(const std::string& path, Port::Opened why);
+// Of one that did open, and where no Holdfast is.
+[[nodiscard]] std::string no_answer(const std::string& path);
 
 }  // namespace holdfast::console_tool

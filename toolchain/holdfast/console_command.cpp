@@ -157,11 +157,7 @@ int console(const ConsoleOptions& options) {
     return fail(console_tool::refusal(path, opened));
   }
   Device device(port, signals, patience);
-  if (!device.attach(patience)) {
-    return fail(trouble(path + " does not answer as a Holdfast",
-                        "the firmware is not running, its console is on another port, or not at 115200 8N1",
-                        "look at the device; holdfast devices lists the ports"));
-  }
+  if (!device.attach(patience)) return fail(console_tool::no_answer(path));
   return act(device, options);
 }
 

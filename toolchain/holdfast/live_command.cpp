@@ -19,7 +19,9 @@
 #include "drivers/common/monotonic_clock.hpp"
 #include "drivers/linux/camera_v4l2.hpp"
 #include "drivers/sim/camera_played.hpp"
+#include "toolchain/console/device.hpp"
 #include "toolchain/console/port.hpp"
+#include "toolchain/console/signals.hpp"
 #include "toolchain/devices/inventory.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/live/desk.hpp"
@@ -40,6 +42,8 @@ namespace {
 
 using Seconds = std::chrono::duration<double>;
 using SteadyClock = std::chrono::steady_clock;
+
+constexpr console_tool::Millis kPatience{5000};  // with a board that does not answer
 
 struct LiveOptions {
   CommonOptions common;  // grid, mode and model of them
@@ -254,6 +258,10 @@ int run_board(const LiveOptions& options) {
   if (const auto opened = port.open(options.board); opened != console_tool::Port::Opened::kYes) {
     return fail(console_tool::refusal(options.board, opened));
   }
+  console_tool::Signals signals;
+  console_tool::Device device(port, signals, kPatience);
+  if (!device.attach(kPatience)) return fail(console_tool::no_answer(options.board));
+  device.lock_at_end();
   live::Hub hub;
   live::Web web(hub, page::live(true), "");
   if (const std::string error = web.start(options.port); !error.empty()) return fail(error);
@@ -262,8 +270,11 @@ int run_board(const LiveOptions& options) {
   const Deadline deadline(options.seconds);
   std::array<std::uint8_t, 4096> bytes{};
   std::string gone;
-  if (!port.write("echo off\r\n")) gone = "at once";
-  while (!deadline.over() && gone.empty()) {
+  const auto ended = [&signals] {
+    const auto what = signals.take();
+    return what == console_tool::Signals::What::kInterrupt || what == console_tool::Signals::What::kEnd;
+  };
+  while (!deadline.over() && !ended() && gone.empty()) {
     pollfd wait{port.fd(), POLLIN, 0};
     (void)::poll(&wait, 1, 20);
     const int count = port.read(bytes);
@@ -272,10 +283,7 @@ int run_board(const LiveOptions& options) {
     const std::size_t said = hub.said(bytes);
     if (said > 0 && !port.write({reinterpret_cast<const char*>(bytes.data()), said})) gone = "while it was told";
   }
-  if (gone.empty()) {
-    (void)port.write("watch off\r\nlock\r\necho on\r\n");
-    return 0;
-  }
+  if (gone.empty()) return 0;
   return fail(trouble(fmt::format("{} has gone {}", options.board, gone),
                       "the cable was pulled, or the board started anew", "plug it in, and start anew"));
 }

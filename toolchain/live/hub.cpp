@@ -8,6 +8,12 @@ namespace holdfast::live {
 namespace {
 
 constexpr std::string_view kLock = "lock\r\n";
+constexpr std::string_view kPrompt = "\x1B[K";  // the end of each, where the console echoes
+
+bool unlocks(std::string_view line) {
+  line.remove_prefix(std::min(line.find_first_not_of(' '), line.size()));
+  return line.starts_with("unlock");
+}
 
 }  // namespace
 
@@ -39,7 +45,9 @@ bool Hub::hear(Listener& listener, std::string& bytes, Millis at_most) {
 
 bool Hub::say(std::string_view lines) {
   const std::lock_guard lock(mutex_);
-  if (to_device_.size() + lines.size() > kMostSaid) return false;
+  const std::string_view before = unlocks(lines) ? kQuiet : std::string_view{};
+  if (to_device_.size() + before.size() + lines.size() > kMostSaid) return false;
+  to_device_ += before;
   to_device_ += lines;
   return true;
 }
@@ -77,6 +85,13 @@ void Hub::spread(std::span<const std::uint8_t> bytes) {
     for (const auto& listener : listeners_) {
       if (listener->waiting_.size() + bytes.size() > kMostWaiting) listener->waiting_.clear();
       listener->waiting_.append(bytes.begin(), bytes.end());
+    }
+    for (const std::uint8_t byte : bytes) {
+      const auto next = static_cast<std::uint8_t>(kPrompt[prompt_seen_]);
+      prompt_seen_ = byte == next ? prompt_seen_ + 1 : static_cast<std::size_t>(byte == kPrompt.front());
+      if (prompt_seen_ < kPrompt.size()) continue;
+      prompt_seen_ = 0;
+      if (!to_device_.ends_with(kQuiet) && to_device_.size() < kMostSaid) to_device_ += kQuiet;
     }
   }
   heard_.notify_all();

@@ -4,6 +4,9 @@
 //
 // For any threads. Nobody who is slow holds the device up: a listener that is more than kMostWaiting bytes behind loses
 // what waits, which its receiver notices as it would on a wire.
+//
+// All hear all, also those who may only look: the port is kept from echoing, before an `unlock` and whenever a prompt
+// shows that it does (a board that has started anew).
 #pragma once
 
 #include <chrono>
@@ -33,6 +36,8 @@ class Hub final : public hal::Serial {
  public:
   static constexpr std::size_t kMostWaiting = 1 << 20;  // bytes, for each listener
   static constexpr std::size_t kMostSaid = 1 << 16;     // bytes that wait for the device
+  // Whatever stands on the console's line goes, and what follows is not echoed.
+  static constexpr std::string_view kQuiet = "\x05\x15\r\necho off\r\n";
   using Millis = std::chrono::milliseconds;
 
   class Listener {
@@ -74,6 +79,7 @@ class Hub final : public hal::Serial {
   std::condition_variable heard_, shown_;
   std::vector<std::shared_ptr<Listener>> listeners_;
   std::string to_device_;
+  std::size_t prompt_seen_ = 0;  // bytes of what ends a prompt that were just spread
   Picture picture_;
   std::chrono::steady_clock::time_point wanted_at_{};
   bool ended_ = false;
