@@ -465,6 +465,9 @@ TEST(ConsoleTool, SealsAndShowsModels) {
   refused({"seal", text, "-o", at("x")}, "is no compiled model");
   refused({"seal", at("absent"), "-o", at("x")}, "cannot be read");
   refused({"seal", at("m"), "-o", at("x"), "--sign", pub}, "is no key to sign with");
+  const std::string secret = read_file(key);
+  refused({"seal", at("m"), "-o", at("keys/../keys/owner.key"), "--sign", key}, "would overwrite the key");
+  STRCMP_EQUAL(secret.c_str(), read_file(key).c_str());
   refused({"seal", at("m"), "--compiled-in", "-o", at("x")}, "either a compiled model or --compiled-in");
   refused({"seal", "-o", at("x")}, "either a compiled model or --compiled-in");
   STRCMP_CONTAINS("absent/x", ask({"seal", at("m"), "-o", at("absent/x")}).err.c_str());

@@ -13,6 +13,7 @@
 #include "toolchain/sealed/owner_key.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/cli.hpp"
+#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -48,6 +49,10 @@ std::string write_record(sealed::Kind kind, std::span<const std::uint8_t> payloa
                          std::uint32_t& sequence) {
   OwnerKey key;
   if (!options.key.empty()) {
+    if (same_place(options.output, options.key)) {
+      return trouble(options.output + ": would overwrite the key that signs it",
+                     "the same file is given for -o and for --sign", "give another name for the output");
+    }
     if (std::string error = key.read(options.key); !error.empty()) return error;
   }
   sequence = options.sequence != 0 ? options.sequence : static_cast<std::uint32_t>(std::time(nullptr));
