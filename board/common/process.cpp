@@ -7,7 +7,10 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <cerrno>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -24,6 +27,8 @@ namespace {
 
 // A signal's handler may touch no more.
 volatile std::sig_atomic_t told_to_end = 0;
+
+constexpr auto kCheckpointMagic = std::bit_cast<std::array<std::uint8_t, 4>>(checkpoint::kMagic);
 
 // What --set refuses, for CLI11; empty: it was taken.
 std::string set(Params& params, const std::string& setting) {
@@ -96,7 +101,8 @@ void tell_of_settings(Settings& settings, const SlotStore& slots, settings::Foun
 // The newest model that is good; the device starts without one, too, and holds FAULT where one is damaged.
 void read_models(Settings& settings) {
   if (settings.models_path.empty()) return;
-  settings.models = std::make_unique<drivers::FileStore>(settings.models_path, models::kMostBytes);
+  settings.models = std::make_unique<drivers::FileStore>(settings.models_path, models::kMostBytes,
+                                                         drivers::system_calls(), sealed::kMagic);
   add_trouble(settings, *settings.models);
   const SlotStore slots(sealed::Kind::kModel, models::good, settings.models.get(), settings.owner.get());
   settings.model_loaded = models::in_force(slots, settings.loaded_model) != nullptr;
@@ -132,9 +138,9 @@ int fail(int status, const std::string& what, const char* likely, const char* ne
 
 KeptFile::KeptFile(const std::filesystem::path& path, bool hand)
     : path_(path.string()),
-      file_(path.empty()
-                ? nullptr
-                : std::make_unique<drivers::FileKeep>(path, hand ? checkpoint::kHandBytes : checkpoint::kBytes)) {}
+      file_(path.empty() ? nullptr
+                         : std::make_unique<drivers::FileKeep>(path, hand ? checkpoint::kHandBytes : checkpoint::kBytes,
+                                                               drivers::system_calls(), kCheckpointMagic)) {}
 
 hal::Keep& KeptFile::keep() {
   if (file_) return *file_;
@@ -146,10 +152,14 @@ void KeptFile::tell() {
   told_ = file_->error();
   std::array<char, 600> line{};
   const char* const format =
-      told_ == 0 ? "holdfastd: %s: the rest position and the grip are kept again\n"
-                 : "holdfastd: %s: %s: the rest position and the grip are not kept; the next process learns the gel "
-                   "anew. Likely cause: the file system is full, or the folder is not there or not this user's. Next: "
-                   "free some space there (df shows it), or give --keep another path\n";
+      told_ == EEXIST
+          ? "holdfastd: %s: is another file, and stays as it is: the rest position and the grip are not kept. Likely "
+            "cause: a typing error. Next: give --keep another path\n"
+      : told_ == 0
+          ? "holdfastd: %s: the rest position and the grip are kept again\n"
+          : "holdfastd: %s: %s: the rest position and the grip are not kept; the next process learns the gel "
+            "anew. Likely cause: the file system is full, or the folder is not there or not this user's. Next: "
+            "free some space there (df shows it), or give --keep another path\n";
   (void)std::snprintf(line.data(), line.size(), format, path_.c_str(), std::strerror(told_));
   (void)(::write(STDERR_FILENO, line.data(), std::strlen(line.data())) >= 0);
 }
@@ -188,7 +198,8 @@ std::string read_settings(Settings& settings) {
   }
   settings.trouble = read_owner(settings);
   if (!settings.path.empty()) {
-    settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes);
+    settings.store = std::make_unique<drivers::FileStore>(settings.path, settings::kMostBytes, drivers::system_calls(),
+                                                          sealed::kMagic);
     add_trouble(settings, *settings.store);
     const SlotStore slots(sealed::Kind::kSettings, settings::good, settings.store.get(), settings.owner.get());
     tell_of_settings(settings, slots, settings::take(slots, settings.params));

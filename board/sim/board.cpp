@@ -226,7 +226,10 @@ class NamedPty {
       problem_ = "no pseudo terminal is to be had";
       return;
     }
-    if (std::filesystem::is_symlink(name_, error)) std::filesystem::remove(name_, error);  // of a run that was killed
+    // Of a run that was killed; another link is somebody's.
+    if (std::filesystem::read_symlink(name_, error).string().starts_with("/dev/pts/")) {
+      std::filesystem::remove(name_, error);
+    }
     std::filesystem::create_symlink(pty_.path(), name_, error);
     if (error) problem_ = "cannot make the link " + name_.string() + ": " + error.message();
   }

@@ -5,6 +5,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 
 namespace holdfast::drivers {
@@ -51,6 +53,16 @@ class SystemCalls final : public FileCalls {
 };
 
 }  // namespace
+
+bool is_foreign(FileCalls& calls, int fd, std::size_t our_size, std::span<const std::uint8_t> magic) {
+  if (magic.empty()) return false;
+  const std::int64_t size = calls.size(fd);
+  std::array<std::uint8_t, 8> room{};
+  const std::span<std::uint8_t> begins = std::span(room).first(magic.size());
+  if (size <= 0 || size == static_cast<std::int64_t>(our_size) || calls.pread(fd, begins, 0) < 0) return false;
+  const bool zeros = std::ranges::all_of(begins, [](std::uint8_t byte) { return byte == 0; });
+  return !zeros && !std::ranges::equal(begins, magic);
+}
 
 FileCalls& system_calls() {
   static SystemCalls calls;

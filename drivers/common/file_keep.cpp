@@ -6,8 +6,13 @@
 
 namespace holdfast::drivers {
 
-FileKeep::FileKeep(const std::filesystem::path& path, std::size_t bytes, FileCalls& calls)
+FileKeep::FileKeep(const std::filesystem::path& path, std::size_t bytes, FileCalls& calls,
+                   std::span<const std::uint8_t> magic)
     : calls_(calls), bytes_(bytes), fd_(calls.open(path.c_str(), FileCalls::How::kReadWriteOrMake)) {
+  if (fd_ >= 0 && is_foreign(calls_, fd_, bytes_, magic)) {
+    calls_.close(fd_);
+    fd_ = -EEXIST;
+  }
   if (succeeds(fd_)) (void)succeeds(calls_.allocate(fd_, static_cast<std::int64_t>(bytes_)));
 }
 

@@ -20,8 +20,10 @@ namespace holdfast::drivers {
 // A file of a fixed size, made if it is not there; what is missing of it reads as zeros.
 class FileKeep final : public hal::Keep {
  public:
-  // `calls` outlives it.
-  FileKeep(const std::filesystem::path& path, std::size_t bytes, FileCalls& calls = system_calls());
+  // `calls` outlives it. `magic`: what it begins with; a file of somebody else's (is_foreign()) stays as it is, and
+  // nothing is kept: EEXIST.
+  FileKeep(const std::filesystem::path& path, std::size_t bytes, FileCalls& calls = system_calls(),
+           std::span<const std::uint8_t> magic = {});
   ~FileKeep() override;
   FileKeep(const FileKeep&) = delete;
   FileKeep& operator=(const FileKeep&) = delete;

@@ -6,8 +6,9 @@
 
 namespace holdfast::drivers {
 
-FileStore::FileStore(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls)
-    : file_(path, slot_bytes, calls), trouble_(file_.error()), bytes_(slot_bytes) {
+FileStore::FileStore(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls,
+                     std::span<const std::uint8_t> magic)
+    : file_(path, slot_bytes, calls, magic), trouble_(file_.error()), bytes_(slot_bytes) {
   if (!trouble_.empty()) return;
   try {
     thread_ = std::thread([this] { work(); });

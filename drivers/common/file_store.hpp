@@ -19,7 +19,9 @@ namespace holdfast::drivers {
 class FileStore final : public hal::Store {
  public:
   // Makes the file unless it is there, and waits until that is durable. Uses the heap; afterwards nothing does.
-  FileStore(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls = system_calls());
+  // `magic`: what a record begins with; a file that is none of ours stays as it is.
+  FileStore(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls = system_calls(),
+            std::span<const std::uint8_t> magic = {});
   // Waits for what is under way.
   ~FileStore() override;
   FileStore(const FileStore&) = delete;

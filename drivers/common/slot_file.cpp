@@ -7,18 +7,21 @@
 
 namespace holdfast::drivers {
 
-SlotFile::SlotFile(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls)
+SlotFile::SlotFile(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls,
+                   std::span<const std::uint8_t> magic)
     : calls_(calls), slot_bytes_(slot_bytes), apart_((slot_bytes + kApart - 1) / kApart * kApart) {
   for (std::vector<std::uint8_t>& slot : found_) slot.resize(slot_bytes_);
   fd_ = calls_.open(path.c_str(), FileCalls::How::kReadWriteOrMake);
-  int wrong = fd_ < 0 ? -fd_ : make_durable(path);
+  const bool foreign = fd_ >= 0 && is_foreign(calls_, fd_, 2 * apart_, magic);
+  int wrong = fd_ < 0 ? -fd_ : foreign ? EEXIST : make_durable(path);
   // A card that can only be read any more still says what was stored.
   if (fd_ < 0) fd_ = calls_.open(path.c_str(), FileCalls::How::kRead);
   // Of a slot that cannot be read nobody knows whether it is in force: the next write could go over it.
   const int unread = fd_ >= 0 ? read() : 0;
   if (wrong == 0) wrong = unread;
   if (wrong == 0) return;
-  error_ = path.string() + ": " + std::strerror(wrong) + "; nothing can be stored there; look at its folder";
+  error_ = path.string() + ": " + (foreign ? "is another file, and stays as it is" : std::strerror(wrong)) +
+           "; nothing can be stored there; " + (foreign ? "give another path" : "look at its folder");
 }
 
 SlotFile::~SlotFile() {

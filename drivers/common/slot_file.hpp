@@ -8,6 +8,8 @@
 // Before anything is read, all that an earlier process may have left in the page cache, and the file's name, are made
 // durable: a record that is believed now may not be lost by the power, because the next write goes over the other slot.
 //
+// A file of somebody else's is refused as it is: neither padded nor written.
+//
 // Limits: the medium must not harm what it does not write (a card that loses whole erase blocks does); and after an
 // error of the medium Linux may go on showing bytes that are not on it, until the machine starts anew.
 #pragma once
@@ -28,8 +30,9 @@ class SlotFile {
  public:
   static constexpr std::size_t kApart = 4096;
 
-  // Uses the heap; afterwards nothing does. `calls` outlives it.
-  SlotFile(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls);
+  // Uses the heap; afterwards nothing does. `calls` outlives it. `magic`: what a slot begins with (is_foreign()).
+  SlotFile(const std::filesystem::path& path, std::size_t slot_bytes, FileCalls& calls,
+           std::span<const std::uint8_t> magic = {});
   ~SlotFile();
   SlotFile(const SlotFile&) = delete;
   SlotFile& operator=(const SlotFile&) = delete;

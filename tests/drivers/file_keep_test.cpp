@@ -123,6 +123,24 @@ TEST(FileKeep, AFullFileSystemRefusesAndTakesAgain) {
   CHECK_FALSE(keep.read(0, room));
 }
 
+TEST(FileKeep, LeavesAFileOfSomebodyElsesAsItIs) {
+  const Bytes magic{'H', 'D', 'K', 'F'};
+  for (const std::string& others : {std::string("RIFF of a video"), std::string(100'000, 'x')}) {
+    test::write_file(path, others);
+    FileKeep keep(path, kSize, drivers::system_calls(), magic);
+    LONGS_EQUAL(EEXIST, keep.error());
+    CHECK_FALSE(keep.write(0, magic));
+    LONGS_EQUAL(EEXIST, keep.error());
+    STRCMP_EQUAL(others.c_str(), test::read_file(path).c_str());
+  }
+  for (const std::string& ours : {std::string(), std::string(9, '\0'), std::string("HDKF"), std::string(kSize, 'x')}) {
+    test::write_file(path, ours);
+    FileKeep keep(path, kSize, drivers::system_calls(), magic);
+    LONGS_EQUAL(0, keep.error());
+    CHECK_TRUE(keep.write(0, magic));
+  }
+}
+
 TEST(FileKeep, WithoutAFileThereIsNone) {
   FileKeep folder(dir.path(), kSize);
   LONGS_EQUAL(EISDIR, folder.error());

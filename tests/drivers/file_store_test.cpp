@@ -112,6 +112,27 @@ TEST(FileStore, IsReadByTheNextOne) {
   LONGS_EQUAL(0600, about.st_mode & 0777);
 }
 
+// What was meant for another option: neither padded nor written. Ours are those that begin as ours do, or with zeros,
+// and those of our size, whatever the card did to them.
+TEST(FileStore, LeavesAFileOfSomebodyElsesAsItIs) {
+  const Bytes magic{'H', 'D', 'S', 'R'};
+  const auto takes = [&](const std::string& bytes) {
+    test::write_file(path, bytes);
+    FileStore store(path, 600, drivers::system_calls(), magic);
+    CHECK_EQUAL(store.trouble().empty(), store.begin(0, magic));
+    (void)end_of(store);
+    return store.trouble().empty();
+  };
+  for (const std::string& others : {std::string("# robot.toml\n"), std::string("x"), std::string(9000, 'x')}) {
+    CHECK_FALSE(takes(others));
+    STRCMP_EQUAL(others.c_str(), test::read_file(path).c_str());
+  }
+  for (const std::string& ours : {std::string(), std::string(1, '\0'), std::string(9000, '\0'),
+                                  std::string("HDSR of old"), std::string(2 * 4096, 'x')}) {
+    CHECK_TRUE(takes(ours));
+  }
+}
+
 // Slots begin at whole pages, also in a file that had another length.
 TEST(FileStore, HasWholePagesForEachSlot) {
   for (const auto& [slot, page] : {std::pair{1U, 4096U}, {4095U, 4096U}, {4096U, 4096U}, {4097U, 8192U}}) {

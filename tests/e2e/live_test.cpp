@@ -7,8 +7,10 @@
 #include <unistd.h>
 
 #include <csignal>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/support/deadline.hpp"
@@ -101,6 +103,29 @@ TEST(LiveTool, SaysWhatItCannotDo) {
   const std::string port = std::to_string(ntohs(here.sin_port));
   refuses({"live", "--play", kSlip, "--port", port, "--seconds", "1"}, "of 127.0.0.1 cannot be had");
   ::close(taken);
+}
+
+// A file of somebody else's that was given for one of the firmware's stays as it is, and so does a link.
+TEST(LiveTool, TheFirmwareAsAProcessTakesNoFileThatIsNotItsOwn) {
+  test::write_file(dir / "mine", "RIFF of somebody's");
+  std::filesystem::create_symlink("mine", dir / "link");
+  for (const auto& [option, name] : {std::pair{"--models", "mine"},
+                                     {"--settings", "mine"},
+                                     {"--keep", "mine"},
+                                     {"--host", "link"},
+                                     {"--link", "link"},
+                                     {"--gripper", "link"}}) {
+    const Finished done = test::run({kFirmware, "--real-time", "--empty", "--seconds", "0.2", option, in(name)});
+    LONGS_EQUAL_TEXT(option == std::string("--keep") ? 0 : 1, done.status, option);  // without it nothing is kept
+    STRCMP_CONTAINS(in(name).c_str(), done.err.c_str());
+    STRCMP_CONTAINS(". Next: give", done.err.c_str());
+    STRCMP_EQUAL("RIFF of somebody's", read_file(dir / "mine").c_str());
+    STRCMP_EQUAL("mine", std::filesystem::read_symlink(dir / "link").c_str());
+  }
+  // The link of a run that was killed.
+  std::filesystem::create_symlink("/dev/pts/none", dir / "port");
+  const Finished anew = test::run({kFirmware, "--real-time", "--empty", "--seconds", "0.2", "--host", in("port")});
+  CHECK_TEXT(anew.status == 0, anew.err.c_str());
 }
 
 TEST(LiveTool, TheFirmwareAsAProcessPlaysASceneToo) {
