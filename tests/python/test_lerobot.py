@@ -102,6 +102,18 @@ class Export(unittest.TestCase):
         with mock.patch.object(lerobot, "read", side_effect=[(two, [(0, 0)]), (two, [(0, 1)])]):
             self.refused("another lattice", ["a", "b"])
 
+    def test_what_lies_beside_it_stays(self):
+        beside = Path(self.work.name, "beside")
+        foreign = beside / "out.new" / "mine"
+        foreign.parent.mkdir(parents=True)
+        foreign.touch()
+        with self.assertRaises(LogError):
+            lerobot.export(f"{beside}/out/", [SOURCE / "tests/data/slip.mjpg"])
+        self.assertEqual([path.name for path in beside.iterdir()], ["out.new"])
+        lerobot.export(f"{beside}/out/", [self.log])
+        self.assertEqual(sorted(path.name for path in beside.iterdir()), ["out", "out.new"])
+        self.assertTrue(foreign.exists() and Path(beside, "out/meta/info.json").exists())
+
     def test_the_command(self):
         out = Path(self.work.name, "command")
         said = io.StringIO()

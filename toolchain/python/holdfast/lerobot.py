@@ -11,9 +11,9 @@ import argparse
 import json
 import math
 import os
-import shutil
 import statistics
 import sys
+import tempfile
 
 from . import parquet
 from .logs import LogError, Mcap
@@ -81,8 +81,16 @@ def export(out, paths, task="hold", fps=None):
     """Writes the folder, whole or not at all. Returns frames, and rows that stand for no frame of their own."""
     if os.path.exists(out):
         raise _error(out, "it is there already", "an earlier run", "name another folder")
-    new = f"{out}.new"
-    shutil.rmtree(new, ignore_errors=True)
+    above, name = os.path.split(os.path.abspath(out))
+    os.makedirs(above, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=above) as scratch:
+        new = f"{scratch}/{name}"
+        counts = _write(new, paths, task, fps)
+        os.rename(new, f"{above}/{name}")
+    return counts
+
+
+def _write(new, paths, task, fps):
     os.makedirs(f"{new}/meta")
     lattice, episodes, stats, index, repeated = None, [], [], 0, 0
     for number, path in enumerate(paths):
@@ -141,7 +149,6 @@ def export(out, paths, task="hold", fps=None):
     for name, values in lines.items():
         with open(f"{new}/meta/{name}.jsonl", "w", encoding="utf-8") as file:
             file.writelines(json.dumps(value) + "\n" for value in values)
-    os.rename(new, out)
     return index, repeated
 
 
