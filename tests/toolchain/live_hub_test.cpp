@@ -4,6 +4,7 @@
 #include <string>
 #include <string_view>
 
+#include "tests/support/http.hpp"
 #include "toolchain/live/hub.hpp"
 #include "toolchain/live/web.hpp"
 // last: it redefines new
@@ -118,6 +119,37 @@ TEST(LiveHub, AtTheEndNobodyWaits) {
   CHECK_FALSE(hub.hear(*listener, bytes, Hub::Millis{100'000}));
   STRCMP_EQUAL("last", bytes.c_str());
   CHECK_FALSE(hub.picture(0, Hub::Millis{100'000}).has_value());
+}
+
+// Whoever may not say anything is not listened to, and what is said has a length.
+TEST(LiveHub, RefusesBeforeABodyIsRead) {
+  live::Web web(hub, "page", {});
+  STRCMP_EQUAL("", web.start(0).c_str());
+  const std::string address = web.address(true);
+  struct {
+    std::string address, headers;
+    const char* status;
+  } const refused[] = {
+      {address, "Transfer-Encoding: chunked\r\n", " 411 "},
+      {address + "0", "Content-Length: 4000\r\n", " 401 "},
+      {address + "0", "Transfer-Encoding: chunked\r\n", " 4"},
+  };
+  for (const auto& one : refused) {
+    test::Http http(one.address, "POST /send", one.headers);
+    CHECK_TEXT(http.says(one.status) && http.says("\r\n\r\n"), http.said.c_str());
+    const std::string block = "10000\r\n" + std::string(0x10000, 'x') + "\r\n";
+    int blocks = 0;
+    while (blocks < 1000 && http.send(block)) ++blocks;
+    CHECK_TEXT(blocks < 1000, one.headers.c_str());
+  }
+  STRCMP_EQUAL("", to_device().c_str());
+  CHECK(test::Http(address, "POST /send", {}, "status").says(" 204 "));
+  STRCMP_EQUAL("status\r\n", to_device().c_str());
+  CHECK(test::Http(address, "POST /send", {}, std::string(5000, 'x')).says(" 413 "));
+  CHECK(test::Http(web.address(false), "POST /send", {}, "status").says(" 403 "));
+  CHECK(test::Http(address + "0", "GET /").says("page"));
+  CHECK(test::Http(address + "0", "GET /stream").says(" 401 "));
+  CHECK(test::Http(address + "0", "GET /picture").says("no token, or a wrong one"));
 }
 
 TEST(LiveHub, TokensAreLongAndDiffer) {

@@ -9,7 +9,6 @@
 #include <array>
 #include <charconv>
 #include <cstdlib>
-#include <optional>
 #include <string_view>
 #include <utility>
 
@@ -36,6 +35,15 @@ void refuse(httplib::Response& response, int status, const char* why) {
   response.set_content(why, "text/plain");
 }
 
+// And hangs up: the body, which nobody reads, would be taken for the next request.
+void refuse_unread(httplib::Response& response, int status, std::string_view why) {
+  response.status = status;
+  response.set_content_provider(why.size(), "text/plain", [why](std::size_t, std::size_t, httplib::DataSink& sink) {
+    (void)sink.write(why.data(), why.size());
+    return false;
+  });
+}
+
 }  // namespace
 
 std::string new_token() {
@@ -60,8 +68,15 @@ struct Web::Server {
     http.set_tcp_nodelay(true);
     http.set_default_headers({{"Cache-Control", "no-store"}, {"X-Content-Type-Options", "nosniff"}});
     http.set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
-      if (ours(request)) return httplib::Server::HandlerResponse::Unhandled;
-      refuse(response, 403, "this address is not the desk's own");
+      if (!ours(request)) {
+        refuse_unread(response, 403, "this address is not the desk's own");
+      } else if (request.path != "/" && !may_look(request)) {
+        refuse_unread(response, 401, "no token, or a wrong one: open the address that holdfast live printed");
+      } else if (request.has_header("Transfer-Encoding")) {
+        refuse_unread(response, 411, "a body without a Content-Length");
+      } else {
+        return httplib::Server::HandlerResponse::Unhandled;
+      }
       return httplib::Server::HandlerResponse::Handled;
     });
     http.Get("/", [this](const httplib::Request&, httplib::Response& response) {
@@ -70,15 +85,12 @@ struct Web::Server {
       response.set_content(page, "text/html; charset=utf-8");
     });
     http.Get("/stream", [this](const httplib::Request& request, httplib::Response& response) {
-      if (const auto right = right_of(request, response)) stream(*right, response);
+      stream(may_control(request), response);
     });
-    http.Get("/picture", [this](const httplib::Request& request, httplib::Response& response) {
-      if (right_of(request, response)) picture(request, response);
-    });
+    http.Get("/picture",
+             [this](const httplib::Request& request, httplib::Response& response) { picture(request, response); });
     http.Post("/send", [this](const httplib::Request& request, httplib::Response& response) {
-      const auto right = right_of(request, response);
-      if (!right) return;
-      if (!*right) return refuse(response, 403, "this page may look and not change anything");
+      if (!may_control(request)) return refuse(response, 403, "this page may look and not change anything");
       const bool printable =
           std::all_of(request.body.begin(), request.body.end(), [](char c) { return c >= ' ' && c <= '~'; });
       if (!printable || request.body.empty()) return refuse(response, 400, "one line of printable ASCII");
@@ -101,13 +113,11 @@ struct Web::Server {
     const std::string origin = request.get_header_value("Origin");
     return (host == own || host == named) && (origin.empty() || origin == "http://" + host);
   }
-  // Whether it controls; nothing: it was refused.
-  [[nodiscard]] std::optional<bool> right_of(const httplib::Request& request, httplib::Response& response) const {
-    const std::string given = request.get_header_value("Authorization");
-    if (same(given, "Bearer " + control)) return true;
-    if (same(given, "Bearer " + view)) return false;
-    refuse(response, 401, "no token, or a wrong one: open the address that holdfast live printed");
-    return std::nullopt;
+  [[nodiscard]] bool may_control(const httplib::Request& request) const {
+    return same(request.get_header_value("Authorization"), "Bearer " + control);
+  }
+  [[nodiscard]] bool may_look(const httplib::Request& request) const {
+    return may_control(request) || same(request.get_header_value("Authorization"), "Bearer " + view);
   }
   void stream(bool controls, httplib::Response& response) {
     auto listener = hub.listen(controls);
