@@ -89,6 +89,12 @@ TEST(LiveTool, SaysWhatItCannotDo) {
   STRCMP_CONTAINS("none/a.mcap: cannot be written",
                   tool({"record", in("none/a.mcap"), "--play", kSlip, "--seconds", "1"}).err.c_str());
   refuses({"live", "--play", kSlip, "--grid", "auto"}, "--grid auto");
+  test::write_file(dir / "in.mcap", "mine");
+  for (const char* const option : {"--play", "--model"}) {
+    refuses({"record", in("in.mcap"), option, in("none/../in.mcap")}, "would change an input");
+    refuses({"live", "--record", in("in.mcap"), option, in("in.mcap"), "--seconds", "1"}, "would change an input");
+  }
+  STRCMP_EQUAL("mine", read_file(dir / "in.mcap").c_str());
   refuses({"live", "--board", in("tty"), "--play", kSlip}, "--board goes with none of");
   refuses({"live", "--board", in("tty")}, "tty");
   refuses({"record", in("a.mcap"), "--sensor", "0000-0000", "--seconds", "1"}, "GelSight Mini");

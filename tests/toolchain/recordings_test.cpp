@@ -180,6 +180,21 @@ TEST(Recordings, TheCommandWritesNothingWhenAClipIsMissing) {
   CHECK(!fs::exists(studio.dir / "out.csv"));
 }
 
+TEST(Recordings, TheCommandChangesNoInput) {
+  const Studio studio;
+  const std::string labels = studio.dir / "labels.csv";
+  write_file(labels, kHeader + std::string(kClip) + ",,,0,,,\nc.mcap,,,0,,,\n");
+  write_file(studio.dir / "c.mcap", "mine");
+  write_file(studio.dir / "empty_camera_9.png", "mine");
+  for (const char* const name : {"labels.csv", "c.mcap", "empty_camera_9.png"}) {
+    const std::string before = read_file(studio.dir / name);
+    const Finished finished = test::run({kTool, "dataset", "--recordings", labels, "--out", studio.dir / name});
+    LONGS_EQUAL(1, finished.status);
+    CHECK_TEXT(finished.err.find("--out would change") != std::string::npos, finished.err.c_str());
+    STRCMP_EQUAL(before.c_str(), read_file(studio.dir / name).c_str());
+  }
+}
+
 namespace {
 
 // Of the real clips, by what the label file says of their empty frames.

@@ -8,9 +8,12 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/plan.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/progress.hpp"
@@ -57,6 +60,19 @@ std::optional<std::string> read_clips(const DatasetOptions& options, learn::Samp
   return interrupted() ? interrupted_line() : error;
 }
 
+// What the run reads, and may not change.
+std::optional<std::string> inputs_of(const DatasetOptions& options, std::vector<std::string>& inputs) {
+  if (options.recordings.empty()) return {};
+  std::vector<learn::ClipLabels> clips;
+  if (auto error = learn::read_labels(options.recordings, clips)) return error;
+  inputs.push_back(options.recordings);
+  for (const learn::ClipLabels& clip : clips) {
+    inputs.push_back(clip.path.string());
+    if (const auto picture = learn::empty_picture(clip)) inputs.push_back(picture->string());
+  }
+  return {};
+}
+
 void print_made(const DatasetOptions& options, const learn::Samples& samples, double spent_s) {
   struct {
     long hold = 0, slip = 0, empty = 0, open = 0, rejected = 0;
@@ -98,14 +114,16 @@ void print_made(const DatasetOptions& options, const learn::Samples& samples, do
 int dataset(DatasetOptions options) {
   if (const std::string error = parse_shard(options.shard, options.plan.shard, options.plan.shards); !error.empty())
     return fail(error);
-  AtomicFile out(options.out, options.recordings);
+  std::vector<std::string> inputs;
+  if (const auto error = inputs_of(options, inputs)) return fail(*error);
+  OutputFiles out({{"--out", options.out}}, inputs, "label file, clip or picture");
   if (!out.error().empty()) return fail(out.error());
   const double start_s = cpu_s();
   learn::Samples samples;
   if (const auto error = options.recordings.empty() ? simulate(options, samples) : read_clips(options, samples)) {
     return fail(*error);
   }
-  learn::write_csv(out.stream(), samples);
+  learn::write_csv(*out.stream("--out"), samples);
   if (const std::string error = out.commit(); !error.empty()) return fail(error);
   print_made(options, samples, cpu_s() - start_s);
   return 0;

@@ -34,6 +34,7 @@
 #include "toolchain/play/rig.hpp"
 #include "toolchain/session/page.hpp"
 #include "toolchain/session/run.hpp"
+#include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/progress.hpp"
 #include "toolchain/support/trouble.hpp"
 
@@ -188,6 +189,11 @@ void say_where(const live::Web& web) {
 
 // A device of its own in this process; with a page, or only to record it.
 int run_desk(const LiveOptions& options, bool page) {
+  for (const std::string& input : {options.play, options.common.model}) {
+    if (options.record.empty() || input.empty() || !same_place(options.record, input)) continue;
+    return fail(trouble(options.record + ": the recording would change an input of this run",
+                        "the same name given twice", "give another place for the recording"));
+  }
   Params params;
   bool auto_grid = false;
   std::unique_ptr<model::Tree> tree;
