@@ -13,6 +13,11 @@ namespace {
 
 using Bytes = std::span<const std::uint8_t>;
 
+// So that made-up bytes, of which every one may begin a chain of markers, are walked in a time that grows as they do. A
+// colour profile has up to 255 segments.
+constexpr int kMostMarkers = 1000;
+constexpr std::size_t kLongestScanHeader = 14;  // of four components
+
 constexpr std::uint8_t kSoi = 0xD8, kEoi = 0xD9, kSos = 0xDA, kTem = 0x01;
 
 bool is_restart(std::uint8_t code) {
@@ -85,8 +90,9 @@ std::optional<JpegExtent> find_jpeg(Bytes bytes, std::size_t from) {
   picture.begin = find_soi(bytes, from);
   if (picture.begin >= bytes.size()) return std::nullopt;
   bool scanned = false;
+  std::size_t believed = picture.begin;  // the marker behind which a picture may begin, should this one end in nothing
   std::size_t at = picture.begin + 2;
-  while (at + 1 < bytes.size() && bytes[at] == 0xFF) {
+  for (int markers = 0; markers < kMostMarkers && at + 1 < bytes.size() && bytes[at] == 0xFF; ++markers) {
     const std::uint8_t code = bytes[at + 1];
     if (code == 0xFF) {  // fill byte
       ++at;
@@ -112,6 +118,8 @@ std::optional<JpegExtent> find_jpeg(Bytes bytes, std::size_t from) {
       picture.height = static_cast<int>(big_endian16(bytes, at + 5));
       picture.width = static_cast<int>(big_endian16(bytes, at + 7));
     }
+    if (code == kSos && length > kLongestScanHeader) break;
+    if (code == kSos) believed = at;
     at += 2 + length;
     if (code == kSos) {
       scanned = true;
@@ -119,7 +127,7 @@ std::optional<JpegExtent> find_jpeg(Bytes bytes, std::size_t from) {
     }
   }
   // Cut off inside the coded data: all the rest belongs to it. Otherwise a segment's length cannot be believed.
-  picture.end = scanned && at >= bytes.size() ? bytes.size() : find_soi(bytes, picture.begin + 2);
+  picture.end = scanned && at >= bytes.size() ? bytes.size() : find_soi(bytes, believed + 2);
   return picture;
 }
 

@@ -273,6 +273,43 @@ TEST(Recording, SplitterEndsAndStaysInsideForRandomBytes) {
   }
 }
 
+// Each of the pictures that hide in the segments leads through all that follow it. Walked to the end again for each of
+// them, these files take a minute.
+TEST(Recording, SplitterWalksNoBytesAgainAndAgain) {
+  const auto pictures_of = [](const std::vector<std::uint8_t>& bytes) {
+    std::size_t count = 0;
+    std::size_t at = 0;
+    while (const auto extent = sim::find_jpeg(bytes, at)) {
+      CHECK(!extent->complete);
+      at = extent->end;
+      ++count;
+    }
+    return count;
+  };
+  constexpr std::size_t kHidden = 100'000;
+  std::vector<std::uint8_t> bytes{0xFF, 0xD8};
+  const auto add = [&](std::initializer_list<int> more) { bytes.insert(bytes.end(), more.begin(), more.end()); };
+  for (std::size_t k = 0; k < kHidden; ++k) add({0xFF, 0xE0, 0, 8, 0xFF, 0xD8, 0xFF, 0xE0, 0, 2});
+  for (const auto& end : {std::initializer_list<int>{0xFF, 0}, {0xFF, 0xE0, 0, 2}, {}}) {
+    const std::size_t size = bytes.size();
+    add(end);
+    LONGS_EQUAL(kHidden + 1, pictures_of(bytes));
+    bytes.resize(size);
+  }
+  // Each leads to the same coded data, whose end is none.
+  bytes.assign({0xFF, 0xD8});
+  constexpr std::size_t kMost = 65'528;
+  add({0xFF, 0xE0, (kMost + 2) >> 8, (kMost + 2) & 255});
+  for (std::size_t left = kMost; left > 0; left -= 8) {
+    const std::size_t length = left - 4;
+    add({0xFF, 0xD8, 0xFF, 0xE0, static_cast<int>(length >> 8), static_cast<int>(length & 255), 0, 0});
+  }
+  add({0xFF, 0xDA, 0, 8, 1, 1, 0, 0, 63, 0});
+  bytes.resize(bytes.size() + 3'000'000, 0x55);
+  add({0xFF, 0xE0, 0, 0});
+  LONGS_EQUAL(1, pictures_of(bytes));
+}
+
 TEST(Recording, GivesOtherCodecsAsLuma) {
   const auto path = dir / "clip.avi";
   write_video(path, "FFV1", 5);  // lossless up to its colour conversion
