@@ -202,6 +202,24 @@ TEST(Mcap, HoldsEverythingAgainstEverythingElse) {
   check_fault("the summary's check sum is not that of its bytes", changed(Op::kFooter, 0, 16));
 }
 
+// A file may have as many of them as it likes: each was held against the chunk's messages, sorted anew.
+TEST(Mcap, LooksAtTheFirstIndexOfAChannelOnly) {
+  McapBytes bytes = without_sums(small_mcap(7));
+  const McapPlace index = places_of(bytes, Op::kMessageIndex).front();
+  const auto begin = bytes.begin() + static_cast<long>(index.at);
+  const std::size_t end = index.content + index.size;
+  McapBytes second(begin, bytes.begin() + static_cast<long>(end));
+  second[index.content - index.at + 6] ^= 1;  // another time
+  bytes.insert(bytes.begin() + static_cast<long>(end), second.begin(), second.end());
+  bool told = false;
+  const McapFile file = read_mcap(bytes);
+  for (const auto& fault : file.faults) {
+    told = told || fault.what == "a second index of one channel";
+    CHECK_FALSE(fault.what == "an index that is not that of the messages in the chunk");
+  }
+  CHECK_TRUE(told);
+}
+
 TEST(Mcap, SaysNoMoreThanAFewThingsAtOnce) {
   McapBytes bytes = without_sums(small_mcap(500));
   for (const McapPlace& place : places_of(bytes, Op::kMessage)) bytes[place.content] = 99;

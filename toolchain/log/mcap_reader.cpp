@@ -314,6 +314,7 @@ class Reading {
       expect(content.ok(), record->at, "a record is shorter than its fields");
       offset = record->end() - base;
     }
+    for (auto& [channel, entries] : chunk.entries) std::sort(entries.begin(), entries.end());
     chunk.read = true;
     expect(chunk.told.first_ns == chunk.first_ns && chunk.told.last_ns == chunk.last_ns, chunk.at,
            "a chunk whose times are not those of its messages");
@@ -326,13 +327,13 @@ class Reading {
     if (!content.ok()) return;
     if (last_chunk_ == nullptr) return fault(record.at, "an index of messages that no chunk stands before");
     Chunk& chunk = *last_chunk_;
-    expect(chunk.indexes.try_emplace(channel, record.at).second, record.at, "a second index of one channel");
     chunk.indexes_end = record.end();
+    if (!chunk.indexes.try_emplace(channel, record.at).second) {
+      return fault(record.at, "a second index of one channel");
+    }
     if (!chunk.read) return;
     std::sort(entries.begin(), entries.end());
-    auto& told = chunk.entries[channel];
-    std::sort(told.begin(), told.end());
-    expect(entries == told, record.at, "an index that is not that of the messages in the chunk");
+    expect(entries == chunk.entries[channel], record.at, "an index that is not that of the messages in the chunk");
   }
 
   // Behind the indexes of a chunk: there are none, or one for each channel that has messages in it.
