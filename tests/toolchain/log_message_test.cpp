@@ -14,6 +14,37 @@ using namespace holdfast::log;
 
 namespace {
 
+// Counts how many were made.
+struct Counted {
+  Counted() { ++made; }
+  Counted(const Counted& other) : text(other.text), numbers(other.numbers), more(other.more) { ++made; }
+  Counted& operator=(const Counted&) = default;
+  ~Counted() = default;
+  std::string_view text;
+  std::array<double, 3> numbers{};
+  std::vector<double> more;
+  static inline std::size_t made = 0;
+};
+struct ManyCounted {
+  std::vector<Counted> all;
+};
+
+}  // namespace
+
+template <>
+struct holdfast::log::Message<Counted> {
+  static constexpr std::string_view kPackage = "test", kType = "Counted";
+  static constexpr std::tuple kFields{field("text", &Counted::text), field("numbers", &Counted::numbers),
+                                      field("more", &Counted::more)};
+};
+template <>
+struct holdfast::log::Message<ManyCounted> {
+  static constexpr std::string_view kPackage = "test", kType = "ManyCounted";
+  static constexpr std::tuple kFields{field("all", &ManyCounted::all)};
+};
+
+namespace {
+
 using Bytes = std::vector<std::uint8_t>;
 
 const std::string kHeaderTypes = std::string(80, '=') +
@@ -219,4 +250,17 @@ TEST(LogMessage, TheTableHasNumbersOnly) {
     const auto first_bin = std::find(names.begin(), names.end(), "histogram_00") - names.begin();
     STRCMP_EQUAL("60", cells[static_cast<std::size_t>(first_bin)].c_str());
   }
+}
+
+// A count that fits for one byte each made a hundred times the message's bytes of elements, before the first was read.
+TEST(LogMessage, MakesNoMoreElementsThanItsBytesCanHold) {
+  const ManyCounted three{std::vector<Counted>(3)};
+  const Bytes sound = encode(three);
+  const auto read = decode<ManyCounted>(sound);
+  CHECK_TRUE(read && read->all.size() == 3);
+  Bytes filler{0, 1, 0, 0, 0, 16, 0, 0};  // 4096 of them
+  filler.resize(filler.size() + 4096);
+  Counted::made = 0;
+  CHECK_FALSE(decode<ManyCounted>(filler).has_value());
+  CHECK_TRUE(Counted::made < 4096 / 33 + 2);
 }

@@ -169,6 +169,22 @@ class CdrWriter {
   std::vector<std::uint8_t> bytes_{0, 1, 0, 0};  // CDR, little endian
 };
 
+// The least bytes of a value, but for what aligns it.
+template <typename T>
+[[nodiscard]] constexpr std::size_t least_bytes() {
+  if constexpr (IsMessage<T>) {
+    std::size_t sum = 0;
+    for_each_field<T>([&]<typename S, typename M>(const Field<S, M>&) { sum += least_bytes<M>(); });
+    return sum;
+  } else if constexpr (IsNumber<T>) {
+    return sizeof(T);
+  } else if constexpr (IsArray<T>) {
+    return std::tuple_size_v<T> * least_bytes<typename T::value_type>();
+  } else {
+    return sizeof(std::uint32_t) + (std::is_same_v<T, std::string_view> ? 1 : 0);
+  }
+}
+
 // Strict: what is not exactly what CdrWriter writes is refused, so that nothing is read into other bytes.
 class CdrReader {
  public:
@@ -208,9 +224,8 @@ class CdrReader {
       if constexpr (std::is_same_v<T, std::span<const std::uint8_t>>) {
         value = take(size);
       } else {
-        // Not more is reserved than there are bytes for: those of a number, or at least one for a message.
-        using One = typename T::value_type;
-        ok_ = ok_ && size <= (bytes_.size() - at_) / (IsMessage<One> ? 1 : sizeof(One));
+        // Not more is reserved than there are bytes for.
+        ok_ = ok_ && size <= (bytes_.size() - at_) / least_bytes<typename T::value_type>();
         value.assign(ok_ ? size : 0, {});
         for (auto& element : value) get(element);
       }
