@@ -341,6 +341,15 @@ TEST(Evaluate, TablesSayTheSameAsCsvAndText) {
   CHECK(brief.find("hidden") == std::string::npos);
 }
 
+// Names of clips and objects are anybody's, and a terminal would obey them.
+TEST(Evaluate, TextHoldsNoControlCharacters) {
+  const std::string said = learn::text({.id = "clips",
+                                        .title = "Clips",
+                                        .columns = {{"clip", "clip", ""}},
+                                        .rows = {{"a\x1B]0;b\x07\n\x7F\xC2\x9Bm \xC3\xA4"}}});
+  STRCMP_CONTAINS("\n  a?]0;b?????m \xC3\xA4\n", said.c_str());
+}
+
 TEST(Evaluate, CommandWritesEverythingTwiceTheSame) {
   const std::string data = file("data.csv", objects({"ball", "box", "duck"}, 10, told_apart));
   const std::string unseen = file("unseen.csv", objects({"book"}, 4, told_apart));

@@ -22,6 +22,7 @@
 #include "toolchain/console/record.hpp"
 #include "toolchain/console/terminal.hpp"
 #include "toolchain/holdfast/commands.hpp"
+#include "toolchain/support/printable.hpp"
 #include "toolchain/support/trouble.hpp"
 
 namespace holdfast::tool {
@@ -82,11 +83,11 @@ NextLine standard_input(Signals& signals) {
 int run_lines(Device& device, const NextLine& next) {
   while (const std::optional<std::string> line = next()) {
     if (console_tool::says_nothing(*line)) continue;
-    const Answer answer = device.say(*line, [](std::string_view text) { fmt::print("{}\n", text); });
+    const Answer answer = device.say(*line, [](std::string_view text) { fmt::print("{}\n", printable(text)); });
     (void)std::fflush(stdout);
     if (answer.ok()) continue;
     if (answer.kind == Answer::Kind::kError && answer.number() != 0) {
-      fmt::print(stderr, "{}\n", answer.error);
+      fmt::print(stderr, "{}\n", printable(answer.error));
     } else {
       note(answer.error);
     }
@@ -103,7 +104,7 @@ int run_lines(Device& device, const NextLine& next) {
 }
 
 int report_of(const std::string& error, const std::vector<std::string>& report) {
-  for (const std::string& line : report) fmt::print("{}\n", line);
+  for (const std::string& line : report) fmt::print("{}\n", printable(line));
   return error.empty() ? 0 : fail(error);
 }
 

@@ -21,6 +21,7 @@
 #include "toolchain/learn/evaluate_report.hpp"
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/printable.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -205,8 +206,8 @@ int put_out(const EvaluateOptions& asked, const learn::ReportFacts& facts, const
   if (!asked.json.empty()) outputs.emplace_back(asked.json, json_of(facts, tables));
   if (const std::string error = write_all(asked.out, outputs); !error.empty()) return fail(error);
 
-  for (const auto& [name, value] : facts.facts) fmt::print("{:15} {}\n", name, value);
-  for (const std::string& warning : facts.warnings) fmt::print("{:15} {}\n", "note", warning);
+  for (const auto& [name, value] : facts.facts) fmt::print("{:15} {}\n", name, printable(value));
+  for (const std::string& warning : facts.warnings) fmt::print("{:15} {}\n", "note", printable(warning));
   for (const learn::Table& table : tables) {
     if (table.brief) fmt::print("\n{}", learn::text(table));
   }

@@ -11,6 +11,7 @@
 #include <string_view>
 
 #include "toolchain/learn/paper_figures.hpp"
+#include "toolchain/support/printable.hpp"
 
 namespace holdfast::learn {
 namespace {
@@ -311,7 +312,7 @@ std::string text(const Table& table) {
     lines[1].push_back(column.title);
     bool any = false;
     for (std::size_t r = 0; r < rows.size(); ++r) {
-      lines[r + 2].push_back(shown((*rows[r])[c], column, "-", "+-"));
+      lines[r + 2].push_back(tool::printable(shown((*rows[r])[c], column, "-", "+-")));
       any = any || (*rows[r])[c].number.has_value();
     }
     right.push_back(any);

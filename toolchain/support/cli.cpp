@@ -3,11 +3,11 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <charconv>
 #include <csignal>
 #include <cstdio>
 
+#include "toolchain/support/printable.hpp"
 #include "toolchain/support/trouble.hpp"
 
 namespace holdfast::tool {
@@ -45,10 +45,7 @@ std::string not_empty(const std::string& text) {
 }
 
 void note(const std::string& line) {
-  std::string shown = line;
-  std::replace_if(
-      shown.begin(), shown.end(), [](unsigned char c) { return c < 0x20 || c == 0x7F; }, '?');
-  fmt::print(stderr, "holdfast: {}\n", shown);
+  fmt::print(stderr, "holdfast: {}\n", printable(line));
 }
 
 int fail(const std::string& line) {
