@@ -94,6 +94,14 @@ TEST(Recordings, RowsAreAsTheLabelFileSays) {
   }
 }
 
+TEST(Recordings, ALabelFileMayBeginWithAByteOrderMark) {
+  const Studio studio;
+  Samples samples;
+  STRCMP_EQUAL("",
+               studio.read("\xEF\xBB\xBF" + std::string(kHeader) + kClip + ",,,0,,,\n", samples).value_or("").c_str());
+  LONGS_EQUAL(kFrames, samples.rows.size());
+}
+
 TEST(Recordings, AnOnsetThatWasNotSeenHasNoHoldBeforeIt) {
   const Studio studio;
   const std::string tail = ",2-8:high;12-14:high,24-30,\n";

@@ -17,6 +17,8 @@ namespace fs = std::filesystem;
 
 using Error = std::optional<std::string>;
 
+constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // some spreadsheets begin a file with it
+
 // A cell in quotes may hold commas; two quotes in it are one.
 std::vector<std::string> cells_of(std::string_view line) {
   std::vector<std::string> cells(1);
@@ -184,6 +186,7 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
   const std::size_t before = clips.size();
   while (std::getline(in, text)) {
     ++clip.line;
+    if (clip.line == 1 && text.starts_with(kByteOrderMark)) text.erase(0, kByteOrderMark.size());
     if (text.ends_with('\r')) text.pop_back();
     if (text.empty()) continue;
     const std::vector<std::string> cells = cells_of(text);
