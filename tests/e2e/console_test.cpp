@@ -470,6 +470,10 @@ TEST(ConsoleTool, SealsAndShowsModels) {
   STRCMP_EQUAL(secret.c_str(), read_file(key).c_str());
   refused({"seal", at("m"), "--compiled-in", "-o", at("x")}, "either a compiled model or --compiled-in");
   refused({"seal", "-o", at("x")}, "either a compiled model or --compiled-in");
+  // JSON is UTF-8, and a name need not be.
+  const Finished odd = ask({"seal", at("m"), "-o", at("\xFF"), "--json"});
+  check_fine(odd);
+  CHECK_TRUE(nlohmann::json::parse(odd.out)["output"].get<std::string>().ends_with("\xEF\xBF\xBD"));
   STRCMP_CONTAINS("absent/x", ask({"seal", at("m"), "-o", at("absent/x")}).err.c_str());
   STRCMP_CONTAINS("would overwrite the input", ask({"seal", at("m"), "-o", at("m")}).err.c_str());
   std::string whole = read_file(at("s"));

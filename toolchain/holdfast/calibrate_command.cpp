@@ -26,6 +26,7 @@
 #include "toolchain/sealed/record_file.hpp"
 #include "toolchain/sealed/settings_toml.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -215,7 +216,7 @@ void print_json(const learn::RestStudy& study, const learn::ModelCheck& check, c
   }
   out["slip_frames"] = check.slip_frames();
   out["verdict"] = name_of(check.worst());
-  fmt::print("{}\n", out.dump());
+  fmt::print("{}\n", text_of_json(out));
 }
 
 // Every frame asked for. false: a line has said why not.
@@ -294,18 +295,17 @@ int weigh(const CalibrateOptions& options, const Params& params, bool auto_grid)
     }
   }
   if (options.common.json) {
-    fmt::print("{}\n", nlohmann::ordered_json{{"force", options.as},
-                                              {"weight_g", options.weight_g},
-                                              {"share_pct", share_pct},
-                                              {"true_mn", true_mn},
-                                              {"first", found.first},
-                                              {"last", found.last},
-                                              {"frames", found.frames},
-                                              {"reading_mn", found.reading_mn},
-                                              {"spread_mn", found.spread_mn},
-                                              {"within", found.within},
-                                              {std::string(scale.name), found.scale_permille}}
-                           .dump());
+    fmt::print("{}\n", text_of_json(nlohmann::ordered_json{{"force", options.as},
+                                                           {"weight_g", options.weight_g},
+                                                           {"share_pct", share_pct},
+                                                           {"true_mn", true_mn},
+                                                           {"first", found.first},
+                                                           {"last", found.last},
+                                                           {"frames", found.frames},
+                                                           {"reading_mn", found.reading_mn},
+                                                           {"spread_mn", found.spread_mn},
+                                                           {"within", found.within},
+                                                           {std::string(scale.name), found.scale_permille}}));
     return 0;
   }
   fmt::print("weight    {:g} g, of which this gel carries {:g} %: {:.3f} N of {}\n", options.weight_g, share_pct,

@@ -16,6 +16,7 @@
 #include "slip/model_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {
@@ -94,7 +95,7 @@ void print(const treec::Model& model, const CompileOptions& options, const std::
     out["depth"] = treec::depth(model);
     out["text_crc32"] = crc;
     for (const Output& output : outputs) out[output.option] = output.path;
-    fmt::print("{}\n", out.dump());
+    fmt::print("{}\n", text_of_json(out));
     return;
   }
   fmt::print("model     {}, CRC-32 of its text {}\n", model.name, crc);

@@ -16,6 +16,7 @@
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/plan.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -99,7 +100,7 @@ void print_made(const DatasetOptions& options, const learn::Samples& samples, do
     out["open"] = count.open;
     out["rejected"] = count.rejected;
     out["cpu_s"] = spent_s;
-    fmt::print("{}\n", out.dump());
+    fmt::print("{}\n", text_of_json(out));
     return;
   }
   fmt::print("written   {}: {} trials, {} frames\n", options.out, trials, samples.rows.size());

@@ -13,6 +13,7 @@
 #include "toolchain/faults/scenarios.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -252,7 +253,7 @@ void print_json(const std::vector<Run>& runs) {
     for (const Reason reason : j.fault_reasons) row["reasons"].push_back(info(reason).name);
     out.push_back(std::move(row));
   }
-  fmt::print("{}\n", out.dump());
+  fmt::print("{}\n", text_of_json(out));
 }
 
 int soak(const FaultsOptions& options) {

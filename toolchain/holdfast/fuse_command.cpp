@@ -16,6 +16,7 @@
 #include "toolchain/learn/fuse.hpp"
 #include "toolchain/learn/samples.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::tool {
@@ -112,7 +113,7 @@ int fuse(const FuseOptions& options) {
     out["model"] = options.model;
     out["nodes"] = fused.model.nodes.size();
     out["imprint"] = json_of(fused);
-    fmt::print("{}\n", out.dump());
+    fmt::print("{}\n", text_of_json(out));
     return 0;
   }
   fmt::print("recorded  one object left out, the imprint alone\n");

@@ -15,6 +15,7 @@
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/play/grasp.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -189,7 +190,7 @@ int grip(const GripOptions& options) {
   if (std::ostream* const csv = outputs.stream("--csv")) *csv << csv_of(all, options.seeds == 0);
   if (const std::string error = outputs.commit(); !error.empty()) return fail(error);
   if (options.json) {
-    fmt::print("{}\n", json_of(all).dump());
+    fmt::print("{}\n", text_of_json(json_of(all)));
     return 0;
   }
   fmt::print("{}\n", head());

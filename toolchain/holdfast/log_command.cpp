@@ -11,6 +11,7 @@
 #include "toolchain/log/csv_log.hpp"
 #include "toolchain/log/frame_reader.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -80,7 +81,7 @@ void print_json(const LogOptions& options, const log::McapFile& file, std::size_
   }
   out["wrong"] = nlohmann::json::array();
   for (const log::McapFault& fault : file.faults) out["wrong"].push_back({{"at", fault.at}, {"what", fault.what}});
-  fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  fmt::print("{}\n", text_of_json(out));
 }
 
 int info(const LogOptions& options) {

@@ -12,6 +12,7 @@
 #include "store/models.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/sealed/record_file.hpp"
+#include "toolchain/support/json_text.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -70,7 +71,7 @@ int seal_model(const ModelOptions& options) {
   if (options.json) {
     nlohmann::ordered_json out{{"output", options.seal.output}, {"sequence", sequence}, {"signed", is_signed}};
     out["model"] = options.compiled_in ? nlohmann::ordered_json() : json_of(tree);
-    fmt::print("{}\n", out.dump());
+    fmt::print("{}\n", text_of_json(out));
   } else {
     fmt::print("{}: {}; number {}, {}\n", options.seal.output, options.compiled_in ? kCompiledIn : text_of(tree),
                sequence, is_signed ? "signed" : "not signed: for development mode only");
@@ -92,7 +93,7 @@ int show_model(const ModelOptions& options) {
   if (options.json) {
     nlohmann::ordered_json out{{"sequence", record.sequence}, {"signed", record.is_signed}};
     out["model"] = compiled_in ? nlohmann::ordered_json() : json_of(tree);
-    fmt::print("{}\n", out.dump());
+    fmt::print("{}\n", text_of_json(out));
   } else {
     fmt::print("{}; number {}, {}\n", compiled_in ? kCompiledIn : text_of(tree), record.sequence,
                signed_words(record, options.seal.key));

@@ -15,6 +15,7 @@
 #include "toolchain/sealed/owner_key.hpp"
 #include "toolchain/sealed/record_file.hpp"
 #include "toolchain/sealed/settings_toml.hpp"
+#include "toolchain/support/json_text.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -42,9 +43,8 @@ int compile_settings(const SettingsOptions& options) {
   const bool is_signed = !seal.key.empty();
   if (options.json) {
     fmt::print("{}\n",
-               nlohmann::ordered_json{
-                   {"output", seal.output}, {"settings", count}, {"sequence", sequence}, {"signed", is_signed}}
-                   .dump());
+               text_of_json(nlohmann::ordered_json{
+                   {"output", seal.output}, {"settings", count}, {"sequence", sequence}, {"signed", is_signed}}));
   } else {
     fmt::print("{}: {} settings that differ from the defaults, number {}, {}\n", seal.output, count, sequence,
                is_signed ? "signed" : "not signed: for development mode only");
@@ -72,11 +72,10 @@ int show_settings(const SettingsOptions& options) {
     for (const ParamInfo& row : kParams) {
       if (params.*row.member != row.default_value) values[std::string(row.name)] = params.*row.member;
     }
-    fmt::print("{}\n", nlohmann::ordered_json{{"sequence", record.sequence},
-                                              {"signed", record.is_signed},
-                                              {"all_known", loaded == settings::Loaded::kAll},
-                                              {"settings", values}}
-                           .dump());
+    fmt::print("{}\n", text_of_json(nlohmann::ordered_json{{"sequence", record.sequence},
+                                                           {"signed", record.is_signed},
+                                                           {"all_known", loaded == settings::Loaded::kAll},
+                                                           {"settings", values}}));
     return 0;
   }
   fmt::print("# number {}, {}{}\n{}", record.sequence, signed_words(record, options.seal.key),

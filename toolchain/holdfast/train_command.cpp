@@ -34,6 +34,7 @@
 #include "toolchain/learn/samples.hpp"
 #include "toolchain/learn/splits.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/support/progress.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
@@ -397,7 +398,7 @@ void print_json(const Data& data, const FeatureSet& set, const TrainOptions& opt
                     {"depth", treec::depth(model)},
                     {"crc32", fmt::format("{:08X}", model.text_crc32)}};
   }
-  fmt::print("{}\n", out.dump());
+  fmt::print("{}\n", text_of_json(out));
 }
 
 template <typename Names>

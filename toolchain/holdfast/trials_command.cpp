@@ -13,6 +13,7 @@
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/play/trials.hpp"
 #include "toolchain/support/atomic_file.hpp"
+#include "toolchain/support/json_text.hpp"
 #include "toolchain/support/progress.hpp"
 
 namespace holdfast::tool {
@@ -106,7 +107,7 @@ int trials(const TrialsOptions& options) {
     for (const TrialTally& tally : table.groups()) out["groups"].push_back(to_json(tally));
     out["all"] = to_json(table.all());
     for (const TrialTally& tally : alone.groups()) out["left_alone"].push_back(to_json(tally));
-    fmt::print("{}\n", out.dump());
+    fmt::print("{}\n", text_of_json(out));
     return 0;
   }
   fmt::print("{} {} of seed {}, {}\n{}", options.count, options.kind, options.seed, model_text, table_text(table));

@@ -19,6 +19,7 @@
 #include "toolchain/sealed/record_file.hpp"
 #include "toolchain/sealed/settings_toml.hpp"
 #include "toolchain/support/cli.hpp"
+#include "toolchain/support/json_text.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -234,7 +235,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     all["saturations"] = summary.saturations;
     all["slip_frames"] = summary.slip_frames;
     all["slip_times_s"] = summary.slip_times_s;
-    fmt::print(out, "{}\n", all.dump());
+    fmt::print(out, "{}\n", text_of_json(all));
     return;
   }
   const long rejected = summary.frames - summary.accepted;
