@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // `holdfast console` against the firmware as a process, over its pseudo terminal.
 #include <fcntl.h>
+#include <poll.h>
+
+#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -646,6 +649,50 @@ TEST(ConsoleTool, GoesOnWhenThePortIsBack) {
   recorder.send(SIGINT);
   LONGS_EQUAL(0, recorder.finish().status);
   CHECK(check_time_runs(read_file(at("log.csv")), 50) > 0.1);  // the time it was away is in it
+}
+
+// What answers need be no Holdfast: it moves no cursor, and its words are no numbers.
+TEST(ConsoleTool, TakesNothingOnTrustThatADeviceSays) {
+  const test::Pty pty;
+  termios raw = pty.settings();
+  ::cfmakeraw(&raw);
+  CHECK(::tcsetattr(pty.master(), TCSANOW, &raw) == 0);
+  std::atomic<bool> over{false};
+  std::thread impostor([&] {
+    std::string line;
+    while (!over) {
+      pollfd entry{pty.master(), POLLIN, 0};
+      (void)::poll(&entry, 1, 20);
+      for (const std::uint8_t byte : pty.take()) {
+        if (byte != '\r') {
+          if (byte >= ' ') line += static_cast<char>(byte);
+          continue;
+        }
+        std::string answer = "OK\r\n";
+        if (line.starts_with("help anybody")) answer = "ERR 4 arguments: " + line.substr(5) + "\r\n";
+        if (line == "version json") answer = "{\"firmware\":1}\r\n" + answer;
+        if (line == "version") answer = "\x1B]0;mine\x07\r\n" + answer;
+        if (line == "reference json")
+          answer = R"({"known":"yes","pitch_printed_um":[],"pitch_px":{}})"
+                   "\r\n" +
+                   answer;
+        if (line.starts_with("get "))
+          answer = R"({"parameters":[{"value":"wide"}]})"
+                   "\r\n" +
+                   answer;
+        (void)pty.send({answer.begin(), answer.end()});
+        line.clear();
+      }
+    }
+  });
+  const Finished run = HostProcess({kTool, "console", pty.path(), "--run", "version"}).finish(60s);
+  const Finished recorded =
+      HostProcess({kTool, "console", pty.path(), "--record", at("log.csv"), "--seconds", "0.3"}).finish(60s);
+  over = true;
+  impostor.join();
+  STRCMP_EQUAL("?]0;mine?\n", run.out.c_str());
+  CHECK_TEXT(recorded.err.find("exception") == std::string::npos, recorded.err.c_str());
+  STRCMP_CONTAINS("no frame came", recorded.err.c_str());
 }
 
 // Half a line stands there, which a hang-up would have cleared: whoever only looks does not see the code.

@@ -124,7 +124,8 @@ std::string record(Device& device, const RecordOptions& options, const std::func
   const auto place = "/parameters/0/value"_json_pointer;
   const features::Config bins;
   Sink sink(file.stream(), options.path.ends_with(".mcap"),
-            json.contains(place) ? json[place].get<std::int32_t>() : bins.histogram_range_um);
+            json.contains(place) && json[place].is_number_integer() ? json[place].get<std::int32_t>()
+                                                                    : bins.histogram_range_um);
   tool::Progress progress("recording (Ctrl-C ends it)", 0);
   Watching watching(device, [&](const std::string& line) {
     progress.clear();

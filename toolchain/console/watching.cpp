@@ -70,9 +70,13 @@ void Watching::ask_scale() {
   if (!answer.ok() || answer.lines.empty()) return;
   auto json = nlohmann::json::parse(answer.lines.back(), nullptr, false);
   if (json.is_object() && json.contains("left")) json = json["left"];  // of a hand: the finger whose markers come
-  if (!json.is_object() || !json.value("known", false)) return;
-  const double pitch_um = json.value("pitch_printed_um", 0.0);
-  if (pitch_um > 0) px_per_um_ = json.value("pitch_px", 0.0) / pitch_um;
+  // Whatever answers there may say anything.
+  if (!json.is_object() || !json.contains("known") || json["known"] != true) return;
+  const auto number = [&json](const char* name) {
+    const auto found = json.find(name);
+    return found != json.end() && found->is_number() ? found->get<double>() : 0.0;
+  };
+  if (const double pitch_um = number("pitch_printed_um"); pitch_um > 0) px_per_um_ = number("pitch_px") / pitch_um;
 }
 
 void Watching::come_back() {
