@@ -609,7 +609,7 @@ Error Console::begun(SlotStore& slots, SlotStore::Put put) {
     case SlotStore::Put::kStillBusy:
       return Error::kStillWriting;
     case SlotStore::Put::kOld:
-      detail_ << "the one in force has number " << slots.sequence();
+      detail_ << "the newest one here has number " << slots.newest();
       return Error::kTooOld;
     case SlotStore::Put::kNotGood:
       return Error::kNotUsable;

@@ -17,6 +17,7 @@ SlotStore::SlotStore(sealed::Kind kind, Good good, hal::Store* store, const hal:
   for (std::size_t k = 0; k < slots_.size(); ++k) {
     std::span<const std::uint8_t> payload;
     slots_[k] = look_at(k, good, payload);
+    if (follows(slots_[k].sequence, newest_)) newest_ = slots_[k].sequence;
     if (slots_[k].state != State::kOlder || !follows(slots_[k].sequence, sequence_)) continue;
     payload_ = payload;
     sequence_ = slots_[k].sequence;
@@ -51,7 +52,7 @@ SlotStore::Put SlotStore::put(std::span<const std::uint8_t> record, Good good) {
   refusal_ = sealed::read(record, kind_, owner_, read);
   if (refusal_ == sealed::Refusal::kNone && read.bytes != record.size()) refusal_ = sealed::Refusal::kNoRecord;
   if (refusal_ != sealed::Refusal::kNone) return Put::kRefused;
-  if (!follows(read.sequence, sequence_)) return Put::kOld;
+  if (!follows(read.sequence, newest_)) return Put::kOld;
   if (!good(read.payload)) return Put::kNotGood;
   writing_both_ = slots_[1 - other_].damaged();
   if (!store_->begin(other_, record, writing_both_)) return Put::kNoPlace;
@@ -62,7 +63,7 @@ SlotStore::Put SlotStore::put(std::span<const std::uint8_t> record, Good good) {
 
 std::uint32_t SlotStore::next_sequence() const {
   if (!development()) return 0;
-  return sequence_ == kLast ? 1 : sequence_ + 1;
+  return newest_ == kLast ? 1 : newest_ + 1;
 }
 
 hal::Store::State SlotStore::settle() {
@@ -74,7 +75,7 @@ hal::Store::State SlotStore::settle() {
     slots_[other_] = {.state = State::kUnknown};
     return state;
   }
-  sequence_ = writing_sequence_;
+  sequence_ = newest_ = writing_sequence_;
   slots_[other_] = {.state = State::kNewest, .sequence = sequence_};
   other_ = 1 - other_;
   if (writing_both_) slots_[other_].sequence = sequence_;

@@ -26,7 +26,7 @@ class SlotStore {
     kNoPlace,    // no store, or too large for its slots
     kStillBusy,  // an earlier record is still being written
     kRefused,    // refusal() says why
-    kOld,        // its sequence is not above that of the record in force
+    kOld,        // its sequence is not above newest()
     kNotGood,    // its payload is not
   };
   // What lies in a slot. From kUnknown on: something that is not to be used was, or may have been, stored there.
@@ -57,6 +57,9 @@ class SlotStore {
   [[nodiscard]] std::span<const std::uint8_t> payload() const { return payload_; }
   // Of the record in force now; 0: there is none.
   [[nodiscard]] std::uint32_t sequence() const { return sequence_; }
+  // Of the newest record here that is whole and the owner's, also where this firmware cannot use it: that one's number
+  // must not be lost, or an older one would be taken for news. 0: there is none.
+  [[nodiscard]] std::uint32_t newest() const { return newest_; }
   // Nobody knows whether the newest record lay in a slot that is.
   [[nodiscard]] bool damaged() const { return slots_[0].damaged() || slots_[1].damaged(); }
   // Whether a start may go by payload(). Beside a damaged slot it may be an older one: development mode goes on with
@@ -88,6 +91,7 @@ class SlotStore {
   std::span<const std::uint8_t> payload_;
   std::array<Slot, hal::Store::kSlots> slots_{};
   std::uint32_t sequence_ = 0;
+  std::uint32_t newest_ = 0;
   std::size_t other_ = 0;  // the slot that is not in force
   sealed::Refusal refusal_ = sealed::Refusal::kNone;
   bool writing_ = false;

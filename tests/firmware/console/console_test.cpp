@@ -490,7 +490,7 @@ TEST(Console, LoadsARecord) {
   CHECK(desk.console->params() == before);  // counts at the next start
   check_says("version json", "\"settings_sequence\":7}");
   check_error(load(record(7, params)).c_str(), Error::kTooOld);
-  check_says(load(record(6, params)).c_str(), "ERR 29 too_old: the one in force has number 7: ");
+  check_says(load(record(6, params)).c_str(), "ERR 29 too_old: the newest one here has number 7: ");
   check_ok("save");
   check_says("version json", "\"settings_sequence\":8}");
 }
@@ -579,7 +579,7 @@ TEST(Console, LoadsAModel) {
   (void)desk.unlock();
   check_says(load_model(record).c_str(), "counts from the next start: reboot\r\nOK\r\n");
   check_says("model json", R"("from":"compiled in","sequence":null,"next_start":"what was stored since: reboot"})");
-  check_says(load_model(record).c_str(), "ERR 29 too_old: the one in force has number 7: ");
+  check_says(load_model(record).c_str(), "ERR 29 too_old: the newest one here has number 7: ");
   check_error(load_model(model_record(6, kLoaded)).c_str(), Error::kTooOld);
   LONGS_EQUAL(1, desk.stored_models.writes());
   LONGS_EQUAL(0, desk.stored.writes());

@@ -158,6 +158,25 @@ TEST(Models, OfAnotherFirmwareCountAsDamaged) {
   CHECK(SlotStore(sealed::Kind::kModel, models::good, &store, &verifier).damaged());
 }
 
+// Whole and the owner's, its number counts also where this firmware cannot use it: an older record would be a way back.
+TEST(Models, AreNotOlderThanOneThatCannotBeUsed) {
+  Bytes other = model_named("later", 2);
+  std::fill_n(other.begin() + 52, 32, std::uint8_t{0});
+  test::put_name(other, 52, "later");
+  other = test::repaired(other);
+  for (const bool beside_a_good_one : {false, true}) {
+    store = sim::Store{models::kMostBytes};
+    if (beside_a_good_one) put(signed_record(150, model_named("first")));
+    const Bytes record = signed_record(200, other);
+    std::copy(record.begin(), record.end(), store.slot(beside_a_good_one ? 1 : 0).begin());
+    put(signed_record(199, model_named("second")), SlotStore::Put::kOld);
+    put(signed_record(200, model_named("second")), SlotStore::Put::kOld);
+    LONGS_EQUAL(201, SlotStore(sealed::Kind::kModel, models::good, &store, nullptr).next_sequence());
+    put(signed_record(201, model_named("second")));
+    STRCMP_EQUAL("second", decides(&verifier).c_str());
+  }
+}
+
 TEST(Models, AreRefusedForWhatIsWrongWithThem) {
   const auto with = [](std::size_t at, std::uint8_t value) {
     Bytes bytes = model_named("test");
