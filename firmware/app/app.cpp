@@ -108,12 +108,22 @@ void App::reconfigure(const Params& params) {
   const bool same = before.luma.scale == now.luma.scale && before.tracker.grid.size == now.tracker.grid.size &&
                     before.displacement.pitch_um == now.displacement.pitch_um;
   if (same) return;
-  for (Finger* const finger : each()) tracker::reset(finger->state.tracker);
-  tare();
+  for (Finger* const finger : each()) {
+    luma_input::forget(finger->state.luma);
+    tracker::reset(finger->state.tracker);
+    pipeline::forget(finger->state);
+  }
+  forget_slip();
 }
 
 void App::tare() {
   for (Finger* const finger : each()) pipeline::tare(finger->state);
+  forget_slip();
+}
+
+void App::forget_slip() {
+  hand_.fusion = {};
+  hand_.request = GripRequest::kHold;
 }
 
 void App::arm() {
@@ -215,6 +225,7 @@ void App::clock_stepped_back() {
   for (Finger* const finger : each()) {
     finger->waiting_since = finger->keeper.try_at = finger->keeper.stalled_since = devices_.clock.now();
   }
+  fusion::restart(hand_.fusion);
 }
 
 void App::report(supervisor::Source source, Reason reason) {
@@ -229,6 +240,7 @@ void App::report(supervisor::Source source, Reason reason) {
 // Until frames say otherwise, whatever each finger sees.
 supervisor::Outputs App::fail(Reason why) {
   for (int i = 0; i < fingers(); ++i) supervisor::fail(hand_.supervisors[idx(i)], why);
+  hand_.grip_ok = false;
   return {.state = DeviceState::kFault, .reason = why, .slip = outputs_.slip};
 }
 
@@ -265,9 +277,13 @@ void App::take(Finger& finger, const hal::Frame& frame) {
                                                              : kOkStatus;
   if (news.ok()) {
     finger.result = pipeline::update(finger.state, config_.pipeline, devices_.jpeg, frame);
-    if (finger.result.quality.ok() && is_stale(finger)) {
-      finger.result.quality = {Reason::kFrameStale};  // decided too late
-    }
+    if (!finger.result.quality.ok()) return;
+    // An event of the contact happens once: what a frame saw that was decided too late is told with the next one.
+    contact::Event& event = finger.result.contact.event;
+    if (event == contact::Event::kNone) event = finger.untold;
+    const bool too_late = is_stale(finger);
+    finger.untold = too_late ? event : contact::Event::kNone;
+    if (too_late) finger.result.quality = {Reason::kFrameStale};
   } else {
     finger.result.timestamp = timestamp;
     finger.result.sequence = frame.sequence;
@@ -293,6 +309,7 @@ void App::conclude(int finger) {
   }
   its.last_rejection = its.result.quality.reason;
   const Micros now = devices_.clock.now();
+  health::came(its.health);
   if (its.result.quality.ok()) {
     camera_keeper::accepted(its.keeper, its.keeping, now);
     its.inputs.of(supervisor::Source::kStream) = health::strain(its.health, health_config_, its.result.timestamp,
@@ -310,7 +327,7 @@ void App::decide(int finger) {
   Finger& its = of(finger);
   const fingers::Result decided = fingers::decide(hand_, config_, finger, its.result, devices_.clock.now(), its.inputs);
   its.result.request = decided.fused.request;
-  its.result.verdict = decided.fused.verdict;
+  its.result.verdict = decided.fused.step;
   latest_ = finger;
   its.waiting_since = devices_.clock.now();
   signal(decided.hand, fingers() == 1 ? its.result.timestamp : decided.oldest);

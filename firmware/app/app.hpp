@@ -43,7 +43,8 @@ struct Finger {
   camera_keeper::Config keeping{};
   camera_keeper::State keeper{};
   Micros waiting_since{};
-  Reason last_rejection = Reason::kNone;  // of the frame seen last
+  Reason last_rejection = Reason::kNone;          // of the frame seen last
+  contact::Event untold = contact::Event::kNone;  // of a frame that was decided too late to be told
 };
 
 // What a board provides. All references outlive the App.
@@ -188,6 +189,7 @@ class App {
   void tell();
   void tell_fingers(status_frame::StatusFrame& frame) const;
   void configure(const Params& params);
+  void forget_slip();
   void time_frame(Finger& finger);
 
   Devices devices_;

@@ -156,6 +156,7 @@ void Daemon::regulate() {
                              .request = result.request,
                              .verdict = result.verdict,
                              .entropy = result.features.entropy,
+                             .finger = app_.latest(),
                              .grip = grip_asked_,
                              .release = release_asked_},
                             devices_.clock.now());
@@ -249,8 +250,7 @@ Outcome Daemon::execute(const CommandFrame& frame) {
 
 Outcome Daemon::tare(bool even_if_touched) {
   for (int i = 0; i < app_.fingers() && !even_if_touched; ++i) {
-    const pipeline::Result& result = app_.result(i);
-    if (result.referenced && result.contact.judged && result.contact.touching) return Outcome::kTouching;
+    if (app_.state(i).contact.touching) return Outcome::kTouching;  // also while its frames are refused
   }
   app_.tare();
   for (int i = 0; i < app_.fingers(); ++i) {

@@ -71,7 +71,7 @@ Result decide(Hand& hand, const Config& config, int finger, pipeline::Result see
   Result out;
   if (config.fusion.fingers == 1) {
     hand.request = seen.request;
-    out.fused.verdict = seen.verdict;
+    out.fused.verdict = out.fused.step = seen.verdict;
   } else if (seen.quality.ok()) {
     out.fused = fusion::update(hand.fusion, config.fusion, finger, seen.referenced, seen.features, seen.timestamp);
     hand.request = out.fused.request;
@@ -85,11 +85,19 @@ Result decide(Hand& hand, const Config& config, int finger, pipeline::Result see
   const std::uint32_t of = counted(hand, config, now);
   join(hand, config, of, now, out);
   out.hand.slip = hand.request == GripRequest::kTighten;
-  out.hand.grip_ok = out.hand.state == DeviceState::kOk;  // who raised slip is in SLIP
+  // A slip is the hand's, also where the finger that raised it is not counted.
+  if (out.hand.slip && out.hand.state == DeviceState::kOk) {
+    out.hand.state = DeviceState::kSlip;
+    out.hand.reason = Reason::kSlipDetected;
+  }
   // Of one finger the lines look at the age themselves; of two, the other's last frame may have grown old meanwhile.
   const bool young = config.fusion.fingers == 1 || now - out.oldest <= config.oldest_frame;
   out.hand.accepted = out.finger.accepted && (hand.accepted & of) == of && young;
   if (out.hand.accepted) hand.accepted = 0;
+  // It rises with an edge of ALIVE only (outputs.hpp): when the finger whose frame comes first is the last to be well,
+  // with the frame of the other.
+  hand.grip_ok = out.hand.state == DeviceState::kOk && (hand.grip_ok || out.hand.accepted);
+  out.hand.grip_ok = hand.grip_ok;
   return out;
 }
 

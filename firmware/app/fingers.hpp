@@ -3,7 +3,8 @@
 // for all (slip/fusion.hpp). One thread calls update() with whichever camera's frame has come.
 //
 // GRIP_OK of the hand is HIGH only while every finger is OK; the worst state counts, with its reason. ALIVE toggles
-// when every finger had an accepted frame since it last did, each still young enough to be confirmed. A finger that is
+// when every finger had an accepted frame since it last did, each still young enough to be confirmed; GRIP_OK rises
+// with such an edge. A finger that is
 // silent for `supervisor.hold` is at FAULT, whether its turn comes or not. With `one_may_be_lost` all this is asked of
 // the fingers that are not at FAULT, unless all are.
 // A contact that one finger loses is reported as with one finger, whatever the other touches.
@@ -42,6 +43,7 @@ struct Hand {
   std::array<supervisor::State, kMaxFingers> supervisors{};
   std::uint32_t accepted = 0;                 // fingers with an accepted frame since ALIVE toggled, finger 0 in bit 0
   std::array<Micros, kMaxFingers> seen_at{};  // the start of exposure of each finger's last accepted frame
+  bool grip_ok = false;                       // as it was decided last
 };
 
 struct State {

@@ -30,7 +30,9 @@ struct State {
   struct Stamp {
     Micros at{};
     std::uint32_t sequence = 0;
+    std::uint32_t came = 0;
   };
+  std::uint32_t came = 0;                   // frames of the camera, accepted or not; wraps
   std::array<Stamp, kRateFrames> stamps{};  // a ring
   int stamp_count = 0;
   int newest = 0;
@@ -44,12 +46,18 @@ inline void restart(State& state) {
   state.stamp_count = 0;
 }
 
-// An accepted frame: `age` when it was decided. Frames that were lost on the way do not slow the sensor's rate down:
-// periods are counted by sequence. Range: stamps advance (pipeline.cpp); ages any.
+// A frame came, whatever becomes of it.
+inline void came(State& state) {
+  ++state.came;
+}
+
+// An accepted frame, after came(): `age` when it was decided. Too fast is judged by the sequence numbers, too slow by
+// the frames that came: lost ones must not pass for a fast sensor, and what is lost cannot be decided on. One lost
+// frame in a row of kRateFrames at 15 fps is none too few. Range: stamps advance (pipeline.cpp); ages any.
 [[nodiscard]] inline Reason strain(State& state, const Config& config, Micros timestamp, std::uint32_t sequence,
                                    Micros age) {
   state.newest = (state.newest + 1) % kRateFrames;
-  state.stamps[static_cast<std::size_t>(state.newest)] = {timestamp, sequence};
+  state.stamps[static_cast<std::size_t>(state.newest)] = {timestamp, sequence, state.came};
   if (state.stamp_count < kRateFrames) ++state.stamp_count;
 
   const bool late = age > config.deadline;
@@ -61,9 +69,10 @@ inline void restart(State& state) {
 
   if (state.stamp_count == kRateFrames) {
     const State::Stamp& oldest = state.stamps[static_cast<std::size_t>((state.newest + 1) % kRateFrames)];
-    const auto periods = static_cast<std::int64_t>(static_cast<std::uint32_t>(sequence - oldest.sequence));
+    const std::int64_t periods{static_cast<std::uint32_t>(sequence - oldest.sequence)};
+    const std::int64_t frames{static_cast<std::uint32_t>(state.came - oldest.came)};
     const Micros time = timestamp - oldest.at;
-    if (time < config.shortest_period * periods || time > config.longest_period * periods) return Reason::kFrameRate;
+    if (time < config.shortest_period * periods || time > config.longest_period * frames) return Reason::kFrameRate;
   }
   int late_ones = 0;
   for (const std::uint64_t bits : state.late) late_ones += std::popcount(bits);

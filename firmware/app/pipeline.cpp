@@ -176,15 +176,6 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
   return classify(state, config, out);
 }
 
-// Pressing harder moves the relief by itself, and the lag still shows a slip that has ended: the grip takes another
-// step only for twice the motion. Of 24 simulated pulls of a book 22 end with at most 1.3 times the least force that
-// holds, and one is lost; without it 18 do, and none is (seeds 1 to 24, 2026-11-24).
-Features for_a_step(Features features) {
-  constexpr std::int32_t kTwice = 256;
-  features.imprint.motion = Log2Q8::from_raw(std::max(features.imprint.motion.raw() - kTwice, 0));
-  return features;
-}
-
 // Features to request. Nothing slips that does not touch, or is being let go.
 Result classify(State& state, const Config& config, Result out) {
   out.referenced = true;
@@ -198,9 +189,7 @@ Result classify(State& state, const Config& config, Result out) {
   const bool goes_on = raised && held && classifier::goes_on(config.classifier, classified);
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp, goes_on);
   out.run = state.decision.run;
-  if (raised && out.verdict != Verdict::kHold) {
-    out.verdict = classifier::classify(config.classifier, for_a_step(classified));
-  }
+  if (raised && out.verdict != Verdict::kHold) out.verdict = classifier::for_a_step(config.classifier, classified);
   state.stopwatch.lap(Task::kClassify);
   return out;
 }
@@ -227,7 +216,7 @@ Result update_features(State& state, const Config& config, const Features& featu
 
 Status learn(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame) {
   tracker::reset(state.tracker);
-  tare(state);
+  forget(state);
   LumaView luma;
   if (const Status s = luma_input::update(state.luma, config.luma, jpeg, frame, luma); !s.ok()) return s;
   if (const Status s = tracker::update(state.tracker, config.tracker, luma); !s.ok()) return s;
@@ -253,23 +242,29 @@ void remember(const State& state, const Config& config, checkpoint::Contents& co
   contents.pitch_um = config.displacement.pitch_um;
   contents.pitch = state.reference.pitch;
   contents.rest = state.reference.rest;
+  contents.first = state.reference.first;
   contents.empty = state.imprint.empty;
 }
 
 void resume(State& state, const checkpoint::Contents& contents) {
-  tare(state);
+  forget(state);
   state.resuming = true;
   state.kept_width = contents.width;
   state.kept_height = contents.height;
-  state.reference.rest = state.reference.first = contents.rest;
+  state.reference.rest = contents.rest;
+  state.reference.first = contents.first;
   state.reference.pitch = contents.pitch;
   state.imprint.empty = contents.empty;
 }
 
 void tare(State& state) {
+  state.reference.confirmed = state.reference.bent;
+  forget(state);
+}
+
+void forget(State& state) {
   state.resuming = false;
   light::forget(state.light);
-  state.reference.confirmed = state.reference.bent;
   reference::forget(state.reference);
   features::forget(state.features);
   field_features::forget(state.field);

@@ -123,5 +123,7 @@ void resume(State& state, const checkpoint::Contents& contents);
 // Forgets the rest position (TARE): the next still frames teach it anew. Where one was refused as bent, whoever says
 // TARE confirms that the gel is empty, and the next one is taken as it is.
 void tare(State& state);
+// The same where nobody says that the gel is empty: the rest position is learned with other settings.
+void forget(State& state);
 
 }  // namespace holdfast::pipeline

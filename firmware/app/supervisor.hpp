@@ -10,6 +10,7 @@
 // kRules is the whole behaviour: the first row that applies decides. STATES.md is written from it.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdint>
@@ -273,6 +274,7 @@ inline void arm(State& state) {
   seen.slip = result.request == GripRequest::kTighten;
   seen.force_limit = seen.slip && inputs.force_limit;
   if (result.contact.event == contact::Event::kLost) state.lost_until = now + config.lost_for;
+  state.lost_until = std::min(state.lost_until, now + config.lost_for);  // also where the clock stepped back
   seen.contact_lost = now < state.lost_until && !result.contact.touching && !inputs.opening;
   seen.strained = strain != Reason::kNone;
   seen.many_rejected = std::popcount(state.history) > config.most_rejected;

@@ -16,6 +16,8 @@ namespace holdfast {
 
 using Micros = std::chrono::microseconds;
 
+inline constexpr int kMaxFingers = 2;  // of a hand
+
 // How often a stage had to clamp since start, at most UINT32_MAX: 128 markers at 25 fps would wrap it in eight days.
 // Shown in telemetry; a healthy grasp keeps it at 0.
 struct Saturations {

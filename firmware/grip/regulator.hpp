@@ -14,6 +14,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 
 #include "base/status.hpp"
@@ -43,14 +44,19 @@ struct Config {
 
 enum class Phase : std::uint8_t { kIdle, kGripping, kTightening, kSettling, kHolding, kReleasing };
 
+// The E that a finger's frames stay near, since when.
+struct Steady {
+  bool known = false;
+  Micros since{};
+  NatsQ16 entropy;
+};
+
 struct State {
   Phase phase = Phase::kIdle;
   int force = 0;
   int position = 0;
   Micros last_step{};
-  bool calm = false;  // E stays near calm_entropy since calm_since
-  Micros calm_since{};
-  NatsQ16 calm_entropy;
+  std::array<Steady, kMaxFingers> steady{};
   bool at_limit = false;  // it slipped and there was no more force to give
 };
 
@@ -59,6 +65,7 @@ struct Input {
   GripRequest request = GripRequest::kHold;
   Verdict verdict = Verdict::kHold;  // of this frame alone
   NatsQ16 entropy{};
+  int finger = 0;        // whose frame it is
   bool grip = false;     // close, or stop a release; an edge or a level
   bool release = false;  // likewise; wins over grip
 };
@@ -93,16 +100,15 @@ struct Command {
           state.phase != Phase::kIdle};
 }
 
-// How long E has been constant, and with it dE/dt near zero. From frame to frame the rate would not do: the hard edges
-// of the bins make a still grip flicker by 1 nat/s. Range: differences of NatsQ16 fit int32.
+// How long E has been constant on every finger, and with it dE/dt near zero. From frame to frame the rate would not do:
+// the hard edges of the bins make a still grip flicker by 1 nat/s. Range: differences of NatsQ16 fit int32.
 [[nodiscard]] constexpr Micros calm(State& state, const Config& config, const Input& input, Micros now) {
-  const std::int32_t off = input.entropy.raw() - state.calm_entropy.raw();
-  if (!state.calm || off > config.calm_nat_q16 || off < -config.calm_nat_q16) {
-    state.calm = true;
-    state.calm_since = now;
-    state.calm_entropy = input.entropy;
-  }
-  return now - state.calm_since;
+  Steady& own = state.steady[idx(input.finger)];
+  const std::int32_t off = input.entropy.raw() - own.entropy.raw();
+  if (!own.known || off > config.calm_nat_q16 || off < -config.calm_nat_q16) own = {true, now, input.entropy};
+  Micros since = own.since;
+  for (const Steady& one : state.steady) since = one.known ? std::max(since, one.since) : since;
+  return now - since;
 }
 
 [[nodiscard]] constexpr Command update(State& state, const Config& config, const Input& input, Micros now) {
@@ -118,7 +124,7 @@ struct Command {
     state.last_step = now;
   } else if (input.grip && !input.release && state.phase == Phase::kReleasing) {
     state.phase = Phase::kSettling;  // as hard as it still is
-    state.calm = false;
+    state.steady = {};
   }
 
   if (state.phase == Phase::kReleasing) {
@@ -130,7 +136,7 @@ struct Command {
     return command_of(state, config);
   }
   if (state.phase == Phase::kIdle || !input.trusted) {
-    state.calm = false;
+    state.steady = {};
     return command_of(state, config);
   }
 

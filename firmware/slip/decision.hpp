@@ -5,10 +5,11 @@
 // first frame in which the slip does not go on (classifier::goes_on) and that comes `hold` or more after the last one
 // in which it did. "In a row" counts frames, not time: a gap
 // neither ends a run nor lengthens it, because the frames on both sides of it said slip and to tighten is the safe
-// side. Range: now may jump by hours; it never runs backwards (if it did, a raised request would stay raised). Does not
+// side. Range: now may jump by hours; where it steps back, a raised request lasts for `hold` from then on. Does not
 // judge frame quality (supervisor) and knows no pins (board).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "base/units.hpp"
@@ -34,6 +35,7 @@ struct State {
 // `goes_on`: a slip that was raised before has not ended with this frame; says nothing otherwise.
 [[nodiscard]] constexpr GripRequest update(State& state, const Config& config, Verdict verdict, Micros now,
                                            bool goes_on = false) {
+  state.last_slip = std::min(state.last_slip, now);
   if (verdict != Verdict::kHold) {
     if (state.run < config.raise_frames) ++state.run;
     state.last_slip = now;

@@ -28,7 +28,7 @@
 
 namespace holdfast::fusion {
 
-inline constexpr int kMaxFingers = 2;
+using holdfast::kMaxFingers;
 
 enum class Strength : std::uint8_t { kNone, kSlip, kStrong };
 inline constexpr std::array<std::string_view, 3> kStrengthNames{"none", "slip", "strong"};
@@ -54,6 +54,7 @@ struct Seen {
   Strength strength = Strength::kNone;
   bool waits = false;    // slips by evidence that needs a second frame
   bool goes_on = false;  // the hand's slip, by this finger
+  bool steps = false;    // the hand's slip asks for another step of the grip, by this finger
 };
 
 struct State {
@@ -63,7 +64,7 @@ struct State {
   Micros now{std::numeric_limits<std::int64_t>::min() / 4};  // the latest time that any finger told
 };
 
-// Range: any features. The model is asked four times at most. `lasting`: of this finger; `raised`: a slip of the hand.
+// Range: any features. The model is asked five times at most. `lasting`: of this finger; `raised`: a slip of the hand.
 [[nodiscard]] constexpr Seen look(const Config& config, classifier::Lasting& lasting, Features features,
                                   Micros timestamp, bool raised = false) {
   if (raised) features = classifier::while_raised(features);
@@ -80,6 +81,8 @@ struct State {
   }
   seen.waits = plain == Verdict::kSlip;
   seen.goes_on = raised && classifier::goes_on(config.classifier, features);
+  seen.steps =
+      raised && plain != Verdict::kHold && classifier::for_a_step(config.classifier, features) != Verdict::kHold;
   return seen;
 }
 
@@ -105,9 +108,16 @@ struct State {
 
 struct Result {
   Verdict verdict = Verdict::kHold;
+  Verdict step = Verdict::kHold;  // the same, but while slip is raised only where a finger asks for another step
   GripRequest request = GripRequest::kHold;
   int heard = 0;  // fingers in contact with young evidence
 };
+
+// The clock stepped back: what was seen before is of no time that can be compared.
+inline void restart(State& state) {
+  state.seen = {};
+  state.now = State{}.now;
+}
 
 // A frame of this finger was accepted. `known`: there is a rest position, and `features` refer to it.
 // Range: 0 <= finger < config.fingers <= kMaxFingers.
@@ -119,11 +129,13 @@ struct Result {
   state.now = std::max(state.now, timestamp);
   std::array<const Seen*, kMaxFingers> heard{};
   Result out;
-  bool goes_on = true;
+  const bool raised = state.decision.raised;
+  bool goes_on = true, steps = false;
   for (int i = 0; i < config.fingers; ++i) {
     if (!is_heard(config, state.seen[idx(i)], state.now)) continue;
     heard[idx(out.heard++)] = &state.seen[idx(i)];
     goes_on = goes_on && state.seen[idx(i)].goes_on;
+    steps = steps || state.seen[idx(i)].steps;
   }
   if (out.heard == 1) out.verdict = verdict_of(*heard[0]);
   if (out.heard == 2) out.verdict = verdict_of(*heard[0], *heard[1]);
@@ -131,6 +143,7 @@ struct Result {
   decision::Config decision = config.decision;
   if (out.heard == 2) decision.raise_frames = 2 * decision.raise_frames - 1;
   out.request = decision::update(state.decision, decision, out.verdict, state.now, out.heard > 0 && goes_on);
+  out.step = raised && !steps ? Verdict::kHold : out.verdict;
   return out;
 }
 

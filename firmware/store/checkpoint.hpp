@@ -28,7 +28,7 @@
 namespace holdfast::checkpoint {
 
 inline constexpr std::uint32_t kMagic = 0x464B4448;  // "HDKF", little endian
-inline constexpr std::uint32_t kVersion = 3;
+inline constexpr std::uint32_t kVersion = 4;
 inline constexpr std::size_t kMaxIdentity = 64;
 
 struct Identity {
@@ -49,6 +49,7 @@ struct Contents {
   std::int32_t pitch_um = 0;           // as configured when it was learned
   PixelsQ8 pitch;                      // of the rest position
   MarkerField rest;
+  MarkerField first;  // as it was learned: the drift that is followed counts from there
   imprint::Empty empty;
 };
 
@@ -107,8 +108,11 @@ template <typename Kept>
   if (contents.rest.grid.rows == 0 || contents.rest.grid.cols == 0) return false;
   if (contents.rest.grid.count() > kMaxMarkers || contents.pitch.raw() <= 0 || !in_range(contents.pitch)) return false;
   if (contents.empty.frames < 0 || contents.empty.frames > imprint::kEmptyMean) return false;
-  return std::all_of(contents.rest.markers.begin(), contents.rest.markers.end(),
-                     [&](const Marker& marker) { return in_range(marker.x) && in_range(marker.y); });
+  if (contents.first.grid != contents.rest.grid) return false;
+  const auto all_in_range = [&](const MarkerField& field) {
+    return std::ranges::all_of(field.markers, [&](const Marker& m) { return in_range(m.x) && in_range(m.y); });
+  };
+  return all_in_range(contents.rest) && all_in_range(contents.first);
 }
 [[nodiscard]] inline bool is_sane(const Grip& grip) {
   return grip.gripping <= 1;

@@ -9,6 +9,7 @@
 // there is a gate only where there is a picture.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string_view>
@@ -83,6 +84,7 @@ inline void forget(State& state) {
     state.known = true;
     state.spoke = speaks;
   }
+  state.since = std::min(state.since, now);  // where the clock stepped back
   const Micros lasted = now - state.since;
   if (speaks && !state.touching && lasted >= config.begin_after) {
     state.touching = true;

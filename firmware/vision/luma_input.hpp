@@ -20,10 +20,15 @@ struct Config {
 
 struct State {
   LumaBuffer decoded;
-  std::int32_t width = 0;  // of the first picture; a stream never changes its size
+  std::int32_t width = 0;  // of the first picture; a stream never changes its size, while the scale stays
   std::int32_t height = 0;
   picture_check::State check;
 };
+
+// Another scale.
+inline void forget(State& state) {
+  state.width = state.height = 0;
+}
 
 // Below this width the error of the centres grows fast (measured: it triples under 200 px), so small cameras are
 // decoded at a finer scale than the mode asks for.

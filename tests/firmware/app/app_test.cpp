@@ -70,22 +70,22 @@ class AgedCamera final : public hal::Camera {
   std::size_t shown_ = 0;
 };
 
-// Takes its time over every picture, which is always the same.
+// Takes its time over every picture.
 class SlowJpeg final : public JpegDecoder {
  public:
-  SlowJpeg(sim::Clock& clock, const Picture& picture) : clock_(clock), picture_(picture) {}
+  SlowJpeg(sim::Clock& clock, const Picture& picture) : shows(&picture), clock_(clock) {}
   Micros takes{};
+  const Picture* shows;
 
  private:
   [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer& out) override {
     clock_.advance(takes);
-    out.width = picture_.width;
-    out.height = picture_.height;
-    std::copy(picture_.pixels.begin(), picture_.pixels.end(), out.pixels.begin());
+    out.width = shows->width;
+    out.height = shows->height;
+    std::copy(shows->pixels.begin(), shows->pixels.end(), out.pixels.begin());
     return kOkStatus;
   }
   sim::Clock& clock_;
-  const Picture& picture_;
 };
 
 // Has nothing, and comes back with that before the time is over, as a driver does that a signal woke.
@@ -693,6 +693,32 @@ TEST(App, DoesNotVouchForAFrameThatWasDecidedTooLate) {
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);  // 150 ms without an accepted frame
 }
 
+// The contact ends once: with a frame that is decided too late the loss is told with the next one.
+TEST(App, TellsALossOfContactThatWasDecidedTooLate) {
+  film(1, 6);
+  AgedCamera aged(clock, pictures[0].view(), {}, hal::PixelFormat::kMjpeg);
+  SlowJpeg slow(clock, pictures[0]);
+  App other(Devices{aged, gpio, link, clock, slow, true});
+  CHECK_TRUE(other.start(Params{}).ok());
+  const auto show = [&](const Picture& picture, int frames) {
+    slow.shows = &picture;
+    for (int k = 0; k < frames; ++k) CHECK_TRUE(other.step());
+  };
+  show(pictures[0], 30);
+  show(pictures[6], 12);
+  CHECK_TRUE(other.result().contact.touching);
+  show(pictures[0], 3);
+  CHECK_TRUE(other.result().contact.touching);
+  slow.takes = 110'001us;
+  show(pictures[0], 1);
+  reason_is(Reason::kFrameStale, other.result().quality.reason);
+  CHECK_FALSE(other.state().contact.touching);
+  slow.takes = {};
+  show(pictures[0], 3);  // that end the FAULT
+  state_is(DeviceState::kSlip, other.outputs().state);
+  reason_is(Reason::kContactLost, other.outputs().reason);
+}
+
 // Stopped between the lines: before the edge of ALIVE there is none, after it GRIP_OK is taken back at once.
 TEST(App, TakesBackWhatItSaidBeforeItWasStopped) {
   film(14);
@@ -1121,7 +1147,13 @@ TEST(App, LooksForAnotherLatticeWhenItIsReconfigured) {
   start();
   run(12);
   state_is(DeviceState::kOk, app->outputs().state);
+  LONGS_EQUAL(320, app->state().luma.width);
   Params other;
+  other.mode = 1 - other.mode;
+  app->reconfigure(other);
+  LONGS_EQUAL(0, app->state().luma.width);  // pictures of another scale have another size
+  run(12);
+  state_is(DeviceState::kOk, app->outputs().state);
   other.grid_rows = 5;
   other.grid_cols = 5;
   app->reconfigure(other);

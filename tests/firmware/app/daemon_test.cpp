@@ -301,11 +301,15 @@ TEST(Daemon, RefusesTareWhileSomethingTouchesTheGel) {
   run(1s);
   daemon.reset();
   film(true);
-  build();
+  build({{14, 10, sim::CameraFault::kGarbage, {}}});
   run(500ms);
   CHECK_TRUE(daemon->app().result().contact.touching);
   const MarkerField rest = daemon->app().state().reference.rest;
   CHECK_TRUE(ask(Command::kTare, 0) == Outcome::kTouching);
+  while (daemon->app().result().quality.ok()) daemon->poll();
+  CHECK_TRUE(ask(Command::kTare, 0) == Outcome::kTouching);  // nor does it go away because its pictures are refused
+  CHECK_FALSE(daemon->app().result().quality.ok());
+  run(1s);
   gpio.drive(Input::kTare, Level::kHigh);  // the wire cannot insist
   run(1s);
   CHECK_TRUE(daemon->app().result().contact.touching);

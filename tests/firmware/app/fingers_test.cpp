@@ -69,7 +69,11 @@ TEST(Fingers, GripOkNeedsEveryFinger) {
   learning.referenced = false;
   CHECK_FALSE(give(1, learning).hand.grip_ok);
   LONGS_EQUAL(name(DeviceState::kReference), name(give(0, fine()).hand.state));
-  CHECK_TRUE(give(1, fine()).hand.grip_ok);
+  // The last to be well comes first in the pair: it rises with the edge of the other one's frame.
+  const fingers::Result well = give(1, fine());
+  LONGS_EQUAL(name(DeviceState::kOk), name(well.hand.state));
+  CHECK_FALSE(well.hand.grip_ok);
+  CHECK_TRUE(give(0, fine()).hand.grip_ok);
 
   pipeline::Result few = fine();
   few.features.markers = 50;
@@ -115,11 +119,13 @@ TEST(Fingers, AliveTogglesWhenEveryFingerHadAFrame) {
   CHECK_FALSE(give(1, fine(), 1ms).hand.accepted);
 }
 
-// Random lives of two fingers: whatever comes, GRIP_OK is LOW while slip is raised, and while a finger is not OK.
+// Random lives of two fingers: whatever comes, GRIP_OK is LOW while slip is raised, and while a finger is not OK, and
+// it rises with an edge of ALIVE.
 TEST(Fingers, NeverConfirmASlip) {
   std::mt19937 random(5);
   int slips = 0;
   int fine_frames = 0;
+  bool was_ok = false;
   std::array<DeviceState, 2> last{};
   for (int k = 0; k < 20'000; ++k) {
     const auto chance = [&](int percent) { return std::uniform_int_distribution(0, 99)(random) < percent; };
@@ -132,6 +138,8 @@ TEST(Fingers, NeverConfirmASlip) {
     slips += result.hand.slip ? 1 : 0;
     fine_frames += result.hand.grip_ok ? 1 : 0;
     CHECK_FALSE(result.hand.grip_ok && result.hand.slip);
+    CHECK_FALSE(result.hand.grip_ok && !was_ok && !result.hand.accepted);
+    was_ok = result.hand.grip_ok;
     if (result.hand.grip_ok) CHECK_TRUE(last[0] == DeviceState::kOk && last[1] == DeviceState::kOk);
   }
   CHECK_TRUE(slips > 1000 && fine_frames > 1000);

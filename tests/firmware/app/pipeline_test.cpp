@@ -154,6 +154,8 @@ TEST(Pipeline, RefusesARestPositionLearnedInContact) {
   CHECK_TRUE(ten(pressed).referenced);
   pipeline::tare(*state);
   CHECK_TRUE(ten(pressed).bent);  // and one confirmation is for one rest position
+  pipeline::forget(*state);
+  CHECK_TRUE(ten(pressed).bent);  // other settings confirm nothing
 }
 
 // A light that never settles is said in every frame, however long it lasts; nothing is learned in it.
@@ -431,6 +433,21 @@ TEST(Pipeline, LetsTheRestPositionFollowAnEmptyGel) {
       LONGS_EQUAL(rest, state->tracker.home.x[31].raw());
     }
   }
+}
+
+// However often the process is started anew: a slow shear would be followed away otherwise.
+TEST(Pipeline, FollowsDriftFromWhatAnEarlierProcessLearned) {
+  config.with_imprint = config.follow_drift = true;
+  learn();
+  const MarkerField learned = state->reference.rest;
+  for (int k = 0; k < 13 + 64; ++k) (void)show(shifted(0.03, 0.0));
+  CHECK_TRUE(state->reference.rest.markers[31].x.raw() > learned.markers[31].x.raw());
+  const auto kept = std::make_unique<checkpoint::Contents>();
+  pipeline::remember(*state, config, *kept);
+  state = std::make_unique<pipeline::State>();
+  pipeline::resume(*state, *kept);
+  CHECK_TRUE(show(shifted(0.03, 0.0)).referenced);
+  LONGS_EQUAL(learned.markers[31].x.raw(), state->reference.first.markers[31].x.raw());
 }
 
 // What another process kept is the rest position of one gel in one picture. A marker that either of the two does not

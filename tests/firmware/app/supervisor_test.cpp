@@ -311,6 +311,16 @@ TEST(Supervisor, TakesAClockThatStepsBackForSilence) {
   LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(feed(Input::kRejected).state));
 }
 
+TEST(Supervisor, TellsALostContactNoLongerAfterTheClockStepsBack) {
+  pipeline::Result lost = result_of(Input::kGood);
+  lost.contact = {.judged = true, .event = contact::Event::kLost};
+  bring(DeviceState::kOk);
+  (void)supervisor::update(state, config, lost, now);
+  now -= 1h;
+  for (int k = 0; k < 10; ++k) (void)feed(Input::kGood);
+  LONGS_EQUAL(static_cast<int>(DeviceState::kOk), static_cast<int>(state.device));
+}
+
 // 3 of the last 10 are dropped frames as they happen; 4 are a cable.
 TEST(Supervisor, DegradesWhenMoreThanThreeOfTenAreRejected) {
   bring(DeviceState::kOk);

@@ -145,6 +145,28 @@ TEST(Regulator, StepsWhileItSlipsAndEChangesThenSettlesAndHolds) {
   CHECK_EQUAL(209 + 3, command.position);
 }
 
+// Each finger has an E of its own; the steps end when both are constant.
+TEST(Regulator, OfTwoFingersEachHasItsOwnE) {
+  const auto slips = [&](int finger, double entropy) {
+    now += kFrame;
+    command = regulator::update(state, config,
+                                {.trusted = true,
+                                 .request = GripRequest::kTighten,
+                                 .verdict = Verdict::kSlip,
+                                 .entropy = nats(entropy),
+                                 .finger = finger},
+                                now);
+    return command.force;
+  };
+  grasp();
+  CHECK_EQUAL(60, slips(0, 1.3));
+  CHECK_EQUAL(70, slips(1, 2.0));
+  CHECK_EQUAL(80, slips(0, 1.3));
+  CHECK_EQUAL(80, slips(1, 2.0));  // both stand still for 80 ms
+  CHECK_EQUAL(80, slips(0, 1.3));
+  CHECK_EQUAL(90, slips(1, 2.3));
+}
+
 // The request outlasts the slip (decision.hpp), and a single slip is not requested: neither alone raises.
 TEST(Regulator, NeitherTheRequestNorTheVerdictAloneRaises) {
   grasp();

@@ -59,7 +59,7 @@ TEST(Classifier, ZeroesRatesThatAreNotValid) {
 }
 
 // Against the whole history, by the rule in words: slip by the model, or in every frame of 140 ms and more, no two of
-// them more than 100 ms apart, motion of more than 1/1.54 of what the model asks.
+// them more than 150 ms apart, motion of more than 1/1.54 of what the model asks.
 TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
   using namespace std::chrono_literals;
   const std::int32_t asked = slip_tree::kFirst[0].threshold;  // of the imprint, log2 um in Q8
@@ -73,7 +73,7 @@ TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
     std::vector<bool> nearly;
     Micros now = 1s;
     for (int k = 0; k < 60; ++k) {
-      now += std::chrono::milliseconds(in(0, 15) == 0 ? in(95, 106) : in(16, 60));
+      now += std::chrono::milliseconds(in(0, 15) == 0 ? in(145, 156) : in(16, 60));
       Features seen;
       seen.contact = Count::from_raw(1);
       seen.imprint.patches = Count::from_raw(20);
@@ -85,7 +85,7 @@ TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
       times.push_back(now);
       nearly.push_back(!grows && below < 160);
       std::size_t first = times.size();
-      while (first > 0 && nearly[first - 1] && (first == times.size() || times[first] - times[first - 1] <= 100ms))
+      while (first > 0 && nearly[first - 1] && (first == times.size() || times[first] - times[first - 1] <= 150ms))
         --first;
       const bool lasted = first < times.size() && now - times[first] >= 140ms;
       const Verdict verdict = classifier::judge(state, {}, seen, now);

@@ -177,6 +177,30 @@ TEST(Fusion, TimeDoesNotRunBackBetweenFingers) {
   CHECK_TRUE(Verdict::kHold == give(1, moves(5000), 150ms));
 }
 
+// While slip is raised the grip takes another step for twice the motion, by whichever finger sees it.
+TEST(Fusion, StepsFurtherForTwiceTheMotionOfAnyFinger) {
+  const auto step = [&](int finger, const Features& features, Micros at) {
+    return fusion::update(state, config, finger, true, features, at).step;
+  };
+  CHECK_TRUE(Verdict::kSlipNow == step(0, moves(1300), 0ms));  // what raises it is the first step
+  CHECK_TRUE(Verdict::kHold == step(1, moves(1250), 10ms));    // still slip, by both
+  CHECK_TRUE(Verdict::kSlipNow == step(1, moves(1257), 50ms));
+  CHECK_TRUE(Verdict::kSlipNow == step(0, moves(1100), 60ms));  // the other one's
+  CHECK_TRUE(Verdict::kHold == step(1, moves(1100), 90ms));
+}
+
+// A clock that was set back takes what was seen with it: nothing would be young enough for as long as it went back.
+TEST(Fusion, GoesOnAfterTheClockStepsBack) {
+  (void)give(0, moves(0), 3600s);
+  (void)give(1, moves(0), 3600s);
+  fusion::restart(state);
+  (void)give(0, moves(1100), 10ms);
+  CHECK_TRUE(Verdict::kSlipNow == give(1, moves(1100), 20ms));
+  const auto request = [&](Micros at) { return fusion::update(state, config, 0, true, moves(0), at).request; };
+  CHECK_TRUE(GripRequest::kTighten == request(100ms));
+  CHECK_TRUE(GripRequest::kHold == request(230ms));
+}
+
 TEST(Fusion, AFingerWithoutARestPositionIsNotHeard) {
   (void)fusion::update(state, config, 0, false, moves(0), 0ms);
   CHECK_TRUE(Verdict::kSlipNow == give(1, moves(1100), 10ms));
@@ -225,7 +249,7 @@ TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
   decision::State alone;
   classifier::Lasting lasting;
   std::mt19937 random(7);
-  int raised = 0;
+  int times_raised = 0;
   for (int k = 0; k < 20'000; ++k) {
     const auto in = [&](int from, int to) { return std::uniform_int_distribution(from, to)(random); };
     Features features = moves(in(0, 1600));
@@ -238,7 +262,8 @@ TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
     features.field.reach = Micrometres::from_raw(in(0, 600));
     features.contact = Count::from_raw(in(0, 4) > 0 ? 1 : 0);
     const Micros now = k * kPeriod;
-    const Features judged = alone.raised ? classifier::while_raised(features) : features;
+    const bool raised = alone.raised;
+    const Features judged = raised ? classifier::while_raised(features) : features;
     if (features.contact.raw() == 0) lasting = {};
     const Verdict verdict =
         features.contact.raw() != 0 ? classifier::judge(lasting, config.classifier, judged, now) : Verdict::kHold;
@@ -246,8 +271,10 @@ TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
     const GripRequest request = decision::update(alone, config.decision, verdict, now, goes_on);
     const auto result = fusion::update(state, config, 0, true, features, now);
     CHECK_TRUE(verdict == result.verdict);
+    const bool steps = verdict != Verdict::kHold && (!raised || classifier::for_a_step({}, judged) != Verdict::kHold);
+    CHECK_TRUE(steps == (result.step != Verdict::kHold));
     CHECK_TRUE(request == result.request);
-    raised += request == GripRequest::kTighten ? 1 : 0;
+    times_raised += request == GripRequest::kTighten ? 1 : 0;
   }
-  CHECK_TRUE(raised > 1000 && raised < 19'000);
+  CHECK_TRUE(times_raised > 1000 && times_raised < 19'000);
 }

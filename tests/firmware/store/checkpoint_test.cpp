@@ -61,7 +61,7 @@ TEST_GROUP(Checkpoint) {
     contents.height = 308;
     contents.pitch_um = 2020;
     contents.pitch = PixelsQ8::from_raw(36 << 8);
-    contents.rest.grid = {7, 9};
+    contents.rest.grid = contents.first.grid = {7, 9};
     for (std::size_t i = 0; i < 63; ++i) {
       contents.rest.markers[i] = {PixelsQ8::from_raw(static_cast<std::int32_t>(i) * 256 + number),
                                   PixelsQ8::from_raw(number), true};
@@ -176,10 +176,11 @@ TEST(Checkpoint, RefusesWhatAnotherBuildMayHaveWritten) {
   LONGS_EQUAL(1, spoiled([](checkpoint::Slot&) {}));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.version = checkpoint::kVersion + 1; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.bytes -= 8; }));
-  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {0, 9}; }));
-  LONGS_EQUAL(1, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {8, 16}; }));
-  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {3, 43}; }));
-  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {16, 16}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = s.contents.first.grid = {0, 9}; }));
+  LONGS_EQUAL(1, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = s.contents.first.grid = {8, 16}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {8, 16}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = s.contents.first.grid = {3, 43}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = s.contents.first.grid = {16, 16}; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = -1; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = 64 + 1; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
@@ -187,8 +188,12 @@ TEST(Checkpoint, RefusesWhatAnotherBuildMayHaveWritten) {
                 static_assert(sizeof far == sizeof s.contents.rest.markers[3].x);
                 std::memcpy(static_cast<void*>(&s.contents.rest.markers[3].x), &far, sizeof far);
               }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
+                const std::int32_t far = PixelsQ8::kMax + 1;
+                std::memcpy(static_cast<void*>(&s.contents.first.markers[3].x), &far, sizeof far);
+              }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.pitch = {}; }));
-  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = {7, 0}; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = s.contents.first.grid = {7, 0}; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
                 const std::int32_t far = PixelsQ8::kMin - 1;
                 std::memcpy(static_cast<void*>(&s.contents.rest.markers[127].y), &far, sizeof far);

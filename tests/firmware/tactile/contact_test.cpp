@@ -86,6 +86,16 @@ TEST(Contact, EndsWhenBothHaveBeenSilentForLong) {
   CHECK(gate.see(0).event == contact::Event::kNone);
 }
 
+TEST(Contact, EndsInTimeAfterTheClockStepsBack) {
+  Gate gate;
+  gate.now = Micros{3'600'000'000};
+  CHECK(gate.wait(20, 100, 10, 500).touching);
+  CHECK(gate.see(0).touching);
+  gate.now = Micros{0};
+  CHECK(gate.wait(3, 0).touching);
+  CHECK(gate.see(0).event == contact::Event::kLost);
+}
+
 TEST(Contact, WhatIsLetGoIsNotLost) {
   Gate gate;
   (void)gate.wait(20, 100);
