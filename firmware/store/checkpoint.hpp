@@ -162,7 +162,7 @@ template <typename Kept>
 
 // Writes state.slot.contents over the older slot. False: there is no memory, or it did not take all of it; then the
 // next one goes over this slot again, and the other stays.
-// Cost: a CRC over the slot, 19 kB for a reference: 0.6 M instructions. Once per rest position, and every few seconds
+// Cost: a CRC over the slot, 20 kB for a reference: 0.6 M instructions. Once per rest position, and every few seconds
 // on an empty gel.
 template <typename Kept>
 [[nodiscard]] bool save(StateOf<Kept>& state, hal::Keep& keep, std::size_t finger = 0) {
