@@ -27,6 +27,7 @@ pipeline::Config pipeline_config(const Params& params, bool auto_size, const mod
   };
   config.with_field = makes(Stage::kField);
   config.with_imprint = makes(Stage::kImprint);
+  config.judges_contact = classifier::needs(config.classifier, Stage::kImprint);
   config.decision.raise_frames = params.raise_frames;
   config.decision.hold = Micros{std::int64_t{params.hold_ms} * 1000};
   config.fault_markers_pct = params.fault_markers_pct;
@@ -250,7 +251,7 @@ bool App::resume(const checkpoint::Contents& contents, int finger) {
   if (contents.sensor != sensor || sensor == checkpoint::Identity{}) return false;
   if (contents.pitch_um != config_.pipeline.displacement.pitch_um) return false;
   // Of a process whose model did not read the picture: what the gripper holds now would be learned as the empty gel.
-  if (config_.pipeline.with_imprint && contents.empty.frames == 0) return false;
+  if (config_.pipeline.judges_contact && contents.empty.frames == 0) return false;
   pipeline::resume(its.state, contents);
   supervisor::resume(hand_.supervisors[idx(finger)]);
   return true;

@@ -160,10 +160,10 @@ void Daemon::regulate() {
                              .grip = grip_asked_,
                              .release = release_asked_},
                             devices_.clock.now());
-  keep_grip();
   if (release_asked_) opened_ = true;
   if (grip_asked_) opened_ = false;
   grip_asked_ = release_asked_ = false;
+  keep_grip();
 }
 
 void Daemon::keep_reference(int finger) {
@@ -181,21 +181,29 @@ void Daemon::keep_reference(int finger) {
   (void)checkpoint::save(checkpoint_, periphery_.keep, idx(finger));  // a board without keeps nothing
 }
 
-// The gripper holds on while no process runs; the next one goes on tightening from where this one was.
+// The gripper holds on while no process runs; the next one goes on tightening, or letting go, from where this one was.
 void Daemon::resume_grip() {
-  if (!checkpoint::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.gripping == 0) return;
+  if (!checkpoint::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.doing == 0) return;
   if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
   const checkpoint::Grip& kept = kept_grip_.slot.contents;
   regulator_ = {};
   regulator_.phase = regulator::Phase::kHolding;
+  if (kept.doing == checkpoint::Grip::kLetsGo) {
+    regulator_.phase = regulator::Phase::kReleasing;
+    opened_ = true;
+    (void)begin_opening();
+  }
   regulator_.force = std::min<int>(kept.force, regulator_config_.max_force);
   regulator_.position = kept.position;
   regulator_.last_step = devices_.clock.now();
-  grip_ = regulator::command_of(regulator_, regulator_config_);
+  grip_ = regulator::command_of(regulator_);
 }
 
 void Daemon::keep_grip() {
-  const checkpoint::Grip grip{static_cast<std::uint8_t>(grip_.go ? 1 : 0), grip_.force, grip_.position};
+  using checkpoint::Grip;
+  const bool closed = opened_ && !grip_.go && seen_.echo != 0;  // the gripper has not heard of it yet
+  const bool lets_go = grip_.phase == regulator::Phase::kReleasing || closed;
+  const Grip grip{lets_go ? Grip::kLetsGo : grip_.go ? Grip::kHolds : Grip::kNothing, grip_.force, grip_.position};
   if (kept_grip_.slot.contents == grip) return;
   kept_grip_.slot.contents = grip;
   (void)checkpoint::save(kept_grip_, periphery_.keep);

@@ -166,6 +166,8 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
   if (luma != nullptr && config.with_imprint) {
     out.features.imprint = imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest,
                                            state.reference.pitch, out.timestamp, state.saturations);
+  }
+  if (luma != nullptr && config.with_imprint && config.judges_contact) {
     out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,
                                   state.opening, out.timestamp);
     out.empty = state.contact.empty;
@@ -258,14 +260,16 @@ void resume(State& state, const checkpoint::Contents& contents) {
 }
 
 void tare(State& state) {
-  state.reference.confirmed = state.reference.bent;
+  const bool confirmed = state.reference.bent;
   forget(state);
+  state.reference.confirmed = confirmed;
 }
 
 void forget(State& state) {
   state.resuming = false;
   light::forget(state.light);
   reference::forget(state.reference);
+  state.reference.confirmed = false;
   features::forget(state.features);
   field_features::forget(state.field);
   imprint::forget(state.imprint);

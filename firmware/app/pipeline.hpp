@@ -42,6 +42,9 @@ struct Config {
   // Compute Features::field and Features::imprint; price: see frame_cost.
   bool with_field = classifier::needs({}, Stage::kField);
   bool with_imprint = classifier::needs({}, Stage::kImprint);
+  // Contact gates the verdict, and the empty gel is learned on and followed, where the model reads the picture: not
+  // where its features are only recorded.
+  bool judges_contact = classifier::needs({}, Stage::kImprint);
   classifier::Config classifier;
   decision::Config decision;
   // Let the rest position follow a gel that nobody touches (reference::follow). Not in a recording, whose reference

@@ -993,7 +993,7 @@ void frame_cells(Console& console, const FlightFrame& frame, bool markers) {
   page.cell(frame.entropy_rate_nat_s_q8, 256, 2);
   page.cell(frame.grid.cols);
   if (!markers) return page.no_cell();
-  Text<kMaxMarkers * 8> list;  // x:y in um, one by one; no comma, so that the line can be a row of CSV
+  Text<kMaxMarkers * 14> list;  // x:y in um, one by one; no comma, so that the line can be a row of CSV
   for (std::int32_t i = 0; i < frame.grid.count(); ++i) {
     const marker_frame::Point& d = frame.displacement[idx(i)];
     list << (i > 0 ? " " : "") << d.x_um << ":" << d.y_um;

@@ -54,6 +54,8 @@ struct Steady {
 struct State {
   Phase phase = Phase::kIdle;
   int force = 0;
+  int base = 0;  // Config::start_force and force_step when it began: Command::steps counts from and in them, whatever
+  int unit = 1;  // they are set to meanwhile
   int position = 0;
   Micros last_step{};
   std::array<Steady, kMaxFingers> steady{};
@@ -73,7 +75,7 @@ struct Input {
 struct Command {
   std::uint8_t force = 0;
   std::uint8_t position = 0;
-  int steps = 0;  // above the starting force, for the step lines; below it while releasing
+  int steps = 0;  // above the force of GRIP, for the step lines; below it while releasing, and 0 when that is over
   Phase phase = Phase::kIdle;
   bool at_limit = false;  // Reason::kForceLimit
   bool go = false;        // the gripper has something to do: rGTO
@@ -91,10 +93,10 @@ struct Command {
   return {ok ? Reason::kNone : Reason::kConfig};
 }
 
-[[nodiscard]] constexpr Command command_of(const State& state, const Config& config) {
+[[nodiscard]] constexpr Command command_of(const State& state) {
   return {static_cast<std::uint8_t>(state.force),
           static_cast<std::uint8_t>(state.position),
-          state.phase == Phase::kIdle ? 0 : (state.force - config.start_force) / config.force_step,
+          state.phase == Phase::kIdle ? 0 : (state.force - state.base) / state.unit,
           state.phase,
           state.at_limit,
           state.phase != Phase::kIdle};
@@ -112,6 +114,7 @@ struct Command {
 }
 
 [[nodiscard]] constexpr Command update(State& state, const Config& config, const Input& input, Micros now) {
+  state.force = std::min(state.force, config.max_force);  // also where it was set lower meanwhile
   const bool releases = input.release && state.phase != Phase::kIdle;
   if (releases && state.phase != Phase::kReleasing) {
     state.phase = Phase::kReleasing;
@@ -119,7 +122,8 @@ struct Command {
   } else if (input.grip && !input.release && state.phase == Phase::kIdle) {
     state = {};
     state.phase = Phase::kGripping;
-    state.force = config.start_force;
+    state.force = state.base = config.start_force;
+    state.unit = config.force_step;
     state.position = config.start_position;
     state.last_step = now;
   } else if (input.grip && !input.release && state.phase == Phase::kReleasing) {
@@ -129,18 +133,18 @@ struct Command {
 
   if (state.phase == Phase::kReleasing) {
     state.at_limit = false;
-    if (now - state.last_step < config.release_every) return command_of(state, config);
+    if (now - state.last_step < config.release_every) return command_of(state);
     state.last_step = now;
     state.force = std::max(state.force - config.release_step, 0);
     if (state.force == 0) state = {};  // open
-    return command_of(state, config);
+    return command_of(state);
   }
   if (state.phase == Phase::kIdle || !input.trusted) {
-    state.steady = {};
-    return command_of(state, config);
+    state.steady[idx(input.finger)] = {};
+    return command_of(state);
   }
 
-  if (state.phase == Phase::kGripping && now - state.last_step < config.grasp_for) return command_of(state, config);
+  if (state.phase == Phase::kGripping && now - state.last_step < config.grasp_for) return command_of(state);
   const Micros calm_for = calm(state, config, input, now);
   if (input.request == GripRequest::kTighten && input.verdict != Verdict::kHold && calm_for < config.calm_after) {
     state.phase = Phase::kTightening;
@@ -157,7 +161,7 @@ struct Command {
   } else if (calm_for >= config.hold_after) {
     state.phase = Phase::kHolding;
   }
-  return command_of(state, config);
+  return command_of(state);
 }
 
 }  // namespace holdfast::regulator

@@ -55,8 +55,9 @@ struct Contents {
 
 // How hard the gripper holds, so that the regulator goes on where it was: a gripper does not tell.
 struct Grip {
-  std::uint8_t gripping = 0;  // 1: the regulator holds something
-  std::uint8_t force = 0;     // counts
+  enum Doing : std::uint8_t { kNothing, kHolds, kLetsGo };  // the last from RELEASE until the gripper was told to open
+  std::uint8_t doing = kNothing;
+  std::uint8_t force = 0;  // counts
   std::uint8_t position = 0;
   friend bool operator==(const Grip&, const Grip&) = default;
 };
@@ -115,7 +116,7 @@ template <typename Kept>
   return all_in_range(contents.rest) && all_in_range(contents.first);
 }
 [[nodiscard]] inline bool is_sane(const Grip& grip) {
-  return grip.gripping <= 1;
+  return grip.doing <= Grip::kLetsGo;
 }
 
 template <typename Kept>

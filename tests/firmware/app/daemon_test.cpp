@@ -983,6 +983,29 @@ TEST(Daemon, GripsAndReleasesWithAHandE) {
   CHECK_TRUE(fine());
 }
 
+// RELEASE was answered: a process that is killed before it is done leaves the rest of it to the next one.
+TEST(Daemon, LetsGoWhatTheProcessBeforeBeganToLetGo) {
+  params.start_force = 120;
+  for (const Micros killed_after : {100ms, 300ms, 700ms}) {
+    hand.reset();
+    keep = sim::Keep{checkpoint::kBytes};
+    grip_an_object();
+    CHECK_TRUE(ask(Command::kRelease) == Outcome::kDone);
+    run(killed_after);
+    CHECK_TRUE(hand->object_held());
+    daemon.reset();
+    build();
+    CHECK_TRUE(daemon->is_opening());
+    run(3s);
+    CHECK_FALSE(hand->object_held());
+    CHECK_TRUE(hand->width_mm() > 40.0);
+    daemon.reset();
+    build();
+    CHECK_FALSE(daemon->is_opening());  // that was done
+    daemon.reset();
+  }
+}
+
 // GRIP 0 is RELEASE by another name: the fingers open when no force is left.
 TEST(Daemon, OpensOnGripZero) {
   grip_an_object();

@@ -138,7 +138,7 @@ TEST(Pipeline, RefusesARestPositionLearnedInContact) {
   const Warp pressed = bulged(0.6, 2.0);
   const auto ten = [&](const Warp& warp) {
     pipeline::Result result;
-    for (int k = 0; k < 11; ++k) result = show(warp);  // the first may only end the stillness
+    for (int k = 0; k < 12; ++k) result = show(warp);  // the first may only end the stillness
     return result;
   };
   pipeline::Result result = ten(pressed);
@@ -156,6 +156,10 @@ TEST(Pipeline, RefusesARestPositionLearnedInContact) {
   CHECK_TRUE(ten(pressed).bent);  // and one confirmation is for one rest position
   pipeline::forget(*state);
   CHECK_TRUE(ten(pressed).bent);  // other settings confirm nothing
+  pipeline::tare(*state);
+  CHECK_TRUE(ten(pressed).referenced);
+  pipeline::forget(*state);
+  CHECK_TRUE(ten(pressed).bent);  // nor does what was confirmed last
 }
 
 // A light that never settles is said in every frame, however long it lasts; nothing is learned in it.
@@ -495,11 +499,13 @@ TEST(Pipeline, ResumesWithWhatFitsTheFirstPicture) {
 }
 
 // A tree that says slip to everything is not heard on the empty gel, where the picture can tell that it is empty.
+// Features that are only recorded change no verdict.
 TEST(Pipeline, NothingSlipsWithoutContactWhereThePictureIsRead) {
   const model::Tree always;
   config.classifier.loaded = &always;
-  for (const bool reads : {false, true}) {
-    config.with_imprint = reads;
+  for (const auto& [computed, reads] : {std::pair{false, false}, {true, false}, {true, true}}) {
+    config.with_imprint = computed;
+    config.judges_contact = reads;
     pipeline::tare(*state);
     learn();
     for (int k = 0; k < 5; ++k) {

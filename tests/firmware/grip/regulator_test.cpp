@@ -145,6 +145,40 @@ TEST(Regulator, StepsWhileItSlipsAndEChangesThenSettlesAndHolds) {
   CHECK_EQUAL(209 + 3, command.position);
 }
 
+// Pulses are told as a difference: what is set while it grips may move none.
+TEST(Regulator, StepsAreCountedAsTheyWereWhenItBegan) {
+  grasp();
+  (void)frame(true, 1.3);
+  CHECK_EQUAL(2, (frame(true, 1.6), command.steps));
+  config.start_force = 70;
+  config.force_step = 3;
+  CHECK_EQUAL(2, frame(false, 1.6).steps);
+  CHECK_EQUAL(70, command.force);
+}
+
+// The limit is the owner's word on what the object bears.
+TEST(Regulator, ALowerLimitIsObeyedAtOnce) {
+  grasp();
+  (void)frame(true, 1.3);
+  CHECK_EQUAL(70, frame(true, 1.6).force);
+  config.max_force = 55;
+  CHECK_EQUAL(55, frame(false, 1.6, false).force);
+}
+
+// A finger that is lost says nothing of the other's E.
+TEST(Regulator, AFingerThatIsNotTrustedDoesNotKeepTheOtherFromCalm) {
+  const auto give = [&](int finger, bool trusted) {
+    now += kFrame / 2;
+    command = regulator::update(state, config, {.trusted = trusted, .entropy = nats(1.0), .finger = finger}, now);
+  };
+  (void)tell(true, false);
+  for (int i = 0; i < 20; ++i) {
+    give(0, true);
+    give(1, false);
+  }
+  CHECK_TRUE(command.phase == Phase::kHolding);
+}
+
 // Each finger has an E of its own; the steps end when both are constant.
 TEST(Regulator, OfTwoFingersEachHasItsOwnE) {
   const auto slips = [&](int finger, double entropy) {

@@ -246,11 +246,11 @@ TEST(Checkpoint, KeepsTheGripBesideTheReference) {
   checkpoint::GripState other;
   CHECK_TRUE(checkpoint::load(other, keep));
   LONGS_EQUAL(9, other.slot.contents.force);
-  for (const std::uint8_t gripping : std::initializer_list<std::uint8_t>{
-           2, 0, 2}) {  // what is neither yes nor no is not believed, the one before it is
-    grip.slot.contents = {gripping, 9, 255};
+  for (const std::uint8_t doing : std::initializer_list<std::uint8_t>{
+           3, 0, 3}) {  // what is none of the three is not believed, the one before it is
+    grip.slot.contents = {doing, 9, 255};
     CHECK_TRUE(checkpoint::save(grip, keep) && checkpoint::load(other, keep));
-    CHECK_TRUE(other.slot.contents.gripping <= 1);
+    CHECK_TRUE(other.slot.contents.doing <= 2);
   }
   LONGS_EQUAL(1, found());
   checkpoint::forget(*writer, keep);
@@ -259,7 +259,7 @@ TEST(Checkpoint, KeepsTheGripBesideTheReference) {
   memory[checkpoint::kBytes - 1] ^= 0xFF;
   memory[checkpoint::kReferenceBytes + 8] ^= 0xFF;
   (void)checkpoint::load(other, keep);
-  CHECK_TRUE(other.slot.contents.gripping <= 1 || other.discarded > 0);
+  CHECK_TRUE(other.slot.contents.doing <= 2 || other.discarded > 0);
 }
 
 TEST(Checkpoint, CutsIdentitiesThatAreTooLong) {
