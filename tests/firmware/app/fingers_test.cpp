@@ -95,6 +95,20 @@ TEST(Fingers, ASlipThatOneFingerSeesClearlyIsTheHandsAtOnce) {
   LONGS_EQUAL(name(DeviceState::kSlip), name(other.finger.state));
 }
 
+// One that comes back is at FAULT for three frames and not counted, but what it sees slips all the same.
+TEST(Fingers, ASlipOfAFingerThatIsNotCountedIsTheHands) {
+  config.one_may_be_lost = true;
+  settle();
+  for (int k = 0; k < 12; ++k) (void)give(0, fine());
+  CHECK_TRUE(give(0, fine()).hand.grip_ok);
+  const fingers::Result slip = give(1, slipping());
+  LONGS_EQUAL(name(DeviceState::kFault), name(slip.finger.state));
+  CHECK_TRUE(slip.hand.slip);
+  CHECK_FALSE(slip.hand.grip_ok);
+  LONGS_EQUAL(name(DeviceState::kSlip), name(slip.hand.state));
+  LONGS_EQUAL(static_cast<int>(Reason::kSlipDetected), static_cast<int>(slip.hand.reason));
+}
+
 TEST(Fingers, ASilentFingerIsAFaultOfTheHand) {
   settle();
   const Micros last = now;  // the right's

@@ -58,6 +58,19 @@ TEST(Classifier, ZeroesRatesThatAreNotValid) {
   }
 }
 
+TEST(Classifier, WhatLastsBeginsAnewWhereTheClockStepsBack) {
+  using namespace std::chrono_literals;
+  Features nearly;
+  nearly.contact = Count::from_raw(1);
+  nearly.imprint.patches = Count::from_raw(20);
+  nearly.imprint.motion = Log2Q8::from_raw(slip_tree::kFirst[0].threshold - 100);
+  classifier::Lasting state;
+  for (const Micros from : {3600s, 0s}) {
+    for (int k = 0; k < 4; ++k) CHECK_TRUE(classifier::judge(state, {}, nearly, from + k * 40ms) == Verdict::kHold);
+  }
+  CHECK_TRUE(classifier::judge(state, {}, nearly, 160ms) == Verdict::kSlipNow);
+}
+
 // Against the whole history, by the rule in words: slip by the model, or in every frame of 140 ms and more, no two of
 // them more than 150 ms apart, motion of more than 1/1.54 of what the model asks.
 TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
