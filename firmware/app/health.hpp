@@ -30,9 +30,9 @@ struct State {
   struct Stamp {
     Micros at{};
     std::uint32_t sequence = 0;
-    std::uint32_t came = 0;
+    std::uint64_t came = 0;
   };
-  std::uint32_t came = 0;                   // frames of the camera, accepted or not; wraps
+  std::uint64_t came = 0;                   // frames of the camera, accepted or not
   std::array<Stamp, kRateFrames> stamps{};  // a ring
   int stamp_count = 0;
   int newest = 0;
@@ -70,7 +70,7 @@ inline void came(State& state) {
   if (state.stamp_count == kRateFrames) {
     const State::Stamp& oldest = state.stamps[static_cast<std::size_t>((state.newest + 1) % kRateFrames)];
     const std::int64_t periods{static_cast<std::uint32_t>(sequence - oldest.sequence)};
-    const std::int64_t frames{static_cast<std::uint32_t>(state.came - oldest.came)};
+    const auto frames = static_cast<std::int64_t>(state.came - oldest.came);
     const Micros time = timestamp - oldest.at;
     if (time < config.shortest_period * periods || time > config.longest_period * frames) return Reason::kFrameRate;
   }
