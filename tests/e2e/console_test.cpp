@@ -668,18 +668,17 @@ TEST(ConsoleTool, TakesNothingOnTrustThatADeviceSays) {
           if (byte >= ' ') line += static_cast<char>(byte);
           continue;
         }
-        std::string answer = "OK\r\n";
-        if (line.starts_with("help anybody")) answer = "ERR 4 arguments: " + line.substr(5) + "\r\n";
-        if (line == "version json") answer = "{\"firmware\":1}\r\n" + answer;
-        if (line == "version") answer = "\x1B]0;mine\x07\r\n" + answer;
-        if (line == "reference json")
-          answer = R"({"known":"yes","pitch_printed_um":[],"pitch_px":{}})"
-                   "\r\n" +
-                   answer;
-        if (line.starts_with("get "))
-          answer = R"({"parameters":[{"value":"wide"}]})"
-                   "\r\n" +
-                   answer;
+        std::string answer;
+        if (line == "version json") answer = R"({"firmware":1})";
+        if (line == "version") answer = "\x1B]0;mine\x07";
+        if (line == "reference json") answer = R"({"known":"yes","pitch_printed_um":[],"pitch_px":{}})";
+        if (line.starts_with("get ")) answer = R"({"parameters":[{"value":"wide"}]})";
+        if (!answer.empty()) answer.append("\r\n");
+        if (line.starts_with("help anybody")) {
+          answer.append("ERR 4 arguments: ").append(line, 5).append("\r\n");
+        } else {
+          answer.append("OK\r\n");
+        }
         (void)pty.send({answer.begin(), answer.end()});
         line.clear();
       }

@@ -18,7 +18,6 @@
 
 namespace hande = holdfast::hande;
 namespace sim = holdfast::sim;
-namespace modbus_rtu = holdfast::modbus_rtu;
 using hande::Feedback;
 using hande::Object;
 using hande::Wanted;
