@@ -196,7 +196,7 @@ class App {
   const model::Tree* tree_;
   fingers::Config config_{};
   Finger left_;
-  std::array<Finger*, fingers::kMaxFingers> all_;  // left, right
+  std::array<Finger*, kMaxFingers> all_;  // left, right
   fingers::Hand hand_{};
   health::Config health_config_{};
   outputs::Config lines_config_{};

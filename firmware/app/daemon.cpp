@@ -183,7 +183,9 @@ void Daemon::keep_reference(int finger) {
 
 // The gripper holds on while no process runs; the next one goes on tightening, or letting go, from where this one was.
 void Daemon::resume_grip() {
-  if (!checkpoint::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.doing == 0) return;
+  if (!checkpoint::load(kept_grip_, periphery_.keep) || kept_grip_.slot.contents.doing == checkpoint::Grip::kNothing) {
+    return;
+  }
   if (static_cast<Gripper>(params_.gripper) != Gripper::kHandE) return;
   const checkpoint::Grip& kept = kept_grip_.slot.contents;
   regulator_ = {};

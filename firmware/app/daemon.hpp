@@ -137,7 +137,7 @@ class Daemon {
     Micros at{};
     bool streamed = false;  // when it was looked at last
   };
-  std::array<Kept, fingers::kMaxFingers> kept_{};
+  std::array<Kept, kMaxFingers> kept_{};
   Recorder recorder_;
 };
 

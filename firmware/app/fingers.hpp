@@ -23,7 +23,6 @@
 
 namespace holdfast::fingers {
 
-using fusion::kMaxFingers;
 inline constexpr std::array<std::string_view, kMaxFingers> kNames{"left", "right"};
 
 struct Config {

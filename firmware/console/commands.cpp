@@ -848,7 +848,7 @@ void finger_frame(Console& console, int finger) {
 Answer frame(Console& console, const Words& words, std::int32_t step) {
   if (words.count != 1) return error(Error::kArguments);
   const App& app = console.daemon().app();
-  std::array<std::int32_t, fingers::kMaxFingers> markers{};  // none before the finger's first frame
+  std::array<std::int32_t, kMaxFingers> markers{};  // none before the finger's first frame
   for (int finger = 0; finger < app.fingers(); ++finger) {
     if (!app.supervisor(finger).any_accepted) continue;
     markers[idx(finger)] = app.state(finger).tracker.field.grid.count();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Holds on just hard enough: raises the grip step by step while the object slips, until the entropy E is constant and
-// dE/dt near zero, and then keeps it (Hu et al. 2024, section V.F). Lowers it on command alone, step by step.
+// dE/dt near zero, and then keeps it (Hu et al. 2024, section V.F). Lowers it on command alone, step by step,
+// or at once to a `max_force` that was set lower.
 //
 // Steps while slip is requested, this very frame says slip, and E has not been constant for long. The request alone
 // lasts longer than the slip (decision.hpp, hold), and steps in that time squeeze what is held already. Where only the
@@ -9,8 +10,8 @@
 // sensor says counts only while it is trusted; without it the grip stays as it is. GRIP and RELEASE are the robot's and
 // are obeyed all the same: a grip whose sensor has failed can still be put down.
 //
-// Range: now never runs backwards, and may jump by hours; one call moves the grip by one step at most. Does not judge
-// the sensor (supervisor) and knows no gripper (hande, step_lines).
+// Range: now never runs backwards, and may jump by hours; one call moves the grip by one step at most, or down to
+// `max_force`. Does not judge the sensor (supervisor) and knows no gripper (hande, step_lines).
 #pragma once
 
 #include <algorithm>

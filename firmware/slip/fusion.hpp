@@ -28,8 +28,6 @@
 
 namespace holdfast::fusion {
 
-using holdfast::kMaxFingers;
-
 enum class Strength : std::uint8_t { kNone, kSlip, kStrong };
 inline constexpr std::array<std::string_view, 3> kStrengthNames{"none", "slip", "strong"};
 

@@ -21,6 +21,11 @@ class Signals {
   // Without waiting. kEnd stays: whoever asks later hears it, too.
   [[nodiscard]] What take();
   [[nodiscard]] bool ended() const { return ended_; }
+  // take(), where either means the same.
+  [[nodiscard]] bool over() {
+    const What what = take();
+    return what == What::kInterrupt || what == What::kEnd;
+  }
 
  private:
   sigset_t before_{};

@@ -66,10 +66,7 @@ NextLine standard_input(Signals& signals) {
       if (ended) return text.empty() ? std::nullopt : std::optional(std::exchange(text, {}));
       std::array<pollfd, 2> ends{{{STDIN_FILENO, POLLIN, 0}, {signals.fd(), POLLIN, 0}}};
       if (::poll(ends.data(), ends.size(), -1) < 0) continue;
-      if (ends[1].revents != 0) {
-        const Signals::What what = signals.take();
-        if (what == Signals::What::kInterrupt || what == Signals::What::kEnd) return std::nullopt;
-      }
+      if (ends[1].revents != 0 && signals.over()) return std::nullopt;
       if (ends[0].revents == 0) continue;
       std::array<char, 4096> bytes;
       const ssize_t count = ::read(STDIN_FILENO, bytes.data(), bytes.size());

@@ -276,11 +276,7 @@ int run_board(const LiveOptions& options) {
   const Deadline deadline(options.seconds);
   std::array<std::uint8_t, 4096> bytes{};
   std::string gone;
-  const auto ended = [&signals] {
-    const auto what = signals.take();
-    return what == console_tool::Signals::What::kInterrupt || what == console_tool::Signals::What::kEnd;
-  };
-  while (!deadline.over() && !ended() && gone.empty()) {
+  while (!deadline.over() && !signals.over() && gone.empty()) {
     pollfd wait{port.fd(), POLLIN, 0};
     (void)::poll(&wait, 1, 20);
     const int count = port.read(bytes);

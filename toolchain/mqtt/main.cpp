@@ -154,7 +154,7 @@ int run(const Options& options) {
     boards.push_back(std::make_unique<Board>(options, serial, one.substr(equals + 1)));
     if (!boards.back()->client().problem().empty()) return tool::fail(boards.back()->client().problem());
   }
-  while (signals.take() != console_tool::Signals::What::kInterrupt && !signals.ended()) {
+  while (!signals.over()) {
     turn(boards, signals.fd(), kTurnMs);
   }
   for (const auto& board : boards) (void)board->client().publish("online", fleet::kOffline);

@@ -15,8 +15,8 @@ namespace holdfast::tool {
 // What the hand made of a left frame, and of all right ones up to its time.
 struct HandFrame {
   fingers::Result result;
-  std::array<fusion::Seen, fingers::kMaxFingers> seen{};
-  std::array<std::optional<pipeline::Result>, fingers::kMaxFingers> last{};  // accepted ones
+  std::array<fusion::Seen, kMaxFingers> seen{};
+  std::array<std::optional<pipeline::Result>, kMaxFingers> last{};  // accepted ones
   Micros now{};
 };
 

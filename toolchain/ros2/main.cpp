@@ -58,11 +58,6 @@ log::Time wall_clock() {
   return stamp(std::chrono::system_clock::now().time_since_epoch());
 }
 
-bool over(Signals& signals) {
-  const Signals::What what = signals.take();
-  return what == Signals::What::kInterrupt || what == Signals::What::kEnd;
-}
-
 class Bridge {
  public:
   Bridge(Dds& dds, const Options& options) : dds_(dds), options_(options) {}
@@ -205,7 +200,7 @@ class Bridge {
 
 int bridge(Dds& dds, const Options& options, Signals& signals) {
   Bridge bridge(dds, options);
-  while (!over(signals)) {
+  while (!signals.over()) {
     std::array<pollfd, 2> waits{{{signals.fd(), POLLIN, 0}, {bridge.fd(), POLLIN, 0}}};
     (void)::poll(waits.data(), waits.size(), kTurnMs);
     bridge.turn(waits[1].revents != 0);
@@ -236,7 +231,7 @@ int play(Dds& dds, const Options& options, Signals& signals) {
         const auto left = std::chrono::ceil<milliseconds>(due - steady_clock::now()).count();
         pollfd wait{signals.fd(), POLLIN, 0};
         (void)::poll(&wait, 1, static_cast<int>(std::min<std::int64_t>(left, 1000)));
-        ended = over(signals);
+        ended = signals.over();
       }
       if (ended) return;
       const std::string_view topic = so_far.channels.at(message.channel).topic;

@@ -47,7 +47,7 @@ std::string hand_columns() {
 
 std::string hand_cells(const HandFrame& frame, const classifier::Config& model) {
   std::string out;
-  for (std::size_t i = 0; i < fingers::kMaxFingers; ++i) {
+  for (std::size_t i = 0; i < kMaxFingers; ++i) {
     const std::optional<pipeline::Result>& last = frame.last[i];
     if (!last) {
       out += ",,,,,,";
