@@ -158,6 +158,7 @@ TEST(Pairs, AHandIsGivenFramesInTheOrderOfTheirTimes) {
   };
   const auto first_slip = [&](int offset, Micros later) {
     std::vector<pipeline::Result> right;
+    right.reserve(60);
     for (int frame = 0; frame < 60; ++frame) right.push_back(fine(frame + 1000));  // another clock
     right[30].features.imprint.motion = Log2Q8::from_raw(slip_tree::kFirst[0].threshold + 600);
     tool::HandPlayer hand(fingers::config_of(2, {}, {}), right, offset, later);
