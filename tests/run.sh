@@ -217,7 +217,15 @@ part_sim() {
   ((short == 0)) || which=(--exclude-regex "$not_short")
   build sim || return 1
   ((short)) || step "sim programs" cmake --build --preset sim --target programs || count_one "sim: programs that only measure" 1
-  run_ctest "sim tests" sim "${which[@]}"
+  if [[ " ${chosen[*]} " != *' coverage '* ]]; then
+    run_ctest "sim tests" sim "${which[@]}"
+    return
+  fi
+  # The firmware's own tests run in part coverage of the same run, for the same processor.
+  local status=0
+  run_ctest "sim tests" sim --label-exclude '^(long|firmware_tests|jpeg_tests)$' || status=1
+  run_ctest "sim physics" sim --label-regex '^physics$' || status=1
+  return "$status"
 }
 # Begins here and goes on, with what the parts after it leave of the cores, until end_tidy.
 tidy_pid=''
@@ -429,8 +437,8 @@ closing() {
     say "left out: of part sim ${not_short//|/, } (--all, or --only sim)"
   }
   ((short == 1 || long == 1)) || {
-    say "left out under the sanitizers: the host tool, programs, physics, ${not_sanitized//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
-    say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in part sim)"
+    say "left out under the sanitizers: the host tool, programs, physics, ${not_sanitized//|/, } (--long), ${slow_groups//|/, } (they ran in parts sim and coverage)"
+    say "left out under emulation: physics, ${not_emulated//|/, } (--long), ${slow_groups//|/, } (they ran in parts sim and coverage)"
   }
   ((long == 1)) || say "left out (--long): the Debian package in a fresh root of Debian 12 and of 13, and for arm64 (--only deb, deb13, deb_arm64), pairs of faults, soak of 2160000 frames, a million frames without a heap call (100000 here), 500 boards at an MQTT broker (5 here), 200 kills, 200 book pulls, 500 trials of each kind, all histograms, what the sanitizers and the emulated processor are spared, 100 replugs and kills of the emulated machine, 50 power cuts of an update"
   ((all_scenarios == 1)) || say "left out (--system): on the emulated machine hang, gripper, watchdog, two sensors, the machine by itself, power cuts, fall-back, an update from a server, an emulated Pi 3"

@@ -185,8 +185,9 @@ Result classify(State& state, const Config& config, Result out) {
   out.features.contact = Count::from_raw(held ? 1 : 0);
   const bool raised = state.decision.raised;
   const Features classified = raised ? classifier::while_raised(out.features) : out.features;
-  if (!held) state.lasting = {};
-  out.verdict = held ? classifier::judge(state.lasting, config.classifier, classified, out.timestamp) : Verdict::kHold;
+  if (!held) state.judging = {};
+  out.verdict =
+      held ? classifier::judge(state.judging, config.classifier, classified, out.timestamp, raised) : Verdict::kHold;
   out.evidence = evidence::decisive(config.classifier, classified, out.verdict);
   const bool goes_on = raised && held && classifier::goes_on(config.classifier, classified);
   out.request = decision::update(state.decision, config.decision, out.verdict, out.timestamp, goes_on);
@@ -274,7 +275,7 @@ void forget(State& state) {
   field_features::forget(state.field);
   imprint::forget(state.imprint);
   contact::forget(state.contact);
-  state.lasting = {};
+  state.judging = {};
   state.decision = {};
 }
 

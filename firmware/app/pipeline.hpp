@@ -68,7 +68,7 @@ struct State {
   field_features::State field;
   imprint::State imprint;
   contact::State contact;
-  classifier::Lasting lasting;
+  classifier::State judging;
   decision::State decision;
   Saturations saturations;
   Saturations load_saturations;  // of what is only shown: apart, so that the other one is the decision's

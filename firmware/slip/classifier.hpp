@@ -105,27 +105,79 @@ struct Config {
 
 inline constexpr std::int32_t kLess_q8 = 160;  // 2^(160 / 256) = 1.54 times
 
-// Since when every frame of a contact would be slip if it had moved 1.54 times as far.
-struct Lasting {
+// Long ago, and a difference of times that fits.
+inline constexpr Micros kNever{std::numeric_limits<std::int64_t>::min() / 4};
+
+// What judge() knows of the frames before, while the contact lasts.
+struct State {
+  // Since when every frame would be slip if it had moved 1.54 times as far, and the last such frame.
   Micros since{};
-  Micros last{std::numeric_limits<std::int64_t>::min() / 4};  // the last such frame
+  Micros last = kNever;
+  Micros opened = kNever;    // the last frame in which the markers opened
+  Micros judged = kNever;    // the last frame
+  std::int32_t pressed = 0;  // and its motion, log2 um in Q8, if that is of a press
 };
 
-// The verdict on a frame of a contact: the model's; and slip, too, where nearly so much motion goes on in every frame
-// for the imprint's lag. What moves slowly goes on, noise does not. Of 60 simulated turns of seed 7, on which it was
-// chosen, that detects 52 instead of 47 in time; closings alarm as often, and of 200 recordings one more second slip is
-// detected and one more alarm lies between two labels (2026-11-26). 140 ms are five frames at 25 a second, also when
-// their times jitter. Range: where `now` steps back, it begins anew.
-[[nodiscard]] constexpr Verdict judge(Lasting& state, const Config& config, const Features& features, Micros now) {
+// Frames further apart are not in a row: a dropped one at 15 a second leaves 133 ms.
+[[nodiscard]] constexpr bool in_a_row(Micros before, Micros now) {
+  constexpr Micros kGap{150'000};
+  return now >= before && now - before <= kGap;
+}
+
+// The markers flow apart, and along their displacements: what a body does that is pressed into the gel. `dilation`
+// alone would move the markers of the 7 x 9 lattice by 0.006 um/s for each ppm/s (RMS): it makes at least a third of
+// the flow.
+[[nodiscard]] constexpr bool opens(const FieldFeatures& field) {
+  constexpr std::int64_t kPpmPerMicrometre = 60;
+  constexpr std::int32_t kAlong_q10 = 700;  // a cosine of 0.68
+  return field.dilation_rate.raw() > kPpmPerMicrometre * field.flow_residual.raw() &&
+         field.flow_along.raw() > kAlong_q10;
+}
+
+// Whether what moved in this frame is of a press: a contact that is made or pressed on moves its relief and its
+// markers, and nothing slips. The markers open; or they did within the imprint's lag and stand still now; or there
+// would be slip but for the growth of the shading; or that was so in the frame before, and the motion has fallen by a
+// sixth since. Chosen on 600 simulated closings of seeds 7 and 8: 3 alarm instead of 28, each while a part of the
+// contact slips, and none of 600 slides before its time instead of 10. As many turns, slides and onsets of 200
+// recordings are detected, 2 of 300 slips 100 ms after a closing later (2026-11-27). Neighbours of each constant do the
+// same: 50 to 60, cosines of 0.68 to 0.88, 30 to 60 um/s. Once slip is raised, the gripper is what presses: `raised`,
+// then opening says nothing. Range: any features; the model is asked once at most.
+[[nodiscard]] constexpr bool is_of_a_press(State& state, const Config& config, const Features& features,
+                                           Verdict verdict, Micros now, bool raised) {
+  constexpr std::int32_t kSixth_q8 = 64;  // 1 - 2^(-64 / 256) = 0.16
+  constexpr std::int32_t kStill_um_s = 60;
+  constexpr Micros kLag{160'000};  // of imprint::Config
+  const std::int32_t motion = std::max(features.imprint.motion.raw(), features.imprint.coarse.raw());
+  const bool opening = !raised && opens(features.field);
+  if (opening) state.opened = now;
+  const bool rests =
+      now >= state.opened && now - state.opened <= kLag && features.field.flow_residual.raw() <= kStill_um_s;
+  Features steady = features;
+  steady.imprint.growth = Log2Q8::from_raw(std::min(features.imprint.growth.raw(), 0));
+  const bool grows = verdict != Verdict::kSlipNow && classify(config, steady) == Verdict::kSlipNow;
+  const bool falls = in_a_row(state.judged, now) && motion <= state.pressed - kSixth_q8;
+  const bool pressed = opening || rests || grows || falls;
+  state.pressed = pressed ? motion : 0;
+  state.judged = now;
+  return pressed;
+}
+
+// The verdict on a frame of a contact: the model's, but for a press; and slip, too, where nearly so much motion goes on
+// in every frame for the imprint's lag. What moves slowly goes on, noise does not. Of 60 simulated turns of seed 7, on
+// which it was chosen, that detects 52 instead of 47 in time; closings alarm as often, and of 200 recordings one more
+// second slip is detected and one more alarm lies between two labels (2026-11-26). 140 ms are five frames at 25 a
+// second, also when their times jitter. Range: where `now` steps back, it begins anew.
+[[nodiscard]] constexpr Verdict judge(State& state, const Config& config, const Features& features, Micros now,
+                                      bool raised = false) {
   constexpr Micros kLong{140'000};
-  constexpr Micros kGap{150'000};  // frames further apart are not in a row: a dropped one at 15 a second leaves 133 ms
   const Verdict verdict = classify(config, features);
   if (!needs(config, Stage::kImprint)) return verdict;
-  if (verdict != Verdict::kSlipNow && ask(config, features, kLess_q8) != Verdict::kSlipNow) {
-    state = {};
-    return verdict;
+  const bool pressed = is_of_a_press(state, config, features, verdict, now, raised);
+  if (pressed || (verdict != Verdict::kSlipNow && ask(config, features, kLess_q8) != Verdict::kSlipNow)) {
+    state.last = kNever;
+    return pressed ? Verdict::kHold : verdict;
   }
-  if (now - state.last > kGap || now < state.last) state.since = now;
+  if (!in_a_row(state.last, now)) state.since = now;
   state.last = now;
   return now - state.since >= kLong ? Verdict::kSlipNow : verdict;
 }

@@ -57,22 +57,22 @@ struct Seen {
 
 struct State {
   std::array<Seen, kMaxFingers> seen{};
-  std::array<classifier::Lasting, kMaxFingers> lasting{};
+  std::array<classifier::State, kMaxFingers> judging{};
   decision::State decision;
   Micros now{std::numeric_limits<std::int64_t>::min() / 4};  // the latest time that any finger told
 };
 
-// Range: any features. The model is asked five times at most. `lasting`: of this finger; `raised`: a slip of the hand.
-[[nodiscard]] constexpr Seen look(const Config& config, classifier::Lasting& lasting, Features features,
-                                  Micros timestamp, bool raised = false) {
+// Range: any features. The model is asked six times at most. `judging`: of this finger; `raised`: a slip of the hand.
+[[nodiscard]] constexpr Seen look(const Config& config, classifier::State& judging, Features features, Micros timestamp,
+                                  bool raised = false) {
   if (raised) features = classifier::while_raised(features);
   Seen seen{.known = true, .timestamp = timestamp, .touching = features.contact.raw() != 0};
   seen.sees = features.imprint.patches.raw() >= config.sight_patches;
   if (!seen.touching) {
-    lasting = {};
+    judging = {};
     return seen;
   }
-  const Verdict plain = classifier::judge(lasting, config.classifier, features, timestamp);
+  const Verdict plain = classifier::judge(judging, config.classifier, features, timestamp, raised);
   if (plain == Verdict::kSlipNow) {
     const bool strong = classifier::ask(config.classifier, features, -config.alone_q8) == Verdict::kSlipNow;
     seen.strength = strong ? Strength::kStrong : Strength::kSlip;
@@ -121,9 +121,9 @@ inline void restart(State& state) {
 // Range: 0 <= finger < config.fingers <= kMaxFingers.
 [[nodiscard]] constexpr Result update(State& state, const Config& config, int finger, bool known,
                                       const Features& features, Micros timestamp) {
-  classifier::Lasting& lasting = state.lasting[idx(finger)];
-  if (!known) lasting = {};
-  state.seen[idx(finger)] = known ? look(config, lasting, features, timestamp, state.decision.raised) : Seen{};
+  classifier::State& judging = state.judging[idx(finger)];
+  if (!known) judging = {};
+  state.seen[idx(finger)] = known ? look(config, judging, features, timestamp, state.decision.raised) : Seen{};
   state.now = std::max(state.now, timestamp);
   std::array<const Seen*, kMaxFingers> heard{};
   Result out;

@@ -64,15 +64,16 @@ TEST(Classifier, WhatLastsBeginsAnewWhereTheClockStepsBack) {
   nearly.contact = Count::from_raw(1);
   nearly.imprint.patches = Count::from_raw(20);
   nearly.imprint.motion = Log2Q8::from_raw(slip_tree::kFirst[0].threshold - 100);
-  classifier::Lasting state;
+  classifier::State state;
   for (const Micros from : {3600s, 0s}) {
     for (int k = 0; k < 4; ++k) CHECK_TRUE(classifier::judge(state, {}, nearly, from + k * 40ms) == Verdict::kHold);
   }
   CHECK_TRUE(classifier::judge(state, {}, nearly, 160ms) == Verdict::kSlipNow);
 }
 
-// Against the whole history, by the rule in words: slip by the model, or in every frame of 140 ms and more, no two of
-// them more than 150 ms apart, motion of more than 1/1.54 of what the model asks.
+// Against the whole history, by the rules in words: slip by the model, or in every frame of 140 ms and more, no two of
+// them more than 150 ms apart, motion of more than 1/1.54 of what the model asks. Neither in a press: a frame that
+// slips but for its growth, and those behind it of which each falls by 64 / 256 octaves or more.
 TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
   using namespace std::chrono_literals;
   const std::int32_t asked = slip_tree::kFirst[0].threshold;  // of the imprint, log2 um in Q8
@@ -80,23 +81,34 @@ TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
   const auto in = [&](int from, int to) { return std::uniform_int_distribution(from, to)(random); };
   int by_model = 0;
   int by_lasting = 0;
-  for (int round = 0; round < 300; ++round) {
-    classifier::Lasting state;
+  int by_falling = 0;
+  for (int round = 0; round < 1000; ++round) {
+    classifier::State state;
     std::vector<Micros> times;
     std::vector<bool> nearly;
+    std::vector<bool> begins_press;
+    std::vector<int> motions;
     Micros now = 1s;
     for (int k = 0; k < 60; ++k) {
       now += std::chrono::milliseconds(in(0, 15) == 0 ? in(145, 156) : in(16, 60));
       Features seen;
       seen.contact = Count::from_raw(1);
       seen.imprint.patches = Count::from_raw(20);
-      const std::int32_t below = in(0, 9) == 0 ? in(-40, 200) : in(100, 161);
+      const bool presses = in(0, 25) == 0;
+      const std::int32_t below = presses ? in(-300, 200) : in(0, 6) == 0 ? in(-200, 200) : in(100, 161);
       seen.imprint.motion = Log2Q8::from_raw(asked - below);
-      seen.imprint.growth = Log2Q8::from_raw(in(0, 25) == 0 ? 32 : in(-50, 31));
+      seen.imprint.growth = Log2Q8::from_raw(presses ? in(32, 90) : in(-50, 31));
       const bool grows = seen.imprint.growth.raw() > 31;
-      const bool slips = !grows && below < 0;
       times.push_back(now);
-      nearly.push_back(!grows && below < 160);
+      motions.push_back(asked - below);
+      begins_press.push_back(grows && below < 0);
+      std::size_t press = times.size() - 1;
+      while (press > 0 && !begins_press[press] && motions[press] <= motions[press - 1] - 64 &&
+             times[press] - times[press - 1] <= 150ms)
+        --press;
+      const bool pressed = begins_press[press];
+      const bool slips = !grows && below < 0 && !pressed;
+      nearly.push_back(!grows && below < 160 && !pressed);
       std::size_t first = times.size();
       while (first > 0 && nearly[first - 1] && (first == times.size() || times[first] - times[first - 1] <= 150ms))
         --first;
@@ -106,18 +118,72 @@ TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
       CHECK_TRUE(verdict != Verdict::kSlip);
       by_model += slips ? 1 : 0;
       by_lasting += lasted && !slips ? 1 : 0;
+      by_falling += pressed && !grows && below < 0 ? 1 : 0;
     }
   }
-  CHECK_TRUE(by_model > 100 && by_lasting > 1000);
+  CHECK_TRUE(by_model > 100 && by_lasting > 500 && by_falling > 20);
+}
+
+// Frames of simulated closings, as the firmware measured them. What moves on behind a press, or moves again, slips.
+TEST(Classifier, WhatIsOfAPressIsNoSlip) {
+  using namespace std::chrono_literals;
+  struct Frame {
+    int motion;
+    int growth;
+    int dilation_ppm_s = 0;
+    int flow_residual_um_s = 100;
+    int flow_along_q10 = 701;
+  };
+  const auto verdicts = [](std::initializer_list<Frame> frames, Micros period = 40ms, bool raised = false) {
+    classifier::State state;
+    std::vector<bool> slips;
+    Micros now = 1s;
+    for (const Frame& frame : frames) {
+      Features seen;
+      seen.contact = Count::from_raw(1);
+      seen.rates_valid = true;
+      seen.imprint.patches = Count::from_raw(40);
+      seen.imprint.motion = Log2Q8::from_raw(frame.motion);
+      seen.imprint.growth = Log2Q8::from_raw(frame.growth);
+      seen.field.dilation_rate = StrainPpmPerSec::from_raw(frame.dilation_ppm_s);
+      seen.field.flow_residual = MicrometresPerSec::from_raw(frame.flow_residual_um_s);
+      seen.field.flow_along = ShareQ10::from_raw(frame.flow_along_q10);
+      slips.push_back(classifier::judge(state, {}, seen, now += period, raised) == Verdict::kSlipNow);
+    }
+    return slips;
+  };
+  using Slips = std::vector<bool>;
+  // What falls by a sixth and more behind a frame whose growth alone spoke against slip.
+  CHECK_TRUE(verdicts({{1947, 97}, {1865, 63}, {1560, 20}, {1490, 3}}) == Slips(4));
+  CHECK_TRUE(verdicts({{1947, 97}, {1865, 63}, {1802, 20}, {1802, 3}}) == (Slips{false, false, true, true}));
+  CHECK_TRUE(verdicts({{1947, 97}, {1865, 63}, {1560, 20}, {1561, 3}}) == (Slips{false, false, false, true}));
+  CHECK_TRUE(verdicts({{1865, 63}, {1560, 20}}, 151ms) == (Slips{false, true}));  // not in a row
+  CHECK_TRUE(verdicts({{1480, 63}, {1600, 20}}) == (Slips{false, true}));         // slow enough with any growth
+  // Markers that open; each bound.
+  CHECK_TRUE(verdicts({{1874, -58, 11'025, 145}, {1963, -118, 11'850, 151}}) == Slips(2));
+  CHECK_TRUE(verdicts({{1874, 0, 6001}}) == Slips(1));
+  CHECK_TRUE(verdicts({{1874, 0, 6000}}) == Slips(1, true));
+  CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 700}}) == Slips(1, true));
+  CHECK_TRUE(verdicts({{1874, 0, 6001}}, 40ms, true) == Slips(1, true));
+  // They stand still, and the lag still shows the press; up to its end, and no longer than they stand still.
+  const Frame press{0, 593, 20'017, 205};
+  CHECK_TRUE(verdicts({press, {1807, -28, 1483, 21}, {1807, 0, 0, 60}, {1807, 0, 0, 61}}) ==
+             (Slips{false, false, false, true}));
+  CHECK_TRUE(verdicts({press, {0, 0, 0, 0}, {0, 0, 0, 0}, {0, 0, 0, 0}, {1807, 0, 0, 0}, {1807, 0, 0, 0}}) ==
+             (Slips{false, false, false, false, false, true}));
+  // Nothing lasts while it is pressed.
+  const Frame nearly{1400, 0};
+  CHECK_TRUE(verdicts({nearly, nearly, nearly, nearly, nearly}) == (Slips{false, false, false, false, true}));
+  CHECK_TRUE(verdicts({nearly, nearly, {1400, 0, 6001}, nearly, nearly, nearly}) == Slips(6));
 }
 
 TEST(Classifier, AModelThatSeesNoPictureIsAskedOnce) {
   const FeatureSet& paper = *find_feature_set("paper");
   const model::Tree tree = slip_up_to(paper, 0, 100);
-  classifier::Lasting state;
+  classifier::State state;
   for (int k = 0; k < 10; ++k) {
     CHECK_TRUE(classifier::judge(state, {&tree}, features, Micros{k * 40'000}) == Verdict::kSlip);
-    CHECK_TRUE(state.last == classifier::Lasting{}.last);
+    CHECK_TRUE(state.last == classifier::State{}.last);
   }
 }
 

@@ -51,7 +51,7 @@ TEST_GROUP(Fusion) {
   }
   // Of a finger's first frame.
   static fusion::Seen look(const fusion::Config& config, const Features& features, Micros at) {
-    classifier::Lasting fresh;
+    classifier::State fresh;
     return fusion::look(config, fresh, features, at);
   }
   // What a finger in contact with relief shows.
@@ -247,7 +247,7 @@ TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
   config.fingers = 1;
   config.classifier = {};
   decision::State alone;
-  classifier::Lasting lasting;
+  classifier::State judging;
   std::mt19937 random(7);
   int times_raised = 0;
   for (int k = 0; k < 20'000; ++k) {
@@ -264,9 +264,10 @@ TEST(Fusion, OfOneFingerIsWhatOneFingerSays) {
     const Micros now = k * kPeriod;
     const bool raised = alone.raised;
     const Features judged = raised ? classifier::while_raised(features) : features;
-    if (features.contact.raw() == 0) lasting = {};
-    const Verdict verdict =
-        features.contact.raw() != 0 ? classifier::judge(lasting, config.classifier, judged, now) : Verdict::kHold;
+    if (features.contact.raw() == 0) judging = {};
+    const Verdict verdict = features.contact.raw() != 0
+                                ? classifier::judge(judging, config.classifier, judged, now, raised)
+                                : Verdict::kHold;
     const bool goes_on = alone.raised && features.contact.raw() != 0 && classifier::goes_on({}, judged);
     const GripRequest request = decision::update(alone, config.decision, verdict, now, goes_on);
     const auto result = fusion::update(state, config, 0, true, features, now);
