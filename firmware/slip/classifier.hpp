@@ -129,7 +129,7 @@ struct State {
 // the flow.
 [[nodiscard]] constexpr bool opens(const FieldFeatures& field) {
   constexpr std::int64_t kPpmPerMicrometre = 60;
-  constexpr std::int32_t kAlong_q10 = 700;  // a cosine of 0.68
+  constexpr std::int32_t kAlong_q10 = 900;  // a cosine of 0.88
   return field.dilation_rate.raw() > kPpmPerMicrometre * field.flow_residual.raw() &&
          field.flow_along.raw() > kAlong_q10;
 }
@@ -139,16 +139,16 @@ struct State {
 // would be slip but for the growth of the shading; or that was so in the frame before, and the motion has fallen by a
 // sixth since. Chosen on 600 simulated closings of seeds 7 and 8: 3 alarm instead of 28, each while a part of the
 // contact slips, and none of 600 slides before its time instead of 10. As many turns, slides and onsets of 200
-// recordings are detected, 2 of 300 slips 100 ms after a closing later (2026-11-27). Neighbours of each constant do the
-// same: 50 to 60, cosines of 0.68 to 0.88, 30 to 60 um/s. Once slip is raised, the gripper is what presses: `raised`,
-// then opening says nothing. Range: any features; the model is asked once at most.
+// recordings are detected (2026-11-27). Neighbours of each constant do the same: 50 to 65, cosines of 0.78 to 0.93, 30
+// to 60 um/s. Once slip is raised, it is the gripper that presses: that says nothing. Range: any features; the model is
+// asked once at most.
 [[nodiscard]] constexpr bool is_of_a_press(State& state, const Config& config, const Features& features,
-                                           Verdict verdict, Micros now, bool raised) {
+                                           Verdict verdict, Micros now) {
   constexpr std::int32_t kSixth_q8 = 64;  // 1 - 2^(-64 / 256) = 0.16
   constexpr std::int32_t kStill_um_s = 60;
   constexpr Micros kLag{160'000};  // of imprint::Config
   const std::int32_t motion = std::max(features.imprint.motion.raw(), features.imprint.coarse.raw());
-  const bool opening = !raised && opens(features.field);
+  const bool opening = opens(features.field);
   if (opening) state.opened = now;
   const bool rests =
       now >= state.opened && now - state.opened <= kLag && features.field.flow_residual.raw() <= kStill_um_s;
@@ -166,13 +166,15 @@ struct State {
 // in every frame for the imprint's lag. What moves slowly goes on, noise does not. Of 60 simulated turns of seed 7, on
 // which it was chosen, that detects 52 instead of 47 in time; closings alarm as often, and of 200 recordings one more
 // second slip is detected and one more alarm lies between two labels (2026-11-26). 140 ms are five frames at 25 a
-// second, also when their times jitter. Range: where `now` steps back, it begins anew.
+// second, also when their times jitter. `raised`: slip was, before this frame. Range: where `now` steps back, it begins
+// anew.
 [[nodiscard]] constexpr Verdict judge(State& state, const Config& config, const Features& features, Micros now,
                                       bool raised = false) {
   constexpr Micros kLong{140'000};
   const Verdict verdict = classify(config, features);
   if (!needs(config, Stage::kImprint)) return verdict;
-  const bool pressed = is_of_a_press(state, config, features, verdict, now, raised);
+  if (raised) state.pressed = 0;
+  const bool pressed = !raised && is_of_a_press(state, config, features, verdict, now);
   if (pressed || (verdict != Verdict::kSlipNow && ask(config, features, kLess_q8) != Verdict::kSlipNow)) {
     state.last = kNever;
     return pressed ? Verdict::kHold : verdict;

@@ -132,7 +132,7 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
     int growth;
     int dilation_ppm_s = 0;
     int flow_residual_um_s = 100;
-    int flow_along_q10 = 701;
+    int flow_along_q10 = 901;
   };
   const auto verdicts = [](std::initializer_list<Frame> frames, Micros period = 40ms, bool raised = false) {
     classifier::State state;
@@ -163,7 +163,7 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
   CHECK_TRUE(verdicts({{1874, -58, 11'025, 145}, {1963, -118, 11'850, 151}}) == Slips(2));
   CHECK_TRUE(verdicts({{1874, 0, 6001}}) == Slips(1));
   CHECK_TRUE(verdicts({{1874, 0, 6000}}) == Slips(1, true));
-  CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 700}}) == Slips(1, true));
+  CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 900}}) == Slips(1, true));
   CHECK_TRUE(verdicts({{1874, 0, 6001}}, 40ms, true) == Slips(1, true));
   // They stand still, and the lag still shows the press; up to its end, and no longer than they stand still.
   const Frame press{0, 593, 20'017, 205};
