@@ -18,7 +18,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
-#include <limits>
 #include <string_view>
 
 #include "base/math.hpp"
@@ -59,10 +58,10 @@ struct State {
   std::array<Seen, kMaxFingers> seen{};
   std::array<classifier::State, kMaxFingers> judging{};
   decision::State decision;
-  Micros now{std::numeric_limits<std::int64_t>::min() / 4};  // the latest time that any finger told
+  Micros now = classifier::kNever;  // the latest time that any finger told
 };
 
-// Range: any features. The model is asked six times at most. `judging`: of this finger; `raised`: a slip of the hand.
+// Range: any features. The model is asked five times at most. `judging`: of this finger; `raised`: a slip of the hand.
 [[nodiscard]] constexpr Seen look(const Config& config, classifier::State& judging, Features features, Micros timestamp,
                                   bool raised = false) {
   if (raised) features = classifier::while_raised(features);
