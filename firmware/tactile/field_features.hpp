@@ -238,6 +238,7 @@ inline const State::Past* lag_before(const State& state, Micros than) {
       return MicrometresPerSec::saturate(div_round(um_q4 * 1'000'000, lag_us * 16), saturations);
     };
     out.residual_rate = speed(shape.residual_q4 - earlier->residual_um_q4);
+    out.flow_shift = speed(moved.shift_q4);
     out.flow_spread = speed(moved.spread_q4);
     out.flow_residual = speed(moved.residual_q4);
     out.flow_evenness = ShareQ10::saturate(moved.evenness_q10, saturations);

@@ -34,6 +34,7 @@ struct FieldFeatures {
   ShareQ10 evenness;       // (sum |D|)^2 / (n sum |D|^2): 1 = all move alike, small = few move
   NatsQ16 octave_entropy;  // entropy over bins of half an octave: sees shape, not size
   MicrometresPerSec residual_rate;
+  MicrometresPerSec flow_shift;     // length of the markers' mean velocity
   MicrometresPerSec flow_spread;    // RMS of the markers' velocities about their mean
   MicrometresPerSec flow_residual;  // RMS distance of the velocities from the best rigid motion
   ShareQ10 flow_evenness;           // evenness of the velocities

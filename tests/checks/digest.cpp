@@ -222,9 +222,9 @@ std::string features(std::string_view name) {
     FieldFeatures& field = f.field;
     const auto roll_all = [&](auto&... values) { (roll(random, values), ...); };
     roll_all(f.vx, f.vy, f.entropy, f.entropy_rate, field.shift, field.reach, field.residual, field.unevenness,
-             field.evenness, field.octave_entropy, field.residual_rate, field.flow_spread, field.flow_residual,
-             field.flow_evenness, field.flow_along, field.flow_steady, field.dilation_rate, field.easing,
-             f.imprint.motion, f.imprint.growth, f.imprint.coarse, f.imprint.patches);
+             field.evenness, field.octave_entropy, field.residual_rate, field.flow_shift, field.flow_spread,
+             field.flow_residual, field.flow_evenness, field.flow_along, field.flow_steady, field.dilation_rate,
+             field.easing, f.imprint.motion, f.imprint.growth, f.imprint.coarse, f.imprint.patches);
     f.markers = random.within(45, 63);
     f.rates_valid = random.within(0, 9) != 0;
     f.gap = random.within(0, 99) == 0;

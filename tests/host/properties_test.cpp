@@ -500,6 +500,8 @@ TEST(Properties, ShapeAndFlowAreWithinTheirBounds) {
         const Real before_q4 = earlier->shape.n > 0 ? residual_bound_q4(grid, earlier->shape) : 0.0L;
         within("residual rate", (shape.residual - earlier->shape.residual) / lag_s, got.residual_rate.raw(),
                0.5L + (residual_q4 + before_q4) * per_q4);
+        within("flow shift", moved.shift / lag_s, got.flow_shift.raw(),
+               0.5L + (0.5L + 1.0L / std::max<Real>(static_cast<Real>(moved.n), 1.0L)) * per_q4);
         within("flow spread", moved.spread / lag_s, got.flow_spread.raw(), 0.5L + (1.0L + std::sqrt(0.5L)) * per_q4);
         within("flow residual", moved.residual / lag_s, got.flow_residual.raw(),
                0.5L + residual_bound_q4(grid, moved) * per_q4);

@@ -133,6 +133,7 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
     int dilation_ppm_s = 0;
     int flow_residual_um_s = 100;
     int flow_along_q10 = 901;
+    int flow_shift_um_s = 0;
   };
   const auto verdicts = [](std::initializer_list<Frame> frames, Micros period = 40ms, bool raised = false) {
     classifier::State state;
@@ -148,6 +149,7 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
       seen.field.dilation_rate = StrainPpmPerSec::from_raw(frame.dilation_ppm_s);
       seen.field.flow_residual = MicrometresPerSec::from_raw(frame.flow_residual_um_s);
       seen.field.flow_along = ShareQ10::from_raw(frame.flow_along_q10);
+      seen.field.flow_shift = MicrometresPerSec::from_raw(frame.flow_shift_um_s);
       slips.push_back(classifier::judge(state, {}, seen, now += period, raised) == Verdict::kSlipNow);
     }
     return slips;
@@ -158,12 +160,16 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
   CHECK_TRUE(verdicts({{1947, 97}, {1865, 63}, {1802, 20}, {1802, 3}}) == (Slips{false, false, true, true}));
   CHECK_TRUE(verdicts({{1947, 97}, {1865, 63}, {1560, 20}, {1561, 3}}) == (Slips{false, false, false, true}));
   CHECK_TRUE(verdicts({{1865, 63}, {1560, 20}}, 151ms) == (Slips{false, true}));  // not in a row
-  CHECK_TRUE(verdicts({{1480, 63}, {1600, 20}}) == (Slips{false, true}));         // slow enough with any growth
+  CHECK_TRUE(verdicts({{1865, 63}, {1560, 20, 0, 300}}) == Slips(2));
+  CHECK_TRUE(verdicts({{1865, 63}, {1560, 20, 0, 301}}) == (Slips{false, true}));
+  CHECK_TRUE(verdicts({{1480, 63}, {1600, 20}}) == (Slips{false, true}));  // slow enough with any growth
   // Markers that open; each bound.
   CHECK_TRUE(verdicts({{1874, -58, 11'025, 145}, {1963, -118, 11'850, 151}}) == Slips(2));
   CHECK_TRUE(verdicts({{1874, 0, 6001}}) == Slips(1));
   CHECK_TRUE(verdicts({{1874, 0, 6000}}) == Slips(1, true));
   CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 900}}) == Slips(1, true));
+  CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 901, 99}}) == Slips(1));
+  CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 901, 100}}) == Slips(1, true));
   CHECK_TRUE(verdicts({{1874, 0, 6001}}, 40ms, true) == Slips(1, true));
   // They stand still, and the lag still shows the press; up to its end, and no longer than they stand still.
   const Frame press{0, 593, 20'017, 205};

@@ -158,6 +158,7 @@ TEST(FieldFeatures, flow_is_the_difference_over_the_lag) {
                               Micrometres::from_raw(a.dy.raw() - b.dy.raw()), true};
     }
     const Reference want = reference_of(flow);
+    DOUBLES_EQUAL(want.shift / 0.12, got.flow_shift.raw(), 2.0);
     DOUBLES_EQUAL(want.spread / 0.12, got.flow_spread.raw(), 2.0);
     DOUBLES_EQUAL(want.residual / 0.12, got.flow_residual.raw(), 2.0);
     DOUBLES_EQUAL(want.evenness, got.flow_evenness.raw() / 1024.0, 3.0 / 1024);
