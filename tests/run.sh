@@ -266,14 +266,12 @@ end_tidy() {
 }
 part_coverage() {
   local status=0
-  end_ahead
   step coverage tests/checks/coverage.sh || status=1
   sed 's/^/   /' "$logs/coverage.log"
   count_one "coverage (tests/checks/coverage.sh)" "$status"
 }
-part_asan() { end_ahead && build asan && run_ctest "asan tests" asan --exclude-regex "$slow_groups|$not_sanitized" --label-exclude 'physics|long|host_tests'; }
+part_asan() { build asan && run_ctest "asan tests" asan --exclude-regex "$slow_groups|$not_sanitized" --label-exclude 'physics|long|host_tests'; }
 part_tsan() {
-  end_ahead
   build tsan || return 1
   local status=0
   step "tsan crew" build/tsan/bin/thread_tests -v -sg Crew || status=1
@@ -376,7 +374,6 @@ part_long() {
   count_one "HOLDFAST_ALL_HISTOGRAMS=1 firmware_tests -sg Entropy" $?
 }
 part_rpi4() {
-  end_ahead
   step "rpi4 sysroot" toolchain/sysroot.sh --newer || {
     count_one "rpi4: sysroot" 1
     return 1
@@ -392,7 +389,6 @@ part_rpi4() {
 }
 
 part_system() {
-  end_ahead
   step "system sysroot" toolchain/sysroot.sh --newer || {
     count_one "system: sysroot" 1
     return 1
@@ -477,6 +473,7 @@ mkdir -p "$logs"
 for part in "${chosen[@]}"; do
   heading "$part: ${what[$part]}"
   use_ccache
+  if [[ -n $ahead_pid && $part != web && $part != tidy ]]; then timed "builds" end_ahead; fi
   timed "$part" "part_$part"
 done
 if [[ -n $tidy_pid ]]; then

@@ -221,7 +221,7 @@ TEST(JpegFast, ASeamThatNeverMatchesEnds) {
   std::copy(dht.begin(), dht.end(), tables.begin());
   tables[22] = 0x10;
   tables[24] = 1;  // AC: code 00, the end of the block
-  for (int across = 26; across <= 40; across += 7) {
+  for (int across = 26; across <= 40; ++across) {
     const int rows = 1090 / across;  // two slices, of more than 512 MCUs each
     Recipe recipe;
     recipe.sampling = {{4, 2}, {1, 1}, {1, 1}};

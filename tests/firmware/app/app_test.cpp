@@ -950,7 +950,7 @@ TEST(App, TogglesAliveOnTheFirstFrameThatIsTrustedAgain) {
   }
 }
 
-// A refusal of either line at any call, once, thrice or for long, whether or not the line moves all the same, beside
+// A refusal of either line at any call, once or for long, whether or not the line moves all the same, beside
 // bad frames and a slip: ALIVE never moves beside a GRIP_OK that has not obeyed since, and GRIP_OK is told LOW last.
 TEST(App, NeverVouchesAfterARefusalUntilGripOkObeysAgain) {
   using Who = RefusingGpio::Who;
@@ -986,7 +986,7 @@ TEST(App, NeverVouchesAfterARefusalUntilGripOkObeysAgain) {
   const std::uint64_t calls = play({});
   CHECK_TRUE(calls > 20);
   for (std::uint64_t first = 2; first < calls; ++first) {
-    for (const std::uint64_t count : {1ULL, 3ULL, 1000ULL}) {
+    for (const std::uint64_t count : {1ULL, 2ULL, 3ULL, 1000ULL}) {
       for (const Who who : {Who::kGripOk, Who::kAlive, Who::kBoth, Who::kGripOkHigh, Who::kGripOkLow}) {
         for (const bool takes_it : {false, true}) (void)play({first, count, who, takes_it});
       }
