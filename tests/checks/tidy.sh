@@ -22,7 +22,7 @@ if [[ ${1:-} == --some ]]; then
   shift
 fi
 build=build/tidy
-quietly "$build.log" cmake --preset sim -B "$build" -DHOLDFAST_UNITY=OFF -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON || exit 1
+quietly "$build.log" cmake --preset sim -B "$build" -DHOLDFAST_UNITY=OFF || exit 1
 quietly "$build.log" cmake --build "$build" --target generated_headers || exit 1
 tool=$(command -v clang-tidy-14 || command -v clang-tidy) || {
   complain "no clang-tidy" "not installed" "apt-get install clang-tidy, or run tests/run.sh --only packages"

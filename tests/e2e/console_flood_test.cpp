@@ -21,6 +21,7 @@
 #include <string_view>
 
 #include "link/status_frame.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/status_receiver.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -85,7 +86,7 @@ TEST_GROUP(ConsoleFlood) {
   test::TempDir dir;
   std::filesystem::path console_path = dir / "console";
   std::filesystem::path link_path = dir / "link";
-  std::string program = HOLDFAST_BIN_DIR "/holdfastd";
+  std::string program = holdfast::test::program("holdfastd");
   test::HostProcess board{
       {program, "--real-time", "--empty", "--host", console_path.string(), "--link", link_path.string()}};
   Port console{console_path}, link{link_path};

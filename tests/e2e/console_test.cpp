@@ -26,6 +26,7 @@
 #include "link/command_frame.hpp"
 #include "slip/tree_io.hpp"
 #include "tests/support/deadline.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/http.hpp"
 #include "tests/support/pty.hpp"
@@ -44,6 +45,8 @@ namespace {
 
 using namespace holdfast;
 using namespace std::chrono_literals;
+using holdfast::test::kFirmware;
+using holdfast::test::kTool;
 namespace fs = std::filesystem;
 using console_tool::Device;
 using console_tool::Port;
@@ -54,8 +57,6 @@ using test::read_file;
 using test::until;
 using test::write_file;
 
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
-constexpr const char* kFirmware = HOLDFAST_BIN_DIR "/holdfastd";
 }  // namespace
 
 TEST_GROUP(ConsoleTool) {
@@ -234,7 +235,7 @@ TEST(ConsoleTool, ObeysFramesOnlyWhenItWasToldTo) {
 // A card's console is on pins of its header: nothing that is shipped obeys whoever reaches them.
 TEST(ConsoleTool, IsNotToldToByAnythingThatIsShipped) {
   int looked_at = 0;
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(HOLDFAST_SOURCE_DIR "/board")) {
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(holdfast::test::source("board"))) {
     const std::string kind = entry.path().extension().string();
     if (!entry.is_regular_file() || kind == ".cpp" || kind == ".md" || kind == ".svg") continue;
     ++looked_at;
@@ -439,7 +440,7 @@ TEST(ConsoleTool, SealsAndShowsModels) {
     LONGS_EQUAL(1, finished.status);
     for (const char* const part : {said, ". Likely cause: ", ". Next: "}) STRCMP_CONTAINS(part, finished.err.c_str());
   };
-  const std::string text = HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v1.tree";
+  const std::string text = holdfast::test::source("toolchain/model/slip_v1.tree");
   check_fine(HostProcess({kTool, "compile", text, "--binary", at("m")}).finish(60s));
   check_fine(HostProcess({kTool, "settings", "keygen", at("keys")}).finish(60s));
   const std::string key = at("keys/owner.key"), pub = at("keys/owner.pub");

@@ -20,6 +20,7 @@
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
 #include "params/params.hpp"
+#include "tests/support/folders.hpp"
 #include "toolchain/play/play.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -31,7 +32,7 @@ using namespace holdfast::scene;
 using tool::PlayedFrame;
 namespace fs = std::filesystem;
 
-constexpr const char* kFolder = HOLDFAST_SOURCE_DIR "/tests/scenes";
+const std::string kFolder = holdfast::test::source("tests/scenes");
 constexpr double kMostSeconds = 6.0;
 constexpr int kEmptyFrames = 12;  // the firmware learns its rest from them
 constexpr double kSlowPlay_s = 2.0;

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/picture_clip.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -17,9 +18,8 @@ namespace {
 
 using namespace holdfast;
 using namespace holdfast::tool;
+using holdfast::test::kTool;
 namespace fs = std::filesystem;
-
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 
 struct Table {
   std::vector<std::string> names;

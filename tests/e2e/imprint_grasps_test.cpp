@@ -13,6 +13,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/math/random.hpp"
+#include "tests/support/folders.hpp"
 #include "toolchain/play/play.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -28,7 +29,7 @@ constexpr std::array<Relief, 4> kReliefs{{{ReliefKind::kBumps, 40, 0.8},
                                           {ReliefKind::kGrain, 15, 0.5}}};
 
 Scene named(const std::string& name) {
-  SceneResult read = read_scene_file(HOLDFAST_SOURCE_DIR "/tests/scenes/" + name + ".json");
+  SceneResult read = read_scene_file(holdfast::test::source("tests/scenes/") + name + ".json");
   if (!read.scene) FAIL(read.errors.front().c_str());
   return *read.scene;
 }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "tests/support/deadline.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
@@ -24,15 +25,15 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kFirmware;
+using holdfast::test::kTool;
 using test::Finished;
 using test::HostProcess;
 using test::read_file;
 using test::until;
 using Words = std::vector<std::string>;
 
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
-constexpr const char* kFirmware = HOLDFAST_BIN_DIR "/holdfastd";
-constexpr const char* kSlip = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
+const std::string kSlip = holdfast::test::source("tests/scenes/sphere_slip.json");
 
 }  // namespace
 

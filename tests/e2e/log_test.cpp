@@ -10,6 +10,7 @@
 
 #include "base/status.hpp"
 #include "tests/fuzz/mcap_check.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/mjpg_file.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -20,6 +21,8 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kFilm;
+using holdfast::test::kTool;
 namespace fs = std::filesystem;
 using test::Finished;
 using test::read_file;
@@ -28,9 +31,7 @@ using test::write_file;
 
 using Words = std::vector<std::string>;
 
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
-constexpr const char* kFilm = HOLDFAST_SOURCE_DIR "/tests/data/slip.mjpg";
-constexpr const char* kScenes = HOLDFAST_SOURCE_DIR "/tests/scenes/";
+const std::string kScenes = holdfast::test::source("tests/scenes/");
 
 Words cells_of(const std::string& line) {
   Words cells(1);

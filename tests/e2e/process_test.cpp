@@ -23,6 +23,7 @@
 #include "drivers/sim/scene/math/random.hpp"
 #include "drivers/sim/serial.hpp"
 #include "drivers/sim/tape.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/skip.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -38,7 +39,6 @@ using namespace std::chrono_literals;
 using Moment = std::chrono::steady_clock::time_point;  // CLOCK_MONOTONIC, as the process's
 using Span = std::chrono::microseconds;
 
-constexpr const char* kHoldfastd = HOLDFAST_BIN_DIR "/holdfastd";
 constexpr Span kRule = 150ms;   // the receiver's
 constexpr Span kPeriod = 40ms;  // of the frames
 constexpr Span kLook = 500us;   // how often the receiver looks
@@ -189,7 +189,7 @@ TEST_GROUP(Process) {
   std::unique_ptr<test::HostProcess> process;
 
   void start(std::vector<std::string> more) {
-    std::vector<std::string> command{kHoldfastd, "--real-time", "--tape", (dir / "tape").string()};
+    std::vector<std::string> command{test::kFirmware, "--real-time", "--tape", (dir / "tape").string()};
     command.insert(command.end(), more.begin(), more.end());
     process = std::make_unique<test::HostProcess>(command);
   }
@@ -282,7 +282,7 @@ TEST(Process, AFullFileSystemKeepsNothingAndEverythingElseGoesOn) {
   const test::Finished finished =
       test::run({"unshare", "-Urm", "sh", "-c",
                  R"(mount -t tmpfs -o size=4k full "$1" && exec "$2" --real-time --empty --seconds 3 --keep "$1/keep")",
-                 "sh", (dir / "full").string(), kHoldfastd});
+                 "sh", (dir / "full").string(), test::kFirmware});
   LONGS_EQUAL(0, finished.status);
   STRCMP_CONTAINS("OK", finished.out.c_str());
   for (const char* words :
@@ -310,7 +310,7 @@ TEST(Process, ACheckpointThatIsCutUnderItIsWrittenAnew) {
   process->send(SIGKILL);
   (void)process->finish();
   const test::Finished next =
-      test::run({kHoldfastd, "--real-time", "--held", "--seconds", "2", "--keep", (dir / "keep").string()});
+      test::run({test::kFirmware, "--real-time", "--held", "--seconds", "2", "--keep", (dir / "keep").string()});
   LONGS_EQUAL(0, next.status);
   STRCMP_CONTAINS("OK", next.out.c_str());
   CHECK_TEXT(next.out.find("REFERENCE") == std::string::npos, next.out.c_str());

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
@@ -16,13 +17,13 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kTool;
 using test::Finished;
 using test::read_file;
 using test::TempDir;
 using test::write_file;
 using Words = std::vector<std::string>;
 
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 constexpr double kFps = 25;
 
 }  // namespace

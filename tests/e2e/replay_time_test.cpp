@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "drivers/sim/camera_replay.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/mjpg_file.hpp"
 #include "tests/support/picture_clip.hpp"
@@ -19,9 +20,8 @@ namespace {
 
 using namespace holdfast;
 using namespace std::chrono_literals;
-
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
-constexpr const char* kFilm = HOLDFAST_SOURCE_DIR "/tests/data/slip.mjpg";
+using holdfast::test::kFilm;
+using holdfast::test::kTool;
 
 // The film with these stamps: one picture each.
 sim::Recording film_at(const std::vector<Micros>& times) {

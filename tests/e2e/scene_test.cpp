@@ -16,6 +16,7 @@
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/scenes.hpp"
 #include "drivers/sim/serial.hpp"
+#include "tests/support/folders.hpp"
 #include "vision/jpeg_decoder.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -130,7 +131,7 @@ TEST(Scene, NothingIsRaisedWithoutContactOrInAFirmShake) {
     if (point.x_mm) point.x_mm = *point.x_mm / 800.0;           // 0.01 mm/s
     if (point.y_mm) point.y_mm = *point.y_mm / 800.0;
   }
-  const auto shaken = scene::read_scene_file(HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_shake.json");
+  const auto shaken = scene::read_scene_file(holdfast::test::source("tests/scenes/sphere_shake.json"));
   for (const scene::Scene& scene : {still, shaken.scene.value()}) {
     Desk desk(grey(scene));
     const Run run = play(desk, 1.0);

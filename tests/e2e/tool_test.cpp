@@ -22,6 +22,7 @@
 #include "slip/model_file.hpp"
 #include "slip/slip_tree.gen.hpp"
 #include "slip/tree_io.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
@@ -30,6 +31,7 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kTool;
 namespace fs = std::filesystem;
 using test::Finished;
 using test::HostProcess;
@@ -39,9 +41,8 @@ using test::write_file;
 
 using Words = std::vector<std::string>;
 
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
-constexpr const char* kScene = HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json";
-constexpr const char* kGreyScene = HOLDFAST_SOURCE_DIR "/tests/scenes/relief_slip_20_mm_s.json";
+const std::string kScene = holdfast::test::source("tests/scenes/sphere_slip.json");
+const std::string kGreyScene = holdfast::test::source("tests/scenes/relief_slip_20_mm_s.json");
 const std::string kFirstSet(kFeatureSets.front().name);
 constexpr const char* kFeaturesHeader =
     "frame,t_s,state,reason,markers,vx_mm_s,vy_mm_s,entropy_nat,entropy_rate_nat_s,slip,grip_ok,contact,"
@@ -307,7 +308,7 @@ TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
     refused({"replay", in("gel"), "--fps", fps}, "--fps: '" + std::string(fps) + "'", "0.1 to 1000");
   }
   const std::string model =
-      read_file(HOLDFAST_SOURCE_DIR "/toolchain/model/" + std::string(slip_tree::kName) + ".tree");
+      read_file(holdfast::test::source("toolchain/model/") + std::string(slip_tree::kName) + ".tree");
   const auto changed = [&](const std::string& from, const std::string& to) {
     const std::size_t at = model.find(from);
     CHECK_TEXT(at != std::string::npos, from.c_str());
@@ -371,8 +372,8 @@ TEST(Tool, DecidesWithAModelOfAnySetInEitherForm) {
 }
 
 TEST(Tool, CompilesAModel) {
-  const std::string model = HOLDFAST_SOURCE_DIR "/toolchain/model/" + std::string(slip_tree::kName) + ".tree";
-  const std::string header = read_file(HOLDFAST_SOURCE_DIR "/firmware/slip/slip_tree.gen.hpp");
+  const std::string model = holdfast::test::source("toolchain/model/") + std::string(slip_tree::kName) + ".tree";
+  const std::string header = read_file(holdfast::test::source("firmware/slip/slip_tree.gen.hpp"));
   const Finished done = succeed({"compile", model, "--header", in("t.hpp"), "--binary", in("t.model"), "--json"});
   CHECK(read_file(dir / "t.hpp") == header);
   LONGS_EQUAL(model_file::kBytes, fs::file_size(dir / "t.model"));
@@ -393,7 +394,7 @@ TEST(Tool, CompilesAModel) {
 TEST(Tool, RefusesToCompileWhatItMayNot) {
   const std::string name(slip_tree::kName);
   const std::string model = in(name + ".tree");
-  fs::copy_file(HOLDFAST_SOURCE_DIR "/toolchain/model/" + name + ".tree", model);
+  fs::copy_file(holdfast::test::source("toolchain/model/") + name + ".tree", model);
   (void)succeed({"compile", model, "--header", in("t.hpp"), "--binary", in("t.model")});
   const std::string text = read_file(model);
   const std::string header = read_file(dir / "t.hpp");
@@ -425,7 +426,7 @@ TEST(Tool, RefusesOutputsThatCannotBe) {
   write_gel_video(dir / "gel.avi", "MJPG", 2);
   write_frames(dir / "gel", 2);
   cv::imwrite(in("rest.png"), Film{}.grey(0));
-  fs::copy_file(HOLDFAST_SOURCE_DIR "/toolchain/model/" + std::string(slip_tree::kName) + ".tree", dir / "m.tree");
+  fs::copy_file(holdfast::test::source("toolchain/model/") + std::string(slip_tree::kName) + ".tree", dir / "m.tree");
   const std::string recording = read_file(dir / "gel.avi");
   const auto files = [&] {
     std::set<std::string> names;
@@ -489,7 +490,7 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"scene", "make", "bal", "translate_x", "slip"}, "'bal'", "ball");
   refuse({"scene", "make", "ball", "wave", "slip"}, "'wave'", "rotate_z");
   refuse({"scene", "make", "ball", "rotate_z", "drop"}, "'drop'", "static, slip, matched");
-  const std::string markers = HOLDFAST_SOURCE_DIR "/toolchain/model/slip_v2.tree";
+  const std::string markers = holdfast::test::source("toolchain/model/slip_v2.tree");
   write_file(dir / "no.csv", "source\n");
   refuse({"fuse", in("none.csv"), "--markers", markers, "--model", in("x.tree")}, "none.csv", "dataset --recordings");
   refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("x.tree")}, "no.csv", "Next:");
@@ -512,9 +513,9 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
 
 // One table on standard output, the summary beside it; a report would be in nobody's way there.
 TEST(Tool, ATableCanGoToStandardOutput) {
-  constexpr const char* kQuick = HOLDFAST_SOURCE_DIR "/tests/scenes/shear_90.json";
-  succeed({"sim", kQuick, "--inject", "markers", "--features", in("f.csv")});
-  const Finished piped = succeed({"sim", kQuick, "--inject", "markers", "--features", "-"});
+  const std::string quick = holdfast::test::source("tests/scenes/shear_90.json");
+  succeed({"sim", quick, "--inject", "markers", "--features", in("f.csv")});
+  const Finished piped = succeed({"sim", quick, "--inject", "markers", "--features", "-"});
   CHECK(piped.out == read_file(dir / "f.csv"));
   STRCMP_CONTAINS("slip      raised", piped.err.c_str());
   CHECK(!fs::exists("-"));
@@ -523,7 +524,7 @@ TEST(Tool, ATableCanGoToStandardOutput) {
   check_line(ask({"sim", kScene, "--report", "-"}), "on standard output", "-", "standard output takes a table");
   check_line(ask({"sim", kScene, "--mcap", "-"}), "on standard output", "-", "standard output takes a table");
   const Finished full = test::run(
-      {"sh", "-c", "exec \"$@\" > /dev/full", "sh", kTool, "sim", kQuick, "--inject", "markers", "--features", "-"});
+      {"sh", "-c", "exec \"$@\" > /dev/full", "sh", kTool, "sim", quick, "--inject", "markers", "--features", "-"});
   LONGS_EQUAL(1, full.status);
   STRCMP_CONTAINS("could not be written to its end", full.err.c_str());
 }
@@ -803,7 +804,7 @@ TEST(Tool, WritesThePageOfALiveSession) {
 }
 
 TEST(Tool, LooksAtScenes) {
-  const std::string folder = HOLDFAST_SOURCE_DIR "/tests/scenes";
+  const std::string folder = holdfast::test::source("tests/scenes");
   STRCMP_CONTAINS("sphere_slip.json", succeed({"scene", "list", folder}).out.c_str());
   STRCMP_CONTAINS("left out by level springs", succeed({"scene", "describe", kScene}).out.c_str());
   STRCMP_CONTAINS("1 scene checked: good", succeed({"scene", "check", "--strict", kScene}).out.c_str());
@@ -825,7 +826,7 @@ TEST(Tool, LooksAtScenes) {
 }
 
 TEST(Tool, PricesTheContactLevels) {
-  const std::string scene = HOLDFAST_SOURCE_DIR "/tests/scenes/twist_to_gross.json";
+  const std::string scene = holdfast::test::source("tests/scenes/twist_to_gross.json");
   const Finished done = succeed({"trade", "sim", scene, "--reference-cell", "0.7", "--repeats", "1"});
   STRCMP_CONTAINS("springs 64", done.out.c_str());
   STRCMP_CONTAINS("grid 0.70 mm", done.out.c_str());
@@ -837,7 +838,7 @@ TEST(Tool, PricesASettingAndReadsTheTableOff) {
   STRCMP_CONTAINS("million instructions", piece.out.c_str());
   LONGS_EQUAL(1, read_csv(dir / "part.csv").rows.size());
   check_line(ask({"trade", "show", in("part.csv")}), "a piece alone", "mode balanced", "missing");
-  const std::string table = HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv";
+  const std::string table = holdfast::test::source("toolchain/trade/trade.csv");
   const Finished shown = succeed({"trade", "show", table, "--csv", in("whole.csv"), "--modes", in("modes.md")});
   STRCMP_CONTAINS("dominated: ", shown.out.c_str());
   CHECK(read_file(table) == read_file(dir / "whole.csv"));

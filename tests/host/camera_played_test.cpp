@@ -9,6 +9,7 @@
 #include "drivers/sim/camera_played.hpp"
 #include "drivers/sim/clock.hpp"
 #include "drivers/sim/scene/picture/jpeg_encode.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -84,7 +85,7 @@ TEST(PlayedCamera, WaitsForWhoeverWasLate) {
 }
 
 TEST(PlayedCamera, FilmsASceneInGrey) {
-  Opened opened = sim::PlayedCamera::open(HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json", clock, {});
+  Opened opened = sim::PlayedCamera::open(holdfast::test::source("tests/scenes/sphere_slip.json"), clock, {});
   CHECK(std::get_if<sim::Error>(&opened) == nullptr);
   sim::PlayedCamera& camera = *std::get<0>(opened);
   LONGS_EQUAL(83, camera.info().frames);
@@ -106,7 +107,7 @@ TEST(PlayedCamera, RefusesWhatIsNoRecording) {
     STRCMP_CONTAINS(name, error->line.c_str());
   }
   // The scene can be given up while it is filmed.
-  const Opened stopped = sim::PlayedCamera::open(HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json", clock,
+  const Opened stopped = sim::PlayedCamera::open(holdfast::test::source("tests/scenes/sphere_slip.json"), clock,
                                                  {.filmed = [](long done, long) { return done < 3; }});
   CHECK(std::get_if<sim::Error>(&stopped) != nullptr);
 }

@@ -9,6 +9,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/folders.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -198,7 +199,7 @@ TEST(SceneCamera, ADriveFromOutsideTakesTheScriptsPlace) {
 // --- The file ---
 
 TEST(SceneCamera, TheSceneInCodeIsTheSceneInItsFile) {
-  const auto read = scene::read_scene_file(HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json");
+  const auto read = scene::read_scene_file(holdfast::test::source("tests/scenes/sphere_slip.json"));
   CHECK(read.scene.has_value());
   STRCMP_EQUAL(scene::write_scene(*read.scene).c_str(), scene::write_scene(scene::sphere_slip()).c_str());
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "tests/fuzz/jpeg_check.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -46,7 +47,7 @@ TEST(JpegFuzz, HoldsForChangedSeeds) {
 }
 
 TEST(JpegFuzz, HoldsForWhatOnceWasAFinding) {
-  const std::filesystem::path folder = std::filesystem::path(HOLDFAST_SOURCE_DIR) / "tests/fuzz/regressions/jpeg";
+  const std::filesystem::path folder = holdfast::test::source("tests/fuzz/regressions/jpeg");
   if (!std::filesystem::exists(folder)) return;
   for (const auto& file : std::filesystem::directory_iterator(folder)) {
     const std::string bytes = read_file(file.path());

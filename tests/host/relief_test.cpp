@@ -9,6 +9,7 @@
 
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/scene/file/scene_file.hpp"
+#include "tests/support/folders.hpp"
 #include "toolchain/play/paper.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -19,7 +20,7 @@ using namespace holdfast::scene;
 namespace {
 
 Scene named(const std::string& name) {
-  SceneResult read = read_scene_file(HOLDFAST_SOURCE_DIR "/tests/scenes/" + name + ".json");
+  SceneResult read = read_scene_file(holdfast::test::source("tests/scenes/") + name + ".json");
   if (!read.scene) FAIL(read.errors.front().c_str());
   return *read.scene;
 }

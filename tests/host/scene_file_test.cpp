@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "tests/fuzz/scene_check.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -645,7 +646,7 @@ TEST(SceneFuzz, HoldsForDamagedSeeds) {
 }
 
 TEST(SceneFuzz, HoldsForWhatOnceWasAFinding) {
-  const std::filesystem::path folder = std::filesystem::path(HOLDFAST_SOURCE_DIR) / "tests/fuzz/regressions/scene";
+  const std::filesystem::path folder = holdfast::test::source("tests/fuzz/regressions/scene");
   if (!std::filesystem::exists(folder)) return;
   for (const auto& file : std::filesystem::directory_iterator(folder)) check(test::read_file(file.path()));
 }

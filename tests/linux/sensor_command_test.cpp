@@ -4,6 +4,7 @@
 #include <string>
 #include <string_view>
 
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/sysfs_tree.hpp"
 // last: it redefines new
@@ -19,7 +20,7 @@ TEST_GROUP(SensorCommand) {
   UsbCamera other{.path = "1-1.3", .product = "PC-LM1E \"Camera\"", .serial = "SN0001", .first_node = 2};
 
   Finished run(std::vector<std::string> words) {
-    words.insert(words.begin(), std::string(HOLDFAST_BIN_DIR) + "/holdfast-sensor");
+    words.insert(words.begin(), holdfast::test::program("holdfast-sensor"));
     words.insert(words.end(), {"--sysfs", sys.root()});
     return test::run(words);
   }
@@ -56,7 +57,7 @@ TEST(SensorCommand, AWrongCommandLineIsToldWithTheRightOne) {
     LONGS_EQUAL(2, wrong.status);
     check_has(wrong.err, {"usage: holdfast-sensor reset"});
   }
-  const Finished help = test::run({std::string(HOLDFAST_BIN_DIR) + "/holdfast-sensor", "--help"});
+  const Finished help = test::run({holdfast::test::program("holdfast-sensor"), "--help"});
   LONGS_EQUAL(0, help.status);
   check_has(help.out, {"usage: ", "example: "});
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/host_clips.hpp"
+#include "tests/support/folders.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -102,8 +103,7 @@ double deviation(const std::vector<ClipFigures>& all, double ClipFigures::*varia
 
 std::filesystem::path clips_folder() {
   const char* given = std::getenv("HOLDFAST_CLIPS");
-  const std::filesystem::path folder =
-      given != nullptr ? given : std::filesystem::path(HOLDFAST_SOURCE_DIR) / "../shared/data/real";
+  const std::filesystem::path folder = given != nullptr ? given : holdfast::test::source("../shared/data/real");
   std::error_code ignored;
   return std::filesystem::exists(folder / "labels.csv", ignored) ? folder : std::filesystem::path{};
 }

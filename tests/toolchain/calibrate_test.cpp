@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "slip/slip_tree.gen.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_clips.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/picture_clip.hpp"
@@ -20,14 +21,14 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kTool;
 using learn::Clearance;
 using learn::ThresholdCheck;
 using test::Finished;
 using test::TempDir;
 using test::write_file;
 
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
-constexpr const char* kEmpty = HOLDFAST_SOURCE_DIR "/tests/scenes/empty_gel.json";
+const std::string kEmpty = holdfast::test::source("tests/scenes/empty_gel.json");
 constexpr const char* kModelHead =
     "format 1\nname test\nfeature_set paper\nfeature vx_um_s um/s Q0\nfeature vy_um_s um/s Q0\n"
     "feature entropy_nat_q16 nat Q16\nfeature entropy_rate_nat_s_q8 nat/s Q8\n";
@@ -221,7 +222,7 @@ TEST(Calibrate, AGelThatIsTouchedIsToldSo) {
   complains(calibrate({dir / "touched", "--from", "900"}), "too short");
   // A picture of a press as reference: every frame is off.
   complains(calibrate({dir / "touched", "--to", "49", "--reference", "60"}), "something touches the gel all the time");
-  complains(calibrate({HOLDFAST_SOURCE_DIR "/tests/scenes/sphere_slip.json"}), "not empty");
+  complains(calibrate({holdfast::test::source("tests/scenes/sphere_slip.json")}), "not empty");
   LONGS_EQUAL(1, calibrate({dir / "nowhere"}).status);
   complains(calibrate({dir / "nowhere.json"}), "nowhere.json");
 }

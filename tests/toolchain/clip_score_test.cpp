@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/math.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_clips.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/picture_clip.hpp"
@@ -21,10 +22,9 @@ namespace {
 
 using namespace holdfast;
 using namespace holdfast::learn;
+using holdfast::test::kTool;
 namespace fs = std::filesystem;
 using test::Finished;
-
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 
 // 450 frames: silent 2-100 and 160-280, slip 110-120, a load step 300-310, low confidence 320-340, empty from 400.
 ClipLabels shaken_clip() {

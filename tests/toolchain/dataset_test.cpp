@@ -12,6 +12,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/learn/plan.hpp"
@@ -23,6 +24,7 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kTool;
 using learn::Label;
 using learn::Planned;
 using learn::PlannedGrasp;
@@ -33,8 +35,6 @@ using test::Finished;
 using test::read_file;
 using test::TempDir;
 using test::write_file;
-
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 
 using Grasp = std::tuple<std::string, std::string, int, std::uint64_t>;
 

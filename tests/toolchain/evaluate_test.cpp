@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "drivers/sim/scene/math/random.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/learn/evaluate_report.hpp"
@@ -20,10 +21,9 @@
 
 using namespace holdfast;
 using namespace holdfast::learn;
+using holdfast::test::kTool;
 
 namespace {
-
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 
 // What a row's Vx and Vy are; all other features stay 0.
 using Paint = std::function<std::int32_t(const Trial&, int trial, bool slip)>;

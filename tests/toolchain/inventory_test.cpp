@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/sysfs_tree.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -172,7 +173,7 @@ TEST(Inventory, ABoardSaysItsNameAndAPcThatItIsNone) {
 
 // This computer has no sensor: both commands say so and go on.
 TEST(Inventory, CommandsSpeakToPeopleAndPrograms) {
-  const char* const tool = HOLDFAST_BIN_DIR "/holdfast";
+  const std::string tool = holdfast::test::program("holdfast");
   const test::Finished text = test::run({tool, "devices"});
   LONGS_EQUAL(0, text.status);
   STRCMP_CONTAINS("camera", text.out.c_str());

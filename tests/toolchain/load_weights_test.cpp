@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -42,7 +43,7 @@ TEST_GROUP(LoadWeights){};
 TEST(LoadWeights, CommittedHeaderIsWhatTheLayerSays) {
   const Parts want = parts_of(holdfast::load_weights::header());
   const Parts committed =
-      parts_of(holdfast::test::read_file(HOLDFAST_SOURCE_DIR "/firmware/tactile/load_weights.gen.hpp"));
+      parts_of(holdfast::test::read_file(holdfast::test::source("firmware/tactile/load_weights.gen.hpp")));
   CHECK_TEXT(want.words == committed.words && want.numbers.size() == committed.numbers.size(),
              "build the target load_weights_header and commit firmware/tactile/load_weights.gen.hpp");
   for (std::size_t i = 0; i < want.numbers.size(); ++i) {

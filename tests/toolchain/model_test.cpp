@@ -19,6 +19,7 @@
 #include "slip/model_file.hpp"
 #include "slip/slip_tree.gen.hpp"
 #include "tests/fuzz/model_check.hpp"
+#include "tests/support/folders.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -41,7 +42,7 @@ constexpr std::string_view kHeader =
     "feature entropy_rate_nat_s_q8 nat/s Q8\n";  // 7
 
 std::string read_source(const std::string& path) {
-  std::ifstream in(std::string(HOLDFAST_SOURCE_DIR "/") + path, std::ios::binary);
+  std::ifstream in(holdfast::test::source(path), std::ios::binary);
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 

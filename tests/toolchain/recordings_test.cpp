@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/folders.hpp"
 #include "tests/support/host_clips.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/picture_clip.hpp"
@@ -20,6 +21,7 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kTool;
 namespace fs = std::filesystem;
 using learn::Label;
 using learn::Row;
@@ -29,7 +31,6 @@ using test::read_file;
 using test::TempDir;
 using test::write_file;
 
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 constexpr const char* kHeader = "clip,slip_start,slip_end,onset_recorded,silent_intervals,empty_intervals,note\n";
 constexpr const char* kClip = "mug__exp_num_12__camera_9";
 constexpr int kFrames = 31;

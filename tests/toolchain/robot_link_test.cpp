@@ -19,6 +19,7 @@
 #include "link/status_frame.hpp"
 #include "tests/fuzz/link_check.hpp"
 #include "tests/robot/link_c99.h"
+#include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -274,7 +275,7 @@ TEST(RobotLink, NamesAreThoseOfTheFirmware) {
 }
 
 TEST(RobotLink, ConstantsAndTheirMeaningsAreThoseOfTheFirmware) {
-  const std::string header = test::read_file(HOLDFAST_SOURCE_DIR "/toolchain/robot/holdfast_link.h");
+  const std::string header = test::read_file(holdfast::test::source("toolchain/robot/holdfast_link.h"));
   std::size_t constants = 0;
   const auto check = [&](std::string line, std::string_view name, auto number, const std::string& meaning) {
     for (const char c : name) line += static_cast<char>(std::toupper(static_cast<unsigned char>(c)));

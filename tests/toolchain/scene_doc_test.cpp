@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "toolchain/generate/scene_doc.hpp"
 #include "drivers/sim/scene/file/scene_file.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -10,7 +11,7 @@ using namespace holdfast;
 TEST_GROUP(SceneDoc){};
 
 TEST(SceneDoc, CommittedFileIsWhatTheTableSays) {
-  if (test::read_file(HOLDFAST_SOURCE_DIR "/tests/scenes/README.md") != scene_doc::scene_markdown()) {
+  if (test::read_file(holdfast::test::source("tests/scenes/README.md")) != scene_doc::scene_markdown()) {
     FAIL("build the target scene_docs and commit tests/scenes/README.md");
   }
 }

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "app/app.hpp"
+#include "tests/support/folders.hpp"
 #include "toolchain/trade/film.hpp"
 #include "toolchain/trade/price.hpp"
 #include "toolchain/trade/rival.hpp"
@@ -202,11 +203,11 @@ TEST(Trade, FiguresOfAFilmAreThoseOfTheSetting) {
 
 // The documented table of modes is the committed measurement, not somebody's typing.
 TEST(Trade, DocumentShowsTheMeasuredModes) {
-  std::ifstream csv(HOLDFAST_SOURCE_DIR "/toolchain/trade/trade.csv");
+  std::ifstream csv(holdfast::test::source("toolchain/trade/trade.csv"));
   std::vector<Line> lines;
   CHECK_FALSE(trade::read_csv(csv, "trade.csv", lines).has_value());
   CHECK_FALSE(trade::put_together(lines).has_value());
-  std::ifstream in(HOLDFAST_SOURCE_DIR "/toolchain/trade/README.md");
+  std::ifstream in(holdfast::test::source("toolchain/trade/README.md"));
   const std::string document{std::istreambuf_iterator<char>(in), {}};
   const std::string table = trade::modes_markdown(lines);
   CHECK_TRUE_TEXT(document.find(table) != std::string::npos,

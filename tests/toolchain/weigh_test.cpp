@@ -14,6 +14,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
@@ -22,6 +23,7 @@
 namespace {
 
 using namespace holdfast;
+using holdfast::test::kTool;
 using learn::Force;
 using learn::Weighing;
 using test::Finished;
@@ -108,8 +110,6 @@ Forces at_the_end(const scene::Scene& scene) {
   }
   return out;
 }
-
-constexpr const char* kTool = HOLDFAST_BIN_DIR "/holdfast";
 
 Finished calibrate(const std::vector<std::string>& more) {
   std::vector<std::string> command{kTool, "calibrate"};
