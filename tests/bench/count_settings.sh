@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Instructions of a frame in each setting of `holdfast trade`, from the bytes of a 3280x2464 JPEG to the decision: on
-# x86-64 by callgrind, on aarch64 by QEMU's plugin; those of rivals on x86-64 alone.
+# Instructions of a frame in each setting of `holdfast trade`, from the bytes of a 3280x2464 JPEG to the decision, by
+# QEMU's plugin; those of rivals on x86-64 alone.
 #   tests/bench/count_settings.sh [SETTINGS...] > counts.csv
 # prints a line settings,x86_64,aarch64 for each (all when none is named), for `holdfast trade show --counts`; without
 # counts when the setting refuses the film. What is
 # counted are the last four of a film's 14 pictures, in which a sphere slips. Needs the presets sim and rpi4, built, and
-# valgrind; 20 minutes of a core for all.
+# the package qemu-user; three minutes for all.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
@@ -16,28 +16,23 @@ few=10 many=14
 for program in build/sim/bin/holdfast build/sim/bin/rival_cost build/rpi4/bin/setting_cost build/rpi4/tests/checks/insn.so; do
   [[ -e $program ]] || { complain "no $program" "not built" "cmake --build --preset sim --target holdfast programs, and preset rpi4; see README.md" && exit 2; }
 done
-command -v valgrind >/dev/null || { complain "no valgrind" "not installed" "apt-get install valgrind" && exit 2; }
+command -v qemu-x86_64 >/dev/null || { complain "no qemu-x86_64" "not installed" "apt-get install qemu-user" && exit 2; }
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 film=$work/film.mjpg
 build/sim/bin/setting_cost "$film"
 
-# x86_64 PROGRAM ARGUMENT...: instructions of a frame.
-x86_64() {
-  local n counts=()
-  for n in "$few" "$many"; do
-    valgrind --tool=callgrind --callgrind-out-file=/dev/null "$@" "$n" >"$work/log" 2>&1 ||
-      { cat "$work/log" >&2 && complain "'$* $n' failed under callgrind" "see above" "run it by itself" && return 1; }
-    counts+=("$(awk '/Collected :/ { print $4 }' "$work/log")")
-  done
-  echo $(((counts[1] - counts[0]) / (many - few)))
-}
-aarch64() {
+# instructions QEMU PROGRAM ARGUMENT...: of a frame.
+instructions() {
+  local qemu=$1
+  shift
   # A limit that nothing reaches: this is no check.
-  MEASURED=$work/measured tests/checks/count_instructions.sh "qemu-aarch64 -L /usr/aarch64-linux-gnu" \
-    build/rpi4/tests/checks/insn.so 1000000000000 "$few" "$many" "$@" >/dev/null
+  MEASURED=$work/measured tests/checks/count_instructions.sh "$qemu" build/rpi4/tests/checks/insn.so 1000000000000 "$few" "$many" "$@" \
+    >/dev/null
   awk '{ print $2 }' "$work/measured"
 }
+x86_64() { instructions qemu-x86_64 "$@"; }
+aarch64() { instructions "qemu-aarch64 -L /usr/aarch64-linux-gnu" "$@"; }
 
 if (($# > 0)); then
   printf '%s\n' "$@" >"$work/settings"
@@ -46,7 +41,7 @@ else
 fi
 while read -r settings; do
   status=0
-  [[ $settings == rival=* ]] || build/sim/bin/setting_cost "$film" "$settings" "$many" || status=$?
+  [[ $settings == rival=* ]] || build/sim/bin/setting_cost "$film" "$settings" "$many" >/dev/null || status=$?
   ((status == 0 || status == 3)) || exit "$status"
   if ((status == 3)); then
     echo "$settings,,"
