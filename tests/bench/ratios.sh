@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # How many times as fast as others: every ratio that tests/EVIDENCE.md promises, with its 95 % interval.
-#   tests/bench/ratios.sh             by paired blocks (paired.hpp says how), a line "CLAIM: ..." for each; three minutes
+#   tests/bench/ratios.sh             by paired blocks (paired.hpp says how), a line "CLAIM: ..." for each; three to four minutes
 #   tests/bench/ratios.sh --counts    beside it what does not depend on any machine's clock: instructions, branches and
 #                                     mispredicted branches (callgrind's model) for each byte of the JPEG, libjpeg-turbo's and
 #                                     ours with three lanes; three minutes
