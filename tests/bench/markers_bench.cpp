@@ -132,14 +132,6 @@ void compare_centres(int width, double sigma, bool claimed) {
 
 // ---- From JPEG to decision ----
 
-// Something to do for all threads of a crew: one that slept long is woken late, and its pair does not count.
-class Busy final : public hal::Job {
- private:
-  void do_work(std::size_t /*worker*/) override {
-    for (int i = 0; i < 20; ++i) (void)bench::dense_work_us();
-  }
-};
-
 struct Claims {
   bench::Worst one{"decision"}, two{"decision_two_threads"};
   double error = 0;  // the largest
@@ -154,7 +146,6 @@ std::string compare_decisions(double sigma, Claims& claims) {
   hal::Alone alone;
   drivers::Threads threads({.workers = 2});
   tool::TimedCrew two(threads);
-  Busy busy;
   std::vector<jpeg_fast::Worker> workers(3);
   const auto one_thread =
       std::make_unique<EighthDecoder>(EighthDecoder::Config{}, library, std::span(workers).first(1), alone);
@@ -197,10 +188,7 @@ std::string compare_decisions(double sigma, Claims& claims) {
       for (Ours& ours : all) {
         pipeline::Result result;
         ours.pairs.add({[&] { rival.update(frame.bytes); }},
-                       {[&] { result = pipeline::update(*ours.state, config, ours.decoder, frame); }, ours.crew,
-                        [&] {
-                          if (ours.crew != nullptr) threads.run(busy);
-                        }});
+                       {[&] { result = pipeline::update(*ours.state, config, ours.decoder, frame); }, ours.crew});
         if (!result.quality.ok()) {
           return fmt::format("error: {}: frame {} is refused: {} (a bug). Next: run the tests", ours.name, frames - 1,
                              info(result.quality.reason).what);

@@ -93,6 +93,14 @@ class Counters {
   return tool::thread_us() - start;
 }
 
+// Something to do for all threads of a crew, 0.2 ms each.
+class Busy final : public hal::Job {
+ private:
+  void do_work(std::size_t /*worker*/) override {
+    for (int i = 0; i < 20; ++i) (void)dense_work_us();
+  }
+};
+
 struct Side {
   std::function<void()> work;
   tool::TimedCrew* crew = nullptr;    // those who help with the work; reset for each block
@@ -202,7 +210,12 @@ class Pairs {
   }
   static Block block(const Side& side, int calls) {
     const Counters& counters = Counters::of_machine();
-    if (side.crew != nullptr) side.crew->reset();
+    if (side.crew != nullptr) {
+      // A thread that slept through the rival's block is woken late, and the pair would not count.
+      Busy busy;
+      side.crew->run(busy);
+      side.crew->reset();
+    }
     if (side.before) side.before();
     const long switched = switches();
     const Counters::Reading before = counters.read();
