@@ -4,9 +4,8 @@
 # QEMU's plugin; those of rivals on x86-64 alone.
 #   tests/bench/count_settings.sh [SETTINGS...] > counts.csv
 # prints a line settings,x86_64,aarch64 for each (all when none is named), for `holdfast trade show --counts`; without
-# counts when the setting refuses the film. What is
-# counted are the last four of a film's 14 pictures, in which a sphere slips. Needs the presets sim and rpi4, built, and
-# the package qemu-user; three minutes for all.
+# counts when the setting refuses the film. Counted are the last four of a film's 14 pictures, in which a sphere slips.
+# Needs the presets sim and rpi4, built, and the package qemu-user; three minutes for all.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
