@@ -86,9 +86,8 @@ TEST_GROUP(ConsoleFlood) {
   test::TempDir dir;
   std::filesystem::path console_path = dir / "console";
   std::filesystem::path link_path = dir / "link";
-  std::string program = holdfast::test::program("holdfastd");
   test::HostProcess board{
-      {program, "--real-time", "--empty", "--host", console_path.string(), "--link", link_path.string()}};
+      {test::kFirmware, "--real-time", "--empty", "--host", console_path.string(), "--link", link_path.string()}};
   Port console{console_path}, link{link_path};
   test::StatusReceiver receiver;
 

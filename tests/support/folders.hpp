@@ -9,7 +9,7 @@ namespace holdfast::test {
 // A file or folder of the source tree, by its path from the top: an absolute path.
 [[nodiscard]] std::string source(const std::string& path);
 
-// A program of this build, by its name: an absolute path.
+// A program of this build, or what is made beside them, by its name: an absolute path.
 [[nodiscard]] std::string program(const std::string& name);
 
 inline const std::string kTool = program("holdfast");

@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "app/camera_keeper.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/system/scenario.hpp"
 // last: it redefines new
@@ -158,7 +159,7 @@ long heap_calls(Machine& machine, const std::string& pid, long frames) {
     LONGS_EQUAL_TEXT(0, answer.status, (command + ": " + answer.text).c_str());
     return answer.text;
   };
-  const std::string libc = HOLDFAST_SOURCE_DIR "/build/sysroot-aarch64/lib/aarch64-linux-gnu/libc.so.6";
+  const std::string libc = holdfast::test::source("build/sysroot-aarch64/lib/aarch64-linux-gnu/libc.so.6");
   const std::string symbols = test::run({"aarch64-linux-gnu-readelf", "--dyn-syms", "-W", libc}).out;
   said("mountpoint -q /sys/kernel/tracing || mount -t tracefs none /sys/kernel/tracing");
   said("cd /sys/kernel/tracing && echo 0 > tracing_on && echo > uprobe_events && echo > trace");

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/system/machine.hpp"
+#include "tests/support/folders.hpp"
 
 #include <fcntl.h>
 #include <poll.h>
@@ -140,7 +141,7 @@ void Line::serve() {
 
 Machine::Machine(const Config& config)
     : config_(config),
-      logs_(std::filesystem::path(HOLDFAST_SOURCE_DIR) / "build/test-logs/system" / config.name),
+      logs_(std::filesystem::path(holdfast::test::source("build/test-logs/system")) / config.name),
       gripper_clock_(config.gripper_time) {
   std::error_code trouble;
   std::filesystem::remove_all(logs_, trouble);
@@ -176,7 +177,7 @@ void Machine::start_camera(std::size_t which, const std::filesystem::path& film,
   }
   ::fcntl(ends[0], F_SETFL, O_NONBLOCK);
   camera_lines_[which].take(ends[0]);
-  std::vector<std::string> command{std::string(HOLDFAST_BIN_DIR) + "/usb_camera", (sockets_ / kUsb[which]).string(),
+  std::vector<std::string> command{holdfast::test::program("usb_camera"), (sockets_ / kUsb[which]).string(),
                                    film.string(), "--period", std::to_string(config_.period.count())};
   if (!plugged) command.emplace_back("--unplugged");
   cameras_[which].start(command, ends[1], logs_ / (std::string("camera-") + std::string(kUsb[which]) + ".log"));

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "tests/support/deadline.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "tests/system/scenario.hpp"
 // last: it redefines new
@@ -37,9 +38,8 @@ std::filesystem::path made(const std::string& name) {
 class Server {
  public:
   Server() {
-    const std::filesystem::path source = HOLDFAST_SOURCE_DIR;
     std::filesystem::create_directory(www_);
-    process_.start({"python3", source / "tests/e2e/https_server.py", www_, made("tls/server.cert.pem"),
+    process_.start({"python3", test::source("tests/e2e/https_server.py"), www_, made("tls/server.cert.pem"),
                     made("tls/server.key.pem"), control_.path()},
                    -1, control_ / "errors");
     (void)test::until([this] { return port() != 0; });

@@ -6,18 +6,19 @@
 #include <memory>
 #include <string>
 
+#include "tests/support/folders.hpp"
 #include "tests/system/machine.hpp"
 
 namespace holdfast::test {
 
 // Made by the build (system_film), 83 pictures; film_main.cpp says what they show.
 [[nodiscard]] inline std::filesystem::path film_path() {
-  return std::filesystem::path(HOLDFAST_BIN_DIR) / "system_film.mjpg";
+  return program("system_film.mjpg");
 }
 
 // Made by board/image/build.sh.
 [[nodiscard]] inline std::filesystem::path image_path() {
-  return std::filesystem::path(HOLDFAST_SOURCE_DIR) / "build/image/virt";
+  return source("build/image/virt");
 }
 
 // The machine `name`, started when it is asked for first, has ended or does not answer; another name ends the one

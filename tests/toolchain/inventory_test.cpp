@@ -173,12 +173,11 @@ TEST(Inventory, ABoardSaysItsNameAndAPcThatItIsNone) {
 
 // This computer has no sensor: both commands say so and go on.
 TEST(Inventory, CommandsSpeakToPeopleAndPrograms) {
-  const std::string tool = holdfast::test::program("holdfast");
-  const test::Finished text = test::run({tool, "devices"});
+  const test::Finished text = test::run({test::kTool, "devices"});
   LONGS_EQUAL(0, text.status);
   STRCMP_CONTAINS("camera", text.out.c_str());
   CHECK_TRUE(text.out.find('\x1b') == std::string::npos);
-  const test::Finished json = test::run({tool, "doctor", "--json"});
+  const test::Finished json = test::run({test::kTool, "doctor", "--json"});
   const auto items = nlohmann::json::parse(json.out);
   const bool wrong = std::ranges::any_of(items, [](const auto& item) { return item["verdict"] == "wrong"; });
   LONGS_EQUAL(wrong ? 1 : 0, json.status);
