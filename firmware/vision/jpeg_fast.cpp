@@ -25,13 +25,26 @@ bool same(const Code& code, std::size_t size, const std::array<std::uint8_t, 16 
                                          code.definition.begin());
 }
 
-// Of a table that begins with DC; DC counts as a coefficient.
-std::uint16_t first_entry(const Code& dc, const Code& ac, std::uint32_t index) {
-  const Symbol symbol = find(dc, index << (16 - kIndexBits));
-  const std::uint32_t used = symbol.length + symbol.value;
-  if (symbol.length == 0 || symbol.length > kIndexBits || used > kMaxSkip) return kSlowDc;
-  return jpeg_dc::walk_entry(ac, index, used, 1);
+// Of a table that begins with DC; DC counts as a coefficient. Before it come `used` bits.
+std::uint16_t first_entry(const Code& dc, const Code& ac, std::uint32_t index, std::uint32_t used = 0) {
+  const Symbol symbol = find(dc, index << (16 - kIndexBits + used) & 0xFFFF);
+  const std::uint32_t code_end = used + symbol.length;
+  if (symbol.length == 0 || code_end > kIndexBits || code_end + symbol.value > kMaxSkip) return kSlowDc;
+  return jpeg_dc::walk_entry(ac, index, code_end + symbol.value, 1);
 }
+
+constexpr bool ends(std::uint16_t entry) {
+  return entry >= jpeg_dc::kEnded << 8;
+}
+
+// The same where another block of these codes follows: both, if the index settles the ends of both.
+std::uint16_t pair_entry(const Code& dc, const Code& ac, std::uint32_t index) {
+  const std::uint16_t one = first_entry(dc, ac, index);
+  if (!ends(one)) return one;
+  const std::uint16_t two = first_entry(dc, ac, index, one & 0xFF);
+  return ends(two) ? static_cast<std::uint16_t>(two | kPair) : one;
+}
+static_assert(kMaxSkip < kPair);
 
 std::int16_t difference_entry(const Code& dc, std::uint32_t index) {
   const Symbol symbol = find(dc, index << (16 - kIndexBits));
@@ -40,13 +53,21 @@ std::int16_t difference_entry(const Code& dc, std::uint32_t index) {
   return static_cast<std::int16_t>(jpeg_dc::difference(window, symbol.value));
 }
 
-void prepare(State::First& first, const Code& dc, const Code& ac) {
-  if (same(dc, first.dc_size, first.dc) && same(ac, first.ac_size, first.ac)) return;
-  for (std::uint32_t i = 0; i < first.walk.size(); ++i) first.walk[i] = first_entry(dc, ac, i);
-  first.dc = dc.definition;
-  first.dc_size = dc.size;
-  first.ac = ac.definition;
-  first.ac_size = ac.size;
+// The table, made unless it is that of these codes already.
+const std::uint16_t* prepare(State::First& first, const jpeg_dc::Block& block, bool pairs) {
+  const Code& dc = block.dc->code;
+  const Code& ac = block.ac->code;
+  if (!same(dc, first.dc_size, first.dc) || !same(ac, first.ac_size, first.ac) || pairs != first.pairs) {
+    for (std::uint32_t i = 0; i < first.walk.size(); ++i) {
+      first.walk[i] = pairs ? pair_entry(dc, ac, i) : first_entry(dc, ac, i);
+    }
+    first.dc = dc.definition;
+    first.dc_size = dc.size;
+    first.ac = ac.definition;
+    first.ac_size = ac.size;
+    first.pairs = pairs;
+  }
+  return first.walk.data();
 }
 
 void prepare(State& state, const Scan& scan) {
@@ -54,18 +75,30 @@ void prepare(State& state, const Scan& scan) {
   if (!same(luma_dc, state.first[0].dc_size, state.first[0].dc)) {
     for (std::uint32_t i = 0; i < state.difference.size(); ++i) state.difference[i] = difference_entry(luma_dc, i);
   }
+  const auto luma = static_cast<std::size_t>(scan.across * scan.down);  // the blocks of chroma follow these
+  const jpeg_dc::Block& last = scan.block[scan.blocks - 1];
+  const bool alike = scan.blocks > luma && scan.block[luma].dc == last.dc && scan.block[luma].ac == last.ac;
+  const auto mcus = static_cast<std::size_t>(scan.mcus_across * scan.mcus_down);
+  const auto bytes = static_cast<std::size_t>(scan.data.end - scan.data.at);
+  state.pairs = alike && bytes * 8 <= mcus * scan.blocks * kSparse;
+  std::array<Phase::After, jpeg_dc::kMaxBlocks> block;
   for (std::size_t i = 0; i < scan.blocks; ++i) {
-    const jpeg_dc::Block& block = scan.block[i];
-    const jpeg_dc::Block& next = scan.block[(i + 1) % scan.blocks];
-    prepare(state.first[block.component], block.dc->code, block.ac->code);
-    state.phase[i] = {block.ac->walk.data(),
-                      state.first[next.component].walk.data(),
-                      &state.phase[(i + 1) % scan.blocks],
-                      next.component == 0 ? sizeof(std::uint32_t) : 0,
-                      &block.dc->code,
-                      &block.ac->code};
+    const std::size_t component = scan.block[i].component;
+    const bool pairs = state.pairs && i >= luma && i + 1 < scan.blocks;
+    const std::size_t table = component == 0 || !alike ? component : pairs ? 1 : 2;
+    block[i] = {prepare(state.first[table], scan.block[i], pairs), &state.phase[i],
+                component == 0 ? sizeof(std::uint32_t) : 0};
   }
-  state.luma_blocks = static_cast<std::uint32_t>(scan.across * scan.down);
+  for (std::size_t i = 0; i < scan.blocks; ++i) {
+    const jpeg_dc::Block& of = scan.block[i];
+    state.phase[i] = {block[(i + 1) % scan.blocks], of.ac->walk.data(), &of.dc->code, &of.ac->code, {},
+                      block[(i + 2) % scan.blocks]};
+  }
+  state.luma_blocks = static_cast<std::uint32_t>(luma);
+}
+
+const Lanes& lanes_of(const State& state, const Config& config) {
+  return state.pairs ? config.walkers->pairs : config.walkers->single;
 }
 
 // The farthest end that a walk can be given so that its list of `room` more entries holds what it finds: a block takes
@@ -114,7 +147,10 @@ bool take_values(State& state, std::uint32_t count, std::uint32_t& first) {
 class SliceJob final : public hal::Job {
  public:
   SliceJob(State& state, const Config& config, std::span<Worker> workers)
-      : state_(state), lanes_(static_cast<std::size_t>(config.lanes)), walkers_(*config.walkers), workers_(workers) {}
+      : state_(state),
+        lanes_(static_cast<std::size_t>(config.lanes)),
+        walkers_(lanes_of(state, config)),
+        workers_(workers) {}
 
  private:
   struct Claim {
@@ -195,7 +231,7 @@ class SliceJob final : public hal::Job {
 
   State& state_;
   std::size_t lanes_;
-  const Walkers& walkers_;
+  const Lanes& walkers_;
   std::span<Worker> workers_;
 };
 
@@ -278,7 +314,7 @@ Error cut(State& state, const Config& config, const Scan& scan, std::size_t lane
 
 class Stitcher {
  public:
-  Stitcher(State& state, const Walkers& walkers) : state_(state), walkers_(walkers), per_mcu_(state.luma_blocks) {}
+  Stitcher(State& state, const Lanes& walkers) : state_(state), walkers_(walkers), per_mcu_(state.luma_blocks) {}
 
   // The slices [first, end), which hold `blocks` luma blocks and no more.
   Error stitch(std::size_t first, std::size_t end, std::uint32_t blocks) {
@@ -385,14 +421,14 @@ class Stitcher {
   }
 
   State& state_;
-  const Walkers& walkers_;
+  const Lanes& walkers_;
   std::uint32_t per_mcu_;
   std::int32_t level_ = 0;
 };
 
 Error stitch(State& state, const Config& config, const Scan& scan) {
   state.pieces = 0;
-  Stitcher stitcher(state, *config.walkers);
+  Stitcher stitcher(state, lanes_of(state, config));
   std::int32_t mcus = scan.mcus_across * scan.mcus_down;
   for (std::size_t first = 0; first < state.slices;) {
     std::size_t end = first + 1;

@@ -4,6 +4,7 @@
 // judges, stands at the head of vision/jpeg_fast.hpp.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -13,15 +14,26 @@ namespace holdfast::jpeg_fast {
 
 inline constexpr std::size_t kMaxLanes = 3;
 
+// Set in an entry of a table that begins with DC: the next block ends here, too. Neither of the two is luma. Also the
+// bytes in a Phase from what follows one block to what follows two.
+inline constexpr std::uint32_t kPair = 64;
+
 // What a look-up needs to know of the block it is in.
 struct Phase {
-  const std::uint16_t* ac = nullptr;          // table within the block
-  const std::uint16_t* next_first = nullptr;  // table that begins the next block
-  const Phase* next = nullptr;
-  std::uint64_t luma_follows = 0;  // bytes to advance in the list when the block ends: 4 or 0
+  // A block that follows.
+  struct After {
+    const std::uint16_t* first = nullptr;  // table that begins it
+    const Phase* phase = nullptr;
+    std::uint64_t luma = 0;  // bytes to advance in the list: 4 for luma, otherwise 0
+  };
+  After next;
+  const std::uint16_t* ac = nullptr;  // table within the block
   const jpeg_dc::Code* dc_code = nullptr;
   const jpeg_dc::Code* ac_code = nullptr;
+  std::array<std::uint64_t, 2> gap{};
+  After next_but_one;
 };
+static_assert(offsetof(Phase, next) == 0 && offsetof(Phase, next_but_one) == kPair);
 
 // An entry of a table that begins with DC, for a DC code that it does not hold. Not kSlow alone: that added to
 // coefficient 0 would look like a block that ends with its last coefficient.
@@ -49,10 +61,15 @@ std::size_t unstuff(const std::uint8_t*& at, const std::uint8_t* end, std::uint8
 // Walk on by turns until one of them reaches its end.
 // Range: a walk passes its end by less than 3 * 31 bits, lists three blocks at most on the way, and reads 8 bytes from
 // wherever it is. Walks do not share lists.
-struct Walkers {
+struct Lanes {
   void (*one)(Walk& only);
   void (*two)(Walk& first, Walk& second);
   void (*three)(Walk& first, Walk& second, Walk& third);
+};
+
+struct Walkers {
+  Lanes single;
+  Lanes pairs;  // for tables with kPair. Price: two to three instructions of x86-64 more a look-up
 };
 
 // The same code compiled for all processors of the architecture, and for what this one has beyond them. The same bits.

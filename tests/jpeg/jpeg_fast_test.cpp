@@ -257,6 +257,51 @@ TEST(JpegFast, TakesEverySamplingOfLuma) {
   LONGS_EQUAL(0, state->counts.by_plain_walk);
 }
 
+// Two empty blocks of chroma are one look-up, where there are two that have the same codes, in pictures of few bits.
+TEST(JpegFast, WalksSparsePicturesInPairs) {
+  test::Oracle oracle;
+  std::uint32_t by_plain_walk = 0;
+  const auto check = [&](const Recipe& recipe, unsigned seed, bool pairs) {
+    const Bytes bytes = test::encode(recipe, seed);
+    const Shape shape = kShapes[seed % kShapes.size()];
+    const std::int32_t slice = std::array{100, 250, kWhole}[seed % 3];
+    CHECK(oracle.decode(bytes));
+    const std::uint32_t before = state->counts.by_plain_walk;
+    CHECK((fast(bytes, shape, slice) == Decoded{Error::kNone, oracle.width, oracle.height, oracle.pixels}));
+    CHECK(state->pairs == pairs);
+    if (pairs) by_plain_walk += state->counts.by_plain_walk - before;
+    Random random(seed);
+    for (int round = 0; round < 8; ++round) check_as_plain(damaged(bytes, random, round), shape, slice, seed);
+  };
+  const std::array<std::vector<test::Sampling>, 7> samplings{{{{1, 1}, {1, 1}, {1, 1}},
+                                                              {{2, 1}, {1, 1}, {1, 1}},
+                                                              {{2, 2}, {1, 1}, {1, 1}},
+                                                              {{2, 2}, {2, 1}, {1, 2}},
+                                                              {{2, 1}, {2, 1}, {2, 1}},
+                                                              {{3, 1}, {2, 1}, {1, 1}},
+                                                              {{1, 1}}}};
+  for (unsigned seed = 1; seed <= 400; ++seed) {
+    Recipe recipe;
+    recipe.sampling = samplings[seed % samplings.size()];
+    recipe.width = 300;
+    recipe.height = 200;
+    recipe.content = test::Content::kSpecks;
+    recipe.tables = seed % 2 == 0 ? test::Tables::kStandard : test::Tables::kOptimised;
+    recipe.restart_interval = seed % 5 == 0 ? 37 : 0;
+    const bool colour = recipe.sampling.size() == 3;
+    check(recipe, seed, colour);
+    if (!colour) continue;
+    // Not by too many bits, nor where Cr has other codes; with standard tables Cb has the same ones as before.
+    recipe.content = test::Content::kCoefficients;
+    if (seed % 3 == 0) check(recipe, seed, false);
+    recipe.content = test::Content::kSpecks;
+    recipe.cr_as_luma = true;
+    if (seed % 3 == 1) check(recipe, seed, false);
+  }
+  CHECK(state->counts.seams > 5000);
+  CHECK(by_plain_walk < 150);
+}
+
 TEST(JpegFast, RefusesAPictureWithoutData) {
   for (const int fill : {0, 1, 20}) {
     Bytes bytes = test::encode({});

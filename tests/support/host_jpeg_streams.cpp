@@ -90,8 +90,8 @@ struct Encoder {
     jpeg_create_compress(&encoder);
     jpeg_mem_dest(&encoder, &memory, &size);
     set_up(recipe, random);
-    if (recipe.content == Content::kCoefficients) {
-      write_coefficients(random);
+    if (recipe.content == Content::kCoefficients || recipe.content == Content::kSpecks) {
+      write_coefficients(recipe.content == Content::kSpecks ? speck_block : fill_block, random);
     } else {
       write_picture(recipe, random);
     }
@@ -129,6 +129,10 @@ struct Encoder {
       component.v_samp_factor = recipe.sampling[static_cast<std::size_t>(i)].down;
       component.dc_tbl_no += recipe.table_offset;
       component.ac_tbl_no += recipe.table_offset;
+    }
+    if (recipe.cr_as_luma) {
+      encoder.comp_info[2].dc_tbl_no = encoder.comp_info[0].dc_tbl_no;
+      encoder.comp_info[2].ac_tbl_no = encoder.comp_info[0].ac_tbl_no;
     }
     encoder.restart_interval = static_cast<unsigned>(recipe.restart_interval);
     encoder.optimize_coding = recipe.tables == Tables::kOptimised ? TRUE : FALSE;
@@ -178,8 +182,7 @@ struct Encoder {
     }
   }
 
-  // Any coefficients at all: long runs, full blocks, values up to what the format can say.
-  void write_coefficients(Random& random) {
+  void write_coefficients(void (*fill)(JBLOCK& block, int dc_reach, Random& random), Random& random) {
     std::array<int, 4> across{}, down{};
     int most_across = 1, most_down = 1;
     for (int i = 0; i < encoder.num_components; ++i) {
@@ -202,11 +205,12 @@ struct Encoder {
       for (int y = 0; y < down[i]; ++y) {
         JBLOCKARRAY rows = encoder.mem->access_virt_barray(reinterpret_cast<j_common_ptr>(&encoder), arrays[i],
                                                            static_cast<JDIMENSION>(y), 1, TRUE);
-        for (int x = 0; x < across[i]; ++x) fill_block(rows[0][x], dc_reach, random);
+        for (int x = 0; x < across[i]; ++x) fill(rows[0][x], dc_reach, random);
       }
     }
   }
 
+  // Any coefficients at all: long runs, full blocks, values up to what the format can say.
   static void fill_block(JBLOCK& block, int dc_reach, Random& random) {
     block[0] = static_cast<JCOEF>(in_range(random, -dc_reach, dc_reach));
     const int density = std::array{0, 1, 8, 40, 100}[random() % 5];  // percent of coefficients that are not 0
@@ -215,6 +219,12 @@ struct Encoder {
       if (in_range(random, 1, 100) <= density) block[k] = static_cast<JCOEF>(in_range(random, -reach, reach));
     }
     if (random() % 4 == 0) block[63] = 1;  // ends without an end-of-block code
+  }
+
+  // Nearly all blocks are empty.
+  static void speck_block(JBLOCK& block, int dc_reach, Random& random) {
+    block[0] = static_cast<JCOEF>(random() % 16 == 0 ? in_range(random, -dc_reach, dc_reach) : 20);
+    if (random() % 16 == 0) block[in_range(random, 1, 63)] = static_cast<JCOEF>(in_range(random, -3, 3));
   }
 };
 

@@ -38,7 +38,7 @@ struct Sampling {
 };
 
 enum class Tables { kStandard, kOptimised, kShuffled };
-enum class Content { kFlat, kRamp, kNoise, kDots, kCoefficients };
+enum class Content { kFlat, kRamp, kNoise, kDots, kCoefficients, kSpecks };
 enum class Colours { kGreyOrYcbcr, kRgb, kCmyk };  // the first: by the number of components
 
 struct Recipe {
@@ -54,6 +54,7 @@ struct Recipe {
   int table_offset = 0;      // Huffman ids 2 and 3 instead of 0 and 1
   bool progressive = false;
   bool scan_per_component = false;
+  bool cr_as_luma = false;  // Cr by the Huffman tables of luma
   Colours colours = Colours::kGreyOrYcbcr;
 };
 
