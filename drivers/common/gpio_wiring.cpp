@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "drivers/common/trouble.hpp"
+
 namespace holdfast::drivers {
 namespace {
 
@@ -18,13 +20,13 @@ std::string in_quotes(std::string_view text) {
   return "'" + std::string(text) + "'";
 }
 
-std::string told(const ChipInfo& chip) {
+std::string listed(const ChipInfo& chip) {
   return std::string(chip.name) + " (" + std::string(chip.label) + ", " + std::to_string(chip.lines.size()) + " lines)";
 }
 
-std::string told(std::span<const ChipInfo> chips) {
+std::string listed(std::span<const ChipInfo> chips) {
   std::string out;
-  for (const ChipInfo& chip : chips) out += (out.empty() ? "" : ", ") + told(chip);
+  for (const ChipInfo& chip : chips) out += (out.empty() ? "" : ", ") + listed(chip);
   return out.empty() ? "no GPIO chip" : out;
 }
 
@@ -36,7 +38,7 @@ std::string wanted(const Wiring& wiring) {
 }
 
 Found refusal(const Wiring& wiring, const std::string& what, const std::string& cause, const std::string& next) {
-  return {{}, wanted(wiring) + ": " + what + ". Likely cause: " + cause + ". Next: " + next};
+  return {{}, trouble(wanted(wiring) + ": " + what, cause, next)};
 }
 
 char lower(char letter) {
@@ -111,24 +113,25 @@ Found find(std::span<const ChipInfo> chips, const Wiring& wiring) {
     return wiring.chip.empty() || chip.label == wiring.chip;
   });
   if (chips.empty() || !chip_found) {
-    return refusal(wiring, "no such chip; there is " + told(chips), "another board, or /dev/gpiochip* may not be read",
+    return refusal(wiring, "no such chip; there is " + listed(chips),
+                   "another board, or /dev/gpiochip* may not be read",
                    "compare with `gpiodetect`; run on the board that the table is for, in the group gpio");
   }
   const std::vector<Place> places = places_of(chips, wiring);
   if (places.empty() && wiring.line.empty()) {
-    return refusal(wiring, "the chip has no such line; there is " + told(chips), "a typing error in the wiring table",
+    return refusal(wiring, "the chip has no such line; there is " + listed(chips), "a typing error in the wiring table",
                    "give an offset from 0 on, below the number of its lines");
   }
   if (places.empty()) {
-    return refusal(wiring, "no such line; there is " + told(chips) + "; " + nearest(chips, wiring.line),
+    return refusal(wiring, "no such line; there is " + listed(chips) + "; " + nearest(chips, wiring.line),
                    "a typing error, another board, or a kernel that names its lines otherwise",
                    "compare with `gpioinfo`; where lines have no names give the chip's label and the offset");
   }
   if (places.size() > 1) {
     std::string where;
     for (const Place& place : places) {
-      where +=
-          (where.empty() ? "" : " and ") + ("line " + std::to_string(place.offset)) + " of " + told(chips[place.chip]);
+      where += (where.empty() ? "" : " and ") + ("line " + std::to_string(place.offset)) + " of " +
+               listed(chips[place.chip]);
     }
     return refusal(wiring, "ambiguous: " + where, "a second GPIO chip uses the same name",
                    "give the chip's label as well, or its label and the offset");
@@ -137,7 +140,7 @@ Found find(std::span<const ChipInfo> chips, const Wiring& wiring) {
   const LineInfo& line = chips[place.chip].lines[place.offset];
   if (line.used) {
     Found found = refusal(wiring,
-                          "line " + std::to_string(place.offset) + " of " + told(chips[place.chip]) + " is used by " +
+                          "line " + std::to_string(place.offset) + " of " + listed(chips[place.chip]) + " is used by " +
                               (line.user.empty() ? "someone whom the kernel does not name" : in_quotes(line.user)),
                           "another process holds the line, or a device of the kernel is on this pin",
                           "end that process, take its dtoverlay out of config.txt, or wire another pin");

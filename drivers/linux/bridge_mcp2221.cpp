@@ -8,6 +8,8 @@
 #include <variant>
 #include <vector>
 
+#include "drivers/common/trouble.hpp"
+
 namespace holdfast::drivers {
 namespace {
 
@@ -47,8 +49,8 @@ constexpr std::array<LineInfo, Mcp2221Gpio::kPins> kLines{{{.name = "GP0", .user
                                                            {.name = "GP2", .user = {}},
                                                            {.name = "GP3", .user = {}}}};
 
-std::string told(std::string_view what, std::string_view cause, std::string_view next) {
-  return "MCP2221A: " + std::string(what) + ". Likely cause: " + std::string(cause) + ". Next: " + std::string(next);
+std::string bridge_trouble(std::string_view what, std::string_view cause, std::string_view next) {
+  return trouble("MCP2221A: " + std::string(what), cause, next);
 }
 
 }  // namespace
@@ -123,7 +125,7 @@ std::string Mcp2221Gpio::set_up() {
   constexpr std::string_view kSilentCause = "another program talks to the chip, or it hangs";
   constexpr std::string_view kReplug = "end the other program, or replug the chip";
   const std::optional<Report> before = ask({kGetSram});
-  if (!before) return told(kSilent, kSilentCause, kReplug);
+  if (!before) return bridge_trouble(kSilent, kSilentCause, kReplug);
   Report command{kSetSram};
   command[kSramAlter] = 0x80;
   std::copy_n(before->begin() + kSramAnswerPins, kPins, command.begin() + kSramPins);
@@ -133,16 +135,17 @@ std::string Mcp2221Gpio::set_up() {
   for (const std::optional<Pin>& pin : inputs_) {
     if (pin) command[kSramPins + pin->number] = kPinInput;
   }
-  if (!ask(command)) return told(kSilent, kSilentCause, kReplug);
+  if (!ask(command)) return bridge_trouble(kSilent, kSilentCause, kReplug);
   for (const std::optional<Pin>& pin : outputs_) {
     if (pin && level_of(*pin, true) != false) {
-      return told("GP" + std::to_string(pin->number) + " was made an output and told LOW, and does not read so",
-                  "the wire is shorted or driven from outside", "measure the pin with the wire off");
+      return bridge_trouble(
+          "GP" + std::to_string(pin->number) + " was made an output and told LOW, and does not read so",
+          "the wire is shorted or driven from outside", "measure the pin with the wire off");
     }
   }
   for (const std::optional<Pin>& pin : inputs_) {
     if (pin && !level_of(*pin, false)) {
-      return told("GP" + std::to_string(pin->number) + " did not become an input", kSilentCause, kReplug);
+      return bridge_trouble("GP" + std::to_string(pin->number) + " did not become an input", kSilentCause, kReplug);
     }
   }
   return "";
@@ -161,8 +164,8 @@ std::string Mcp2221Gpio::open(const Config& config) {
     std::optional<Pin>& slot = line != nullptr ? outputs_[static_cast<std::size_t>(*line)]
                                                : inputs_[static_cast<std::size_t>(*std::get_if<hal::Input>(&role))];
     if (slot) {
-      error = told(std::string(name_of(role)) + " has two rows", "a typing error in the wiring table",
-                   "leave one row for each role");
+      error = bridge_trouble(std::string(name_of(role)) + " has two rows", "a typing error in the wiring table",
+                             "leave one row for each role");
       break;
     }
     slot = Pin{static_cast<std::uint8_t>(places[i].offset), config.wiring[i].active_low};

@@ -10,6 +10,8 @@
 #include <variant>
 #include <vector>
 
+#include "drivers/common/trouble.hpp"
+
 namespace holdfast::drivers {
 namespace {
 
@@ -50,32 +52,28 @@ Census take_census(const std::string& devices) {
   return census;
 }
 
-std::string told(std::string_view what, std::string_view cause, std::string_view next) {
-  return std::string(what) + ". Likely cause: " + std::string(cause) + ". Next: " + std::string(next);
-}
-
 // A chip that does not open looks like one that is not there.
 std::string with_refusal(std::string error, const Census& census) {
   if (census.refused.empty()) return error;
   const std::string what = census.refused + " (then: " + error.substr(0, error.find(". Likely cause: ")) + ")";
   if (!census.forbidden) {
-    return told(what, "this device file is no GPIO chip, or its chip is just going", "compare with `gpiodetect`");
+    return trouble(what, "this device file is no GPIO chip, or its chip is just going", "compare with `gpiodetect`");
   }
-  return told(what, "the user of this process is not in the group gpio",
-              "add it (usermod -aG gpio NAME, or SupplementaryGroups=gpio in the unit) and start again");
+  return trouble(what, "the user of this process is not in the group gpio",
+                 "add it (usermod -aG gpio NAME, or SupplementaryGroups=gpio in the unit) and start again");
 }
 
-std::string told(const Wiring& wiring, const Place& place, const Census& census, int failed) {
+std::string refusal(const Wiring& wiring, const Place& place, const Census& census, int failed) {
   const gpiod::KernelChip& chip = census.chips[place.chip];
   const std::string line = std::string(name_of(wiring.role)) + ": line " + std::to_string(place.offset) + " of " +
                            chip.name + " (" + chip.label + "): ";
   if (failed == EBUSY) {
-    return told(line + "taken by another process between the look and the request", "two programs start at once",
-                "see `gpioinfo " + chip.name + "`, end the other one and start again");
+    return trouble(line + "taken by another process between the look and the request", "two programs start at once",
+                   "see `gpioinfo " + chip.name + "`, end the other one and start again");
   }
-  return told(line + "the kernel refused it: " + std::strerror(failed),
-              "this chip cannot use the line so (direction, or a pin that belongs to a device)",
-              "compare with `gpioinfo " + chip.name + "` and the kernel log, or wire another pin");
+  return trouble(line + "the kernel refused it: " + std::strerror(failed),
+                 "this chip cannot use the line so (direction, or a pin that belongs to a device)",
+                 "compare with `gpioinfo " + chip.name + "` and the kernel log, or wire another pin");
 }
 
 // Requests a line, an output LOW. Returns the kernel's errno, and says in `error` why the line is not what it should
@@ -87,11 +85,11 @@ int take(const Census& census, const Wiring& wiring, const Place& place, const s
                          !output};
   const int failed = gpiod::request(census.chips[place.chip].path, wish, slot);
   if (failed != 0) {
-    error = told(wiring, place, census, failed);
+    error = refusal(wiring, place, census, failed);
   } else if (output && gpiod::read(*slot) != 0) {
-    error = told(std::string(name_of(wiring.role)) + ": told LOW, and does not read LOW",
-                 "the wire is shorted or driven from outside, or the chip cannot read its outputs back",
-                 "measure the pin with the wire off");
+    error = trouble(std::string(name_of(wiring.role)) + ": told LOW, and does not read LOW",
+                    "the wire is shorted or driven from outside, or the chip cannot read its outputs back",
+                    "measure the pin with the wire off");
   }
   return failed;
 }
@@ -113,8 +111,8 @@ std::string GpiodGpio::open(const Config& config) {
     const Wiring& wiring = config.wiring[i];
     gpiod::HeldLine& slot = slot_of(wiring.role);
     if (slot != nullptr) {
-      error = told(std::string(name_of(wiring.role)) + ": two rows of the table", "a typing error in the wiring table",
-                   "leave one row for each role");
+      error = trouble(std::string(name_of(wiring.role)) + ": two rows of the table",
+                      "a typing error in the wiring table", "leave one row for each role");
     } else {
       (void)take(census, wiring, places[i], config.consumer, slot, error);
     }

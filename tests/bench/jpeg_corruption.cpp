@@ -44,7 +44,7 @@ void print_header(bool csv) {
              "judge", "rejected", "identical", "different", "harmful");
 }
 
-void print_row(bool csv, const Film& film, Damage damage, long frames, const char* judge, const Tally& tally,
+void print_row(bool csv, const DamagedFilm& film, Damage damage, long frames, const char* judge, const Tally& tally,
                bool tracked) {
   const std::string harmful = tracked ? fmt::format("{}", tally.harmful) : csv ? "" : "-";
   if (csv) {
@@ -59,9 +59,9 @@ void print_row(bool csv, const Film& film, Damage damage, long frames, const cha
 }
 
 // Returns the losses that passed.
-long run_cell(const Options& options, const Film& film, Damage damage, long frames) {
+long run_cell(const Options& options, const DamagedFilm& film, Damage damage, long frames) {
   const bool tell = isatty(STDERR_FILENO) != 0;
-  Figures sum;
+  DamageFigures sum;
   for (long first = 0; first < frames; first = sum.frames) {
     const long count = std::min(frames - first, frames / kSteps + 1);
     sum += judge(film, damage, first, count, options.seed, options.threads, options.keep);
@@ -105,7 +105,7 @@ int run(int argc, char** argv) {
     const long losses = width == 640 ? options.frames_640 : options.frames_3280;
     if (losses == 0) continue;
     for (const int restart_interval : {0, kRestartInterval}) {
-      const Film shots = film(width, restart_interval, kShots);
+      const DamagedFilm shots = film(width, restart_interval, kShots);
       if (!shots.error.empty()) {
         fmt::print(stderr, "error: {} at {} (the undamaged film is not tracked). Next: run the tests\n", shots.error,
                    width);

@@ -43,14 +43,14 @@ int frames_wanted() {
 }
 
 // Our end of a port of the board's.
-class Port {
+class FloodedPort {
  public:
-  explicit Port(std::filesystem::path path) : path_(std::move(path)) {}
-  ~Port() {
+  explicit FloodedPort(std::filesystem::path path) : path_(std::move(path)) {}
+  ~FloodedPort() {
     if (fd_ >= 0) ::close(fd_);
   }
-  Port(const Port&) = delete;
-  Port& operator=(const Port&) = delete;
+  FloodedPort(const FloodedPort&) = delete;
+  FloodedPort& operator=(const FloodedPort&) = delete;
 
   bool open() {
     if (fd_ >= 0) return true;
@@ -88,7 +88,7 @@ TEST_GROUP(ConsoleFlood) {
   std::filesystem::path link_path = dir / "link";
   test::HostProcess board{
       {test::kFirmware, "--real-time", "--empty", "--host", console_path.string(), "--link", link_path.string()}};
-  Port console{console_path}, link{link_path};
+  FloodedPort console{console_path}, link{link_path};
   test::StatusReceiver receiver;
 
   static bool until(const std::function<bool()>& condition) {

@@ -21,6 +21,7 @@
 #include "drivers/sim/scene/simulation.hpp"
 #include "params/params.hpp"
 #include "tests/support/folders.hpp"
+#include "tests/support/scene_named.hpp"
 #include "toolchain/play/play.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -46,19 +47,9 @@ std::vector<fs::path> files() {
   return found;
 }
 
-Scene load(const fs::path& path) {
-  SceneResult read = read_scene_file(path);
-  if (!read.scene) FAIL(read.errors.front().c_str());
-  return *read.scene;
-}
-
-Scene named(const std::string& name) {
-  return load(fs::path(kFolder) / (name + ".json"));
-}
-
 std::vector<Scene> gallery() {
   std::vector<Scene> all;
-  for (const fs::path& path : files()) all.push_back(load(path));
+  for (const fs::path& path : files()) all.push_back(test::scene_of(path));
   return all;
 }
 
@@ -270,7 +261,7 @@ TEST(Gallery, OnsetsAreTheTheorys) {
                                "slide_18_fps", "slide_and_back",     "features_slip",  "pair_slip_springs",
                                "lost_markers", "print_off",          "dirt_grey",      "sphere_slip"};
   for (const char* name : drags) {
-    const Scene scene = named(name);
+    const Scene scene = test::scene_named(name);
     const Layer layer(scene.gel);
     std::optional<double> onset_s;
     for (int k = 0; k < frame_count(scene) && !onset_s; ++k) {
@@ -287,8 +278,8 @@ TEST(Gallery, OnsetsAreTheTheorys) {
 
 TEST(Gallery, PairsAreMatchedInShearAndDifferInSlip) {
   for (const Pair& pair : kPairs) {
-    const Scene slip = at_markers(named(pair.slip));
-    const Scene hold = at_markers(named(pair.hold));
+    const Scene slip = at_markers(test::scene_named(pair.slip));
+    const Scene hold = at_markers(test::scene_named(pair.hold));
     CHECK_TEXT(slip.level.inject == hold.level.inject && slip.gel.thickness_mm == hold.gel.thickness_mm, pair.slip);
     const std::vector<Truth> slips = truth_of(slip);
     const std::vector<Truth> holds = truth_of(hold);

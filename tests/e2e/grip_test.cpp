@@ -31,7 +31,7 @@ Pulled pulled(const Pull& pull, Prevention prevention) {
   return out;
 }
 
-Pull named(std::string_view name) {
+Pull pull_named(std::string_view name) {
   for (const Pull& pull : named_pulls()) {
     if (pull.name == name) return pull;
   }
@@ -50,10 +50,10 @@ void check_never_lowered(const Grasp& grasp) {
 TEST_GROUP(Grip){};
 
 TEST(Grip, TheBookIsLostWithoutPreventionAndTheTaskEndsWithIt) {
-  const Pulled without = pulled(named("book"), Prevention::kOff);
+  const Pulled without = pulled(pull_named("book"), Prevention::kOff);
   CHECK_TRUE(without.grasp.lost);
   CHECK_EQUAL(0, without.grasp.steps);
-  const Pulled with = pulled(named("book"), Prevention::kOn);
+  const Pulled with = pulled(pull_named("book"), Prevention::kOn);
   CHECK_FALSE(with.grasp.lost);
   CHECK_TRUE(with.grasp.steps > 0);
   CHECK_TRUE(with.grasp.final_n <= with.allowed_n);
@@ -68,21 +68,21 @@ TEST(Grip, TheBookIsLostWithoutPreventionAndTheTaskEndsWithIt) {
 }
 
 TEST(Grip, FrictionThatHalvesIsMetWithForce) {
-  CHECK_TRUE(pulled(named("friction_halves"), Prevention::kOff).grasp.lost);
-  const Pulled with = pulled(named("friction_halves"), Prevention::kOn);
+  CHECK_TRUE(pulled(pull_named("friction_halves"), Prevention::kOff).grasp.lost);
+  const Pulled with = pulled(pull_named("friction_halves"), Prevention::kOn);
   CHECK_FALSE(with.grasp.lost);
   check_never_lowered(with.grasp);
 }
 
 TEST(Grip, ALoadThatIsAddedIsMetWithForce) {
-  CHECK_TRUE(pulled(named("load_added"), Prevention::kOff).grasp.lost);
-  const Pulled with = pulled(named("load_added"), Prevention::kOn);
+  CHECK_TRUE(pulled(pull_named("load_added"), Prevention::kOff).grasp.lost);
+  const Pulled with = pulled(pull_named("load_added"), Prevention::kOn);
   CHECK_FALSE(with.grasp.lost);
   check_never_lowered(with.grasp);
 }
 
 TEST(Grip, ABumpDoesNotTrigger) {
-  const Pull bump = named("bump");
+  const Pull bump = pull_named("bump");
   const Grasp grasp = pulled(bump, Prevention::kOn).grasp;
   CHECK_FALSE(grasp.lost);
   double least_load_n = 1e9;

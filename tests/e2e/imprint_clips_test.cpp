@@ -23,7 +23,7 @@ using namespace holdfast;
 
 // The time in which objects are gripped and shaken; the reference takes some ms a frame.
 constexpr long kFrom = 90, kTo = 210;
-constexpr int kEmptyFrames = 12;
+constexpr int kFramesBefore = 12;
 
 }  // namespace
 
@@ -77,8 +77,8 @@ TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
       off.push_back(test::ImprintReference::off(expected, seen.motion.raw()));
       plain.push_back(std::abs(seen.motion.raw() / 256.0 - std::log2(expected.motion_um)));
     };
-    for (int k = 0; k < kEmptyFrames; ++k) {
-      both(sim::as_frame(last), state->tracker.field, true, Micros{40'000 * (k - 2 * kEmptyFrames)});
+    for (int k = 0; k < kFramesBefore; ++k) {
+      both(sim::as_frame(last), state->tracker.field, true, Micros{40'000 * (k - 2 * kFramesBefore)});
     }
     sim::RecordedFrame frame;
     while (recording.next(frame) == sim::Read::kFrame && frame.index < kTo) {

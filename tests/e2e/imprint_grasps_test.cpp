@@ -13,7 +13,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/math/random.hpp"
-#include "tests/support/folders.hpp"
+#include "tests/support/scene_named.hpp"
 #include "toolchain/play/play.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -28,12 +28,6 @@ constexpr std::array<Relief, 4> kReliefs{{{ReliefKind::kBumps, 40, 0.8},
                                           {ReliefKind::kGrain, 60, 0.7},
                                           {ReliefKind::kGrain, 15, 0.5}}};
 
-Scene named(const std::string& name) {
-  SceneResult read = read_scene_file(holdfast::test::source("tests/scenes/") + name + ".json");
-  if (!read.scene) FAIL(read.errors.front().c_str());
-  return *read.scene;
-}
-
 int alarms_of(const std::vector<tool::PlayedFrame>& frames) {
   int alarms = 0;
   for (std::size_t i = 1; i < frames.size(); ++i) alarms += frames[i].slip && !frames[i - 1].slip ? 1 : 0;
@@ -43,7 +37,7 @@ int alarms_of(const std::vector<tool::PlayedFrame>& frames) {
 // Pressed on by 0.8 to 3 N and shaken to and fro for a minute, by 0.1 to 0.8 mm at 1 to 6 Hz.
 Scene shaken(int number, double seconds) {
   Random random(static_cast<std::uint64_t>(number) + 1);
-  Scene scene = named("relief_shaken");
+  Scene scene = test::scene_named("relief_shaken");
   scene.object.relief = kReliefs[static_cast<std::size_t>(number) % kReliefs.size()];
   scene.seed = static_cast<std::uint64_t>(number) + 1;
   scene.trajectory = {{.t_s = 0.6, .force_n = 0.0},
@@ -63,7 +57,7 @@ Scene shaken(int number, double seconds) {
 
 // From 4 mm before the middle to 4 mm beyond it, at this speed.
 Scene slide(const Relief& relief, double mm_s) {
-  Scene scene = named("relief_slip_20_mm_s");
+  Scene scene = test::scene_named("relief_slip_20_mm_s");
   scene.object.relief = relief;
   const double end_s = 1.2 + 8.0 / mm_s;
   scene.trajectory[3].t_s = end_s;

@@ -44,7 +44,7 @@ scene::Scene grey(scene::Scene scene) {
   return scene;
 }
 
-struct Run {
+struct SceneRun {
   long frames = 0;
   std::optional<long> first_slip;
   std::optional<long> onset;  // truth: more than half of the contact slips
@@ -56,8 +56,8 @@ struct Run {
 };
 
 // `scale`: from pixels of the working image to those of the camera's.
-Run play(Desk& desk, double scale) {
-  Run run;
+SceneRun play(Desk& desk, double scale) {
+  SceneRun run;
   const double px320_per_input_px = 320.0 / desk.camera.picture().width;
   CHECK(desk.app->start(Params{}).ok());
   while (desk.app->step()) {
@@ -93,7 +93,7 @@ TEST_GROUP(Scene){};
 TEST(Scene, SlipIsRaisedAfterTheOnsetAndLowersGripOkInTheSameFrame) {
   const scene::Scene scene = scene::sphere_slip();
   Desk desk(scene);
-  const Run run = play(desk, 8.0);
+  const SceneRun run = play(desk, 8.0);
 
   CHECK(run.first_slip.has_value());
   CHECK(run.onset.has_value());
@@ -117,7 +117,7 @@ TEST(Scene, CentresFromTheCamerasJpegAreGoodToTwelveThousandths) {
   scene::Scene scene = scene::sphere_slip();
   scene.effects.pixel_noise = 8.0;
   Desk desk(scene);
-  const Run run = play(desk, 8.0);
+  const SceneRun run = play(desk, 8.0);
   LONGS_EQUAL(63, run.least_markers);
   const double rms = std::sqrt(run.square_sum_px2 / static_cast<double>(run.markers));
   std::printf("\n3280x2464 at 1/8, sigma 8, quality 85: rms %.4f px of 320, worst %.3f\n", rms, run.worst_px);
@@ -134,7 +134,7 @@ TEST(Scene, NothingIsRaisedWithoutContactOrInAFirmShake) {
   const auto shaken = scene::read_scene_file(holdfast::test::source("tests/scenes/sphere_shake.json"));
   for (const scene::Scene& scene : {still, shaken.scene.value()}) {
     Desk desk(grey(scene));
-    const Run run = play(desk, 1.0);
+    const SceneRun run = play(desk, 1.0);
     CHECK_FALSE(run.first_slip.has_value());
     LONGS_EQUAL(63, run.least_markers);
   }

@@ -19,14 +19,14 @@ using namespace holdfast;
 using namespace holdfast::test;
 
 TEST_GROUP(JpegCorruption){
-    static void check_sums(const Figures& figures, long frames){LONGS_EQUAL(frames, figures.frames);
+    static void check_sums(const DamageFigures& figures, long frames){LONGS_EQUAL(frames, figures.frames);
 for (const Tally& tally : {figures.ours, figures.checked, figures.library, figures.both}) {
   CHECK(tally.harmful <= tally.different);
 }
 LONGS_EQUAL(frames, figures.ours.rejected + figures.ours.identical + figures.ours.different);
 }
-static Film tracked_film(int width, int restart_interval, int shots) {
-  Film out = film(width, restart_interval, shots);
+static DamagedFilm tracked_film(int width, int restart_interval, int shots) {
+  DamagedFilm out = film(width, restart_interval, shots);
   STRCMP_EQUAL("", out.error.c_str());
   return out;
 }
@@ -34,7 +34,7 @@ static Film tracked_film(int width, int restart_interval, int shots) {
 ;
 
 TEST(JpegCorruption, DamageIsWhatItsNameSays) {
-  const Film shots = tracked_film(640, 0, 1);
+  const DamagedFilm shots = tracked_film(640, 0, 1);
   const Bytes& whole = shots.shots[0].bytes;
   Random random(1);
   for (int round = 0; round < 50; ++round) {
@@ -58,16 +58,16 @@ TEST(JpegCorruption, DamageIsWhatItsNameSays) {
 
 TEST(JpegCorruption, NoLostPayloadPasses) {
   for (const int restart_interval : {0, 4}) {
-    const Film at_640 = tracked_film(640, restart_interval, 4);
-    const Film at_3280 = tracked_film(3280, restart_interval, 1);
+    const DamagedFilm at_640 = tracked_film(640, restart_interval, 4);
+    const DamagedFilm at_3280 = tracked_film(3280, restart_interval, 1);
     for (const Damage damage : kDamages) {
       if (!is_loss(damage)) continue;
-      const Figures small = judge(at_640, damage, 0, 100, 1, 2);
+      const DamageFigures small = judge(at_640, damage, 0, 100, 1, 2);
       check_sums(small, 100);
       LONGS_EQUAL(0, small.losses_passed);
       LONGS_EQUAL(0, small.ours.different);
       LONGS_EQUAL(0, small.both.harmful);
-      const Figures large = judge(at_3280, damage, 0, 10, 1, 2);
+      const DamageFigures large = judge(at_3280, damage, 0, 10, 1, 2);
       check_sums(large, 10);
       LONGS_EQUAL(0, large.losses_passed);
       LONGS_EQUAL(0, large.ours.different);
@@ -77,8 +77,8 @@ TEST(JpegCorruption, NoLostPayloadPasses) {
 
 // The campaign is able to see harm.
 TEST(JpegCorruption, SeesWhatFlippedBitsDo) {
-  const Film shots = tracked_film(640, 0, 4);
-  const Figures figures = judge(shots, Damage::kBitFlipped, 0, 600, 1, 2);
+  const DamagedFilm shots = tracked_film(640, 0, 4);
+  const DamageFigures figures = judge(shots, Damage::kBitFlipped, 0, 600, 1, 2);
   check_sums(figures, 600);
   CHECK(figures.library.different > 300);
   CHECK(figures.library.harmful > 0);
@@ -89,8 +89,8 @@ TEST(JpegCorruption, SeesWhatFlippedBitsDo) {
 
 // The check takes nothing away but damage. In the campaign's 10 000 frames it leaves none that is harmful.
 TEST(JpegCorruption, PictureCheckFindsWhatMisleadsTheTracking) {
-  const Film shots = tracked_film(3280, 0, 4);
-  Figures figures = judge(shots, Damage::kBitFlipped, 0, 400, 1, 2);
+  const DamagedFilm shots = tracked_film(3280, 0, 4);
+  DamageFigures figures = judge(shots, Damage::kBitFlipped, 0, 400, 1, 2);
   figures += judge(shots, Damage::kByteChanged, 0, 400, 1, 2);
   check_sums(figures, 800);
   LONGS_EQUAL(800, figures.checked.rejected + figures.checked.identical + figures.checked.different);
@@ -101,9 +101,9 @@ TEST(JpegCorruption, PictureCheckFindsWhatMisleadsTheTracking) {
 }
 
 TEST(JpegCorruption, DoesNotDependOnThreads) {
-  const Film shots = tracked_film(640, 4, 2);
-  const Figures alone = judge(shots, Damage::kByteChanged, 5, 60, 3, 1);
-  const Figures three = judge(shots, Damage::kByteChanged, 5, 60, 3, 3);
+  const DamagedFilm shots = tracked_film(640, 4, 2);
+  const DamageFigures alone = judge(shots, Damage::kByteChanged, 5, 60, 3, 1);
+  const DamageFigures three = judge(shots, Damage::kByteChanged, 5, 60, 3, 3);
   LONGS_EQUAL(alone.ours.rejected, three.ours.rejected);
   LONGS_EQUAL(alone.library.harmful, three.library.harmful);
   LONGS_EQUAL(alone.both.different, three.both.different);

@@ -39,17 +39,17 @@ scene::Scene scene_of(const Case& c) {
   return scene;
 }
 
-struct Worst {
+struct WorstLoad {
   double shear = 0, normal = 0;
   int frames = 0, within = 0;
 };
 
 // Of the frames with at least 0.3 N of either; 2 um of noise on each marker.
-Worst worst_of(const Case& c) {
+WorstLoad worst_of(const Case& c) {
   scene::Simulation simulation(scene_of(c));
   std::mt19937 random(3);
   std::normal_distribution<double> noise(0.0, 2.0);
-  Worst worst;
+  WorstLoad worst;
   for (int frame = 0; frame < scene::frame_count(simulation.scene()); ++frame) {
     const scene::Snapshot& truth = simulation.next();
     DisplacementField field;
@@ -90,7 +90,7 @@ TEST(Loads, OfContactsWithinTheLatticeAreReadToTenPercent) {
       {{.kind = kBox, .half_x_mm = 4.0, .half_y_mm = 3.0}, 1.5, 1.0, {-0.8, -0.4}, {1.5, 0.5}},
   };
   for (const Case& c : cases) {
-    const Worst worst = worst_of(c);
+    const WorstLoad worst = worst_of(c);
     CHECK_TRUE(worst.shear < 0.10);
     CHECK_TRUE(worst.normal < 0.20);
     CHECK_TRUE(worst.within > worst.frames / 2);
@@ -105,7 +105,7 @@ TEST(Loads, OfABarAreSaidToBeLessExact) {
       {{.kind = kEdge, .radius_mm = 1.5, .yaw_rad = 0.5}, 2.0, 0.8, {0.3, 0.0}, {0.5, 1.2}},
   };
   for (const Case& c : cases) {
-    const Worst worst = worst_of(c);
+    const WorstLoad worst = worst_of(c);
     CHECK_TRUE(worst.shear < 0.35);
     CHECK_TRUE(worst.normal < 0.60);
     LONGS_EQUAL(0, worst.within);

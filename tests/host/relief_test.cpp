@@ -9,7 +9,7 @@
 
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/scene/file/scene_file.hpp"
-#include "tests/support/folders.hpp"
+#include "tests/support/scene_named.hpp"
 #include "toolchain/play/paper.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -19,15 +19,9 @@ using namespace holdfast::scene;
 
 namespace {
 
-Scene named(const std::string& name) {
-  SceneResult read = read_scene_file(holdfast::test::source("tests/scenes/") + name + ".json");
-  if (!read.scene) FAIL(read.errors.front().c_str());
-  return *read.scene;
-}
-
 // One scene filmed frame by frame.
-struct Film {
-  explicit Film(const Scene& scene) : camera(scene, clock) { CHECK(camera.start()); }
+struct FilmedScene {
+  explicit FilmedScene(const Scene& scene) : camera(scene, clock) { CHECK(camera.start()); }
 
   // The picture at a time; what came before happens unseen.
   std::vector<std::uint8_t> at(double t_s) {
@@ -104,12 +98,12 @@ TEST_GROUP(Relief){};
 
 // The camera's own picture against the renderer's, told by hand where the object was and is.
 TEST(Relief, TheCameraShowsItWhereTheObjectIs) {
-  Scene scene = named("relief_slip_20_mm_s");
+  Scene scene = test::scene_named("relief_slip_20_mm_s");
   scene.effects = {.exposure_ms = 6.0, .rolling_shutter_ms = 4.0};  // a quarter of a frame in all
   for (Waypoint& point : scene.trajectory) {
     if (point.x_mm) point.twist_deg = 5.0 * *point.x_mm;
   }
-  Film film(scene);
+  FilmedScene film(scene);
   film.at(1.36);
   const ContactState last = film.camera.snapshot().contact;
   const std::vector<std::uint8_t> picture = film.at(1.40);
@@ -141,7 +135,7 @@ TEST(Relief, TheCameraShowsItWhereTheObjectIs) {
 }
 
 TEST(Relief, OfAGluedObjectMovesWithTheGel) {
-  Film film(bare(named("relief_shaken")));
+  FilmedScene film(bare(test::scene_named("relief_shaken")));
   const auto from = film.at(1.32);
   const Vec2 object = film.camera.snapshot().object_mm;
   const Vec2 gel = gel_motion(film.camera);
@@ -159,7 +153,7 @@ TEST(Relief, OfAGluedObjectMovesWithTheGel) {
 }
 
 TEST(Relief, OfASlidingObjectRunsOverTheGel) {
-  Film film(bare(named("relief_slide_1_mm_s")));
+  FilmedScene film(bare(test::scene_named("relief_slide_1_mm_s")));
   const auto from = film.at(3.0);
   const Vec2 gel = gel_motion(film.camera);
   const PointPx middle = to_px(film.camera.picture(), film.camera.snapshot().contact.center_mm);
@@ -173,8 +167,8 @@ TEST(Relief, OfASlidingObjectRunsOverTheGel) {
 }
 
 TEST(Relief, ATwistTurnsIt) {
-  Scene scene = bare(named("relief_twist"));
-  Film film(scene);
+  Scene scene = bare(test::scene_named("relief_twist"));
+  FilmedScene film(scene);
   const auto from = film.at(2.0);
   const Vec2 middle = film.camera.snapshot().contact.center_mm;
   // 30 degrees/s: a place 2 mm beside the middle moves by 0.84 mm in 0.8 s.

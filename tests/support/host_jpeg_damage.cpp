@@ -56,7 +56,7 @@ scene::PointPx centre(const Marker& marker) {
 // The two decoders, each with a picture, and a tracker to try things on: the memory of one thread.
 class Bench {
  public:
-  explicit Bench(const Film& film) : film_(film) {}
+  explicit Bench(const DamagedFilm& film) : film_(film) {}
 
   bool decode_ours(const Bytes& bytes) {
     return jpeg_fast::decode(*state_, {}, {worker_.get(), 1}, crew_, bytes, *eighth_, {.min_width = 1, .min_height = 1})
@@ -71,7 +71,7 @@ class Bench {
   // What the firmware tracks on.
   [[nodiscard]] const LumaBuffer& working() const { return film_.scale == DecodeScale::kEighth ? *eighth_ : *working_; }
 
-  void judge(const Shot& shot, const Bytes& bytes, Figures& sum) {
+  void judge(const Shot& shot, const Bytes& bytes, DamageFigures& sum) {
     ++sum.frames;
     const bool ours = decode_ours(bytes);
     const bool at_eighth = film_.scale == DecodeScale::kEighth;
@@ -117,7 +117,7 @@ class Bench {
     return false;
   }
 
-  const Film& film_;
+  const DamagedFilm& film_;
   const pipeline::Config config_;
   std::unique_ptr<jpeg_fast::State> state_ = std::make_unique<jpeg_fast::State>();
   std::unique_ptr<jpeg_fast::Worker> worker_ = std::make_unique<jpeg_fast::Worker>();
@@ -178,8 +178,8 @@ Bytes damaged(const Bytes& whole, Damage damage, Random& random) {
   return whole;
 }
 
-Film film(int width, int restart_interval, int shots) {
-  Film out{width, restart_interval, luma_input::scale_for(DecodeScale::kEighth, width), {}, {}};
+DamagedFilm film(int width, int restart_interval, int shots) {
+  DamagedFilm out{width, restart_interval, luma_input::scale_for(DecodeScale::kEighth, width), {}, {}};
   const scene::PictureConfig picture = picture_of(width);
   const std::vector<SceneView> views = views_of(slow_drag(), picture);
   Bench bench(out);
@@ -217,14 +217,14 @@ Film film(int width, int restart_interval, int shots) {
   return out;
 }
 
-Figures judge(const Film& film, Damage damage, long first, long count, std::uint32_t seed, int threads,
-              const std::filesystem::path& keep) {
-  std::vector<Figures> sums(static_cast<std::size_t>(threads));
+DamageFigures judge(const DamagedFilm& film, Damage damage, long first, long count, std::uint32_t seed, int threads,
+                    const std::filesystem::path& keep) {
+  std::vector<DamageFigures> sums(static_cast<std::size_t>(threads));
   std::vector<std::thread> workers;
   workers.reserve(sums.size());
   const auto work = [&](int worker) {
     Bench bench(film);
-    Figures& sum = sums[static_cast<std::size_t>(worker)];
+    DamageFigures& sum = sums[static_cast<std::size_t>(worker)];
     for (long number = first + worker; number < first + count; number += threads) {
       std::seed_seq seeds{seed, static_cast<std::uint32_t>(damage), static_cast<std::uint32_t>(number)};
       Random random(seeds);
@@ -242,12 +242,12 @@ Figures judge(const Film& film, Damage damage, long first, long count, std::uint
   };
   for (int worker = 0; worker < threads; ++worker) workers.emplace_back(work, worker);
   for (std::thread& worker : workers) worker.join();
-  Figures total;
-  for (const Figures& sum : sums) total += sum;
+  DamageFigures total;
+  for (const DamageFigures& sum : sums) total += sum;
   return total;
 }
 
-Figures& operator+=(Figures& sum, const Figures& more) {
+DamageFigures& operator+=(DamageFigures& sum, const DamageFigures& more) {
   sum.frames += more.frames;
   sum.ours += more.ours;
   sum.checked += more.checked;

@@ -65,14 +65,14 @@ struct Shot {
 
 // The first `shots` frames of a slow drag at 8 frames a second (25 in all); a restart marker every `restart_interval`
 // MCUs.
-struct Film {
+struct DamagedFilm {
   int width = 640;  // 640 or 3280
   int restart_interval = 0;
   DecodeScale scale = DecodeScale::kHalf;
   std::vector<Shot> shots;
   std::string error;  // not empty: the firmware could not track the undamaged film
 };
-[[nodiscard]] Film film(int width, int restart_interval, int shots);
+[[nodiscard]] DamagedFilm film(int width, int restart_interval, int shots);
 
 struct Tally {
   long rejected = 0;
@@ -81,7 +81,7 @@ struct Tally {
   long harmful = 0;  // of the different
 };
 
-struct Figures {
+struct DamageFigures {
   long frames = 0;
   Tally ours;     // harmful is counted where the firmware works on our picture: at 3280
   Tally checked;  // what the firmware uses (ours at 3280, the library at 640), and the check. Fewer identical ones than
@@ -94,8 +94,8 @@ struct Figures {
 
 // Frames number `first` to first + count - 1 of this kind of damage; each depends on film, damage, seed and number
 // alone, so the figures do not depend on `threads`. Losses passed are written to `keep` unless it is empty.
-[[nodiscard]] Figures judge(const Film& film, Damage damage, long first, long count, std::uint32_t seed, int threads,
-                            const std::filesystem::path& keep = {});
-Figures& operator+=(Figures& sum, const Figures& more);
+[[nodiscard]] DamageFigures judge(const DamagedFilm& film, Damage damage, long first, long count, std::uint32_t seed,
+                                  int threads, const std::filesystem::path& keep = {});
+DamageFigures& operator+=(DamageFigures& sum, const DamageFigures& more);
 
 }  // namespace holdfast::test

@@ -12,6 +12,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/simulation.hpp"
+#include "tests/support/cells.hpp"
 #include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -67,14 +68,6 @@ const std::vector<Planned>& few() {
       grasp("mouse", "translate_y", scene::GraspKind::kShaken, 2),
   };
   return all;
-}
-
-std::vector<std::string> cells_of(const std::string& line) {
-  std::vector<std::string> cells;
-  std::stringstream row(line);
-  std::string cell;
-  while (std::getline(row, cell, ',')) cells.push_back(cell);
-  return cells;
 }
 
 }  // namespace
@@ -197,11 +190,11 @@ TEST(Dataset, FeaturesAreTheOnesThatSimWrites) {
     std::istringstream lines(read_file(features_file));
     std::string line;
     std::getline(lines, line);
-    const std::vector<std::string> names = cells_of(line);
+    const std::vector<std::string> names = test::cells_of(line);
     std::size_t k = 0;
     int compared = 0;
     for (; std::getline(lines, line); ++k) {
-      const std::vector<std::string> cells = cells_of(line);
+      const std::vector<std::string> cells = test::cells_of(line);
       const Row& row = samples.rows.at(k);
       LONGS_EQUAL(std::stoi(cells[0]), row.frame);
       CHECK_EQUAL(!cells[5].empty(), row.accepted);

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/cells.hpp"
 #include "tests/support/learn_data.hpp"
 #include "toolchain/learn/samples.hpp"
 
@@ -26,18 +27,6 @@ std::string error_of(const std::string& text) {
   return read_csv(in, "data.csv", samples).value_or("");
 }
 
-std::vector<std::string> cells_of(const std::string& line) {
-  std::vector<std::string> cells(1);
-  for (const char c : line) {
-    if (c == ',') {
-      cells.emplace_back();
-    } else {
-      cells.back() += c;
-    }
-  }
-  return cells;
-}
-
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
   std::istringstream in(text);
@@ -54,7 +43,7 @@ std::string joined(const std::vector<std::string>& parts, const char* between) {
 // A good file of two trials, with one cell of one line (from 1) replaced.
 std::string with_cell(std::size_t line, std::size_t column, const std::string& cell) {
   std::vector<std::string> lines = lines_of(written(test::grasps(2, 1)));
-  std::vector<std::string> cells = cells_of(lines.at(line - 1));
+  std::vector<std::string> cells = test::cells_of(lines.at(line - 1));
   cells.at(column) = cell;
   lines[line - 1] = joined(cells, ",");
   return joined(lines, "\n") + "\n";

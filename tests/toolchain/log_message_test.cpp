@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/status.hpp"
+#include "tests/support/cells.hpp"
 #include "toolchain/log/csv_log.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -93,18 +94,12 @@ bool is_plain_number(std::string_view cell) {
   return !cell.empty() && cell.find_first_not_of("0123456789") == std::string_view::npos;
 }
 
-std::vector<std::string> cells_of(std::string_view line) {
-  std::vector<std::string> cells(1);
+// Of a line that needs no quotes.
+std::vector<std::string> checked_cells(std::string_view line) {
   CHECK(line.ends_with('\n'));
-  for (const char c : line.substr(0, line.size() - 1)) {
-    CHECK(c != '\n' && c != '\r' && c != '"' && c != ' ');
-    if (c == ',') {
-      cells.emplace_back();
-    } else {
-      cells.back() += c;
-    }
-  }
-  return cells;
+  line.remove_suffix(1);
+  CHECK(line.find_first_of("\n\r\" ") == std::string_view::npos);
+  return holdfast::test::cells_of(line);
 }
 
 }  // namespace
@@ -229,7 +224,7 @@ TEST(LogMessage, DecodesWhatItEncodesAndNothingElse) {
 }
 
 TEST(LogMessage, TheTableHasNumbersOnly) {
-  const std::vector<std::string> names = cells_of(csv_header());
+  const std::vector<std::string> names = checked_cells(csv_header());
   STRCMP_EQUAL("t_s", names.front().c_str());
   LONGS_EQUAL(46, names.size());
   STRCMP_EQUAL("friction_use", names.back().c_str());
@@ -237,7 +232,7 @@ TEST(LogMessage, TheTableHasNumbersOnly) {
   for (const double figure : {0.0, -0.0, 1e-9, -4096.0, 123456789.0, 1.0 / 3}) {
     state.vx_mm_s = state.vy_mm_s = state.entropy_nat = state.entropy_rate_nat_s = state.decided_us = figure;
     state.header.stamp = {2'000'000'000, 999'999'000};
-    const std::vector<std::string> cells = cells_of(csv_row(state));
+    const std::vector<std::string> cells = checked_cells(csv_row(state));
     LONGS_EQUAL(names.size(), cells.size());
     for (const std::string& cell : cells) CHECK_TEXT(is_plain_number(cell), cell.c_str());
     STRCMP_EQUAL("2000000000.999999", cells[0].c_str());

@@ -31,7 +31,7 @@ using test::read_file;
 using test::TempDir;
 using test::write_file;
 
-constexpr const char* kHeader = "clip,slip_start,slip_end,onset_recorded,silent_intervals,empty_intervals,note\n";
+constexpr const char* kLabelsHeader = "clip,slip_start,slip_end,onset_recorded,silent_intervals,empty_intervals,note\n";
 constexpr const char* kClip = "mug__exp_num_12__camera_9";
 constexpr int kFrames = 31;
 
@@ -98,8 +98,8 @@ TEST(Recordings, RowsAreAsTheLabelFileSays) {
 TEST(Recordings, ALabelFileMayBeginWithAByteOrderMark) {
   const Studio studio;
   Samples samples;
-  STRCMP_EQUAL("",
-               studio.read("\xEF\xBB\xBF" + std::string(kHeader) + kClip + ",,,0,,,\n", samples).value_or("").c_str());
+  STRCMP_EQUAL(
+      "", studio.read("\xEF\xBB\xBF" + std::string(kLabelsHeader) + kClip + ",,,0,,,\n", samples).value_or("").c_str());
   LONGS_EQUAL(kFrames, samples.rows.size());
 }
 
@@ -107,8 +107,8 @@ TEST(Recordings, AnOnsetThatWasNotSeenHasNoHoldBeforeIt) {
   const Studio studio;
   const std::string tail = ",2-8:high;12-14:high,24-30,\n";
   Samples seen, unseen;
-  CHECK(!studio.read(kHeader + std::string(kClip) + ",9,11,1" + tail, seen));
-  CHECK(!studio.read(kHeader + std::string(kClip) + ",9,11,0" + tail, unseen));
+  CHECK(!studio.read(kLabelsHeader + std::string(kClip) + ",9,11,1" + tail, seen));
+  CHECK(!studio.read(kLabelsHeader + std::string(kClip) + ",9,11,0" + tail, unseen));
   STRCMP_EQUAL("oohhhhhhhssshhhoooooooooeeeeeee", spelled(seen).c_str());
   STRCMP_EQUAL("ooooooooosssHHHoooooooooeeeeeee",
                [&] {
@@ -125,7 +125,7 @@ TEST(Recordings, TheRestPositionIsTheOneThatTheFileSays) {
   fs::copy(studio.dir / kClip / "15.png", studio.dir / "empty_camera_9.png");
   const auto entropy_at_2 = [&](const std::string& name, const std::string& empty) {
     Samples samples;
-    const auto error = studio.read(kHeader + name + ",,,0,," + empty + ",\n", samples);
+    const auto error = studio.read(kLabelsHeader + name + ",,,0,," + empty + ",\n", samples);
     STRCMP_EQUAL("", error.value_or("").c_str());
     const auto* const index = std::ranges::find(kFeatures, std::string_view("entropy_nat_q16"), &FeatureInfo::name);
     return samples.rows[2].x[static_cast<std::size_t>(index - kFeatures.begin())];
@@ -141,7 +141,7 @@ TEST(Recordings, TheRestPositionIsTheOneThatTheFileSays) {
 TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
   const Studio studio;
   const std::string clip = kClip;
-  const std::string header = kHeader;
+  const std::string header = kLabelsHeader;
   studio.refuses("", "no clips");
   studio.refuses(header, "no clips");
   studio.refuses("clip,slip_start,slip_end,onset_recorded,silent_intervals\n", "'empty_intervals' is missing");
@@ -168,7 +168,7 @@ TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
 TEST(Recordings, ItStopsWhenAsked) {
   const Studio studio;
   Samples samples;
-  write_file(studio.dir / "labels.csv", kHeader + std::string(kClip) + ",,,0,,,\n" + kClip + ",,,0,,,\n");
+  write_file(studio.dir / "labels.csv", kLabelsHeader + std::string(kClip) + ",,,0,,,\n" + kClip + ",,,0,,,\n");
   int asked = 0;
   const auto error = learn::read_recordings(studio.dir / "labels.csv", Params{}, samples, [&](int done, int all) {
     LONGS_EQUAL(++asked, done);
@@ -181,7 +181,7 @@ TEST(Recordings, ItStopsWhenAsked) {
 
 TEST(Recordings, TheCommandWritesNothingWhenAClipIsMissing) {
   const Studio studio;
-  write_file(studio.dir / "labels.csv", kHeader + std::string(kClip) + ",,,0,,,\nother,,,0,,,\n");
+  write_file(studio.dir / "labels.csv", kLabelsHeader + std::string(kClip) + ",,,0,,,\nother,,,0,,,\n");
   const Finished finished =
       test::run({kTool, "dataset", "--recordings", studio.dir / "labels.csv", "--out", studio.dir / "out.csv"});
   LONGS_EQUAL(1, finished.status);
@@ -192,7 +192,7 @@ TEST(Recordings, TheCommandWritesNothingWhenAClipIsMissing) {
 TEST(Recordings, TheCommandChangesNoInput) {
   const Studio studio;
   const std::string labels = studio.dir / "labels.csv";
-  write_file(labels, kHeader + std::string(kClip) + ",,,0,,,\nc.mcap,,,0,,,\n");
+  write_file(labels, kLabelsHeader + std::string(kClip) + ",,,0,,,\nc.mcap,,,0,,,\n");
   write_file(studio.dir / "c.mcap", "mine");
   write_file(studio.dir / "empty_camera_9.png", "mine");
   for (const char* const name : {"labels.csv", "c.mcap", "empty_camera_9.png"}) {

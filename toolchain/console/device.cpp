@@ -7,7 +7,7 @@
 #include <array>
 #include <charconv>
 
-#include "toolchain/support/trouble.hpp"
+#include "drivers/common/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

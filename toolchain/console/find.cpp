@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "toolchain/support/trouble.hpp"
+#include "drivers/common/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -7,10 +7,10 @@
 #include <fstream>
 
 #include "base/crc32.hpp"
+#include "drivers/common/trouble.hpp"
 #include "store/models.hpp"
 #include "store/sealed.hpp"
 #include "store/settings.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -11,7 +11,7 @@
 
 #include <cerrno>
 
-#include "toolchain/support/trouble.hpp"
+#include "drivers/common/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -9,13 +9,13 @@
 #include <utility>
 
 #include "base/math.hpp"
+#include "drivers/common/trouble.hpp"
 #include "tactile/features.hpp"
 #include "toolchain/console/watching.hpp"
 #include "toolchain/log/csv_log.hpp"
 #include "toolchain/log/frame_log.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/progress.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

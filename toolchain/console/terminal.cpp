@@ -11,8 +11,8 @@
 #include <cstdio>
 #include <string_view>
 
+#include "drivers/common/trouble.hpp"
 #include "link/link.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "toolchain/support/trouble.hpp"
+#include "drivers/common/trouble.hpp"
 
 namespace holdfast::console_tool {
 namespace {

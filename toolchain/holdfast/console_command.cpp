@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "drivers/common/trouble.hpp"
 #include "toolchain/console/device.hpp"
 #include "toolchain/console/find.hpp"
 #include "toolchain/console/load_file.hpp"
@@ -23,7 +24,6 @@
 #include "toolchain/console/terminal.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/support/printable.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::tool {
 namespace {

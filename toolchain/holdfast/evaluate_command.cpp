@@ -72,10 +72,10 @@ std::string refused(const EvaluateOptions& options) {
   return options.out.empty() ? "" : refuse_folder(options.out);
 }
 
-using Grasp = std::tuple<learn::Source, std::string, std::string, std::string, std::uint64_t>;
+using GraspKey = std::tuple<learn::Source, std::string, std::string, std::string, std::uint64_t>;
 
 // Appends one file's trials. Empty, or an error line.
-std::string load(const std::string& path, learn::Samples& all, std::map<Grasp, std::string>& seen) {
+std::string load(const std::string& path, learn::Samples& all, std::map<GraspKey, std::string>& seen) {
   std::ifstream in(path, std::ios::binary);
   std::error_code ignored;
   if (!in || fs::is_directory(path, ignored)) {
@@ -87,7 +87,7 @@ std::string load(const std::string& path, learn::Samples& all, std::map<Grasp, s
   learn::Samples some;
   if (auto error = learn::read_csv(in, path, some)) return *error;
   for (const learn::Trial& trial : some.trials) {
-    const Grasp grasp{trial.source, trial.object, trial.primitive, trial.kind, trial.seed};
+    const GraspKey grasp{trial.source, trial.object, trial.primitive, trial.kind, trial.seed};
     const auto [at, fresh] = seen.try_emplace(grasp, path);
     if (!fresh && at->second != path) {
       return fmt::format(
@@ -241,7 +241,7 @@ int evaluate_samples(const EvaluateOptions& asked) {
   learn::Options options;
   if (const std::string error = settle(asked, options); !error.empty()) return fail(error);
   learn::Samples samples;
-  std::map<Grasp, std::string> seen;
+  std::map<GraspKey, std::string> seen;
   for (const std::string& path : asked.data) {
     if (const std::string error = load(path, samples, seen); !error.empty()) return fail(error);
   }

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "drivers/common/monotonic_clock.hpp"
+#include "drivers/common/trouble.hpp"
 #include "drivers/linux/camera_v4l2.hpp"
 #include "drivers/sim/camera_played.hpp"
 #include "toolchain/console/device.hpp"
@@ -36,7 +37,6 @@
 #include "toolchain/session/run.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/progress.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::tool {
 namespace {

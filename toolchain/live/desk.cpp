@@ -8,6 +8,7 @@
 #include "console/console.hpp"
 #include "drivers/common/crew.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
+#include "drivers/common/trouble.hpp"
 #include "drivers/common/watchdog_thread.hpp"
 #include "drivers/sim/gpio.hpp"
 #include "drivers/sim/hande.hpp"
@@ -18,7 +19,6 @@
 #include "toolchain/log/facts.hpp"
 #include "toolchain/session/camera_tap.hpp"
 #include "toolchain/session/session.hpp"
-#include "toolchain/support/trouble.hpp"
 #include "vision/jpeg_decoder.hpp"
 #include "vision/luma_input.hpp"
 

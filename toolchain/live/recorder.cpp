@@ -4,7 +4,7 @@
 #include <chrono>
 #include <utility>
 
-#include "toolchain/support/trouble.hpp"
+#include "drivers/common/trouble.hpp"
 
 namespace holdfast::live {
 namespace {

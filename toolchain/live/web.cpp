@@ -12,7 +12,7 @@
 #include <string_view>
 #include <utility>
 
-#include "toolchain/support/trouble.hpp"
+#include "drivers/common/trouble.hpp"
 
 namespace holdfast::live {
 namespace {

@@ -9,8 +9,8 @@
 #include <functional>
 #include <utility>
 
+#include "drivers/common/trouble.hpp"
 #include "toolchain/support/cli.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::fleet {
 namespace {

@@ -20,12 +20,12 @@
 #include <utility>
 #include <vector>
 
+#include "drivers/common/trouble.hpp"
 #include "toolchain/console/port.hpp"
 #include "toolchain/console/signals.hpp"
 #include "toolchain/mqtt/client.hpp"
 #include "toolchain/mqtt/telemetry.hpp"
 #include "toolchain/support/cli.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast {
 namespace {

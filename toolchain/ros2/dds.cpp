@@ -5,8 +5,8 @@
 #include <iterator>
 #include <memory>
 
+#include "drivers/common/trouble.hpp"
 #include "holdfast.h"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::ros2 {
 namespace {

@@ -19,13 +19,13 @@
 #include <string>
 #include <vector>
 
+#include "drivers/common/trouble.hpp"
 #include "toolchain/console/port.hpp"
 #include "toolchain/console/signals.hpp"
 #include "toolchain/log/mcap_reader.hpp"
 #include "toolchain/robot/holdfast_link.h"
 #include "toolchain/ros2/dds.hpp"
 #include "toolchain/support/cli.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::ros2 {
 namespace {

@@ -10,10 +10,10 @@
 #include <memory>
 
 #include "drivers/common/ed25519.hpp"
+#include "drivers/common/trouble.hpp"
 #include "toolchain/sealed/owner_key.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/cli.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -7,8 +7,8 @@
 #include <csignal>
 #include <cstdio>
 
+#include "drivers/common/trouble.hpp"
 #include "toolchain/support/printable.hpp"
-#include "toolchain/support/trouble.hpp"
 
 namespace holdfast::tool {
 namespace {

@@ -34,7 +34,7 @@ constexpr int kMostRoundProducts = 40;
 constexpr int kMostLetGo = 24;  // rounds in which cells fall from static to kinetic friction
 constexpr double kRoundReduction = 0.1;
 constexpr double kSafety = 1.5;  // the middle cell's row of influences may not be the largest
-constexpr double kOnLimit = 1.0 - 1e-9;
+constexpr double kPointOnLimit = 1.0 - 1e-9;
 constexpr double kFarHeight_mm = 1e5;  // the cliff beyond a flat's rim never touches
 constexpr double kMostLength_mm = 1e9;
 constexpr double kMostPad_mm = 1e4;
@@ -736,7 +736,7 @@ void GridContact::Solver::descend_shear() {
       const double along = rx_[i] * qx[i] + ry_[i] * qy[i];
       const double size2 = qx[i] * qx[i] + qy[i] * qy[i];
       lambda_[i] = -1.0;  // sticks: free to both sides
-      if (size2 >= kOnLimit * kOnLimit * bound_[i] * bound_[i] && (along > 0.0 || size2 == 0.0)) {
+      if (size2 >= kPointOnLimit * kPointOnLimit * bound_[i] * bound_[i] && (along > 0.0 || size2 == 0.0)) {
         lambda_[i] = size2 > 0.0 ? along / size2 : 0.0;
       }
       // How far a step along the residual would take it, back on the disc.
@@ -859,7 +859,7 @@ void GridContact::Solver::solve_shear() {
 
 bool GridContact::Solver::on_limit(std::size_t i) const {
   const double size2 = now_.qx[i] * now_.qx[i] + now_.qy[i] * now_.qy[i];
-  return size2 >= kOnLimit * kOnLimit * bound_[i] * bound_[i];
+  return size2 >= kPointOnLimit * kPointOnLimit * bound_[i] * bound_[i];
 }
 
 // --- one step ---

@@ -6,24 +6,15 @@
 #include <numbers>
 #include <utility>
 
+#include "drivers/sim/scene/contact/limits.hpp"
+
 namespace holdfast::scene {
 namespace {
 
 using std::numbers::pi;
 
-constexpr double kMost = 1e40;
-// A spring on its limit carries it up to a few roundings.
-constexpr double kOnLimit = 1.0 - 1e-12;
 // Below this the squares of radii in the traction underflow; no marker sees such a contact.
 constexpr double kLeastFieldRadius_mm = 1e-60;
-
-double positive(double value) {
-  return value > 0.0 ? std::clamp(value, 1.0 / kMost, kMost) : 0.0;
-}
-
-double bounded(double value) {
-  return std::clamp(value, -kMost, kMost);
-}
 
 double power(double base, int exponent) {
   double result = 1.0;

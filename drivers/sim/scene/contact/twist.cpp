@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 
+#include "drivers/sim/scene/contact/limits.hpp"
 #include "drivers/sim/scene/math/portable.hpp"
 
 namespace holdfast::scene {
@@ -14,13 +15,10 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr double kMost = 1e40;
 constexpr double kMostTwist = 6.907755278982137;  // ln(a/c) at c = a / 1000
 constexpr double kLimit = 3.0 * pi / 16.0;        // M_max / (mu P a)
 // Beyond this r/s the closed form of U loses (r/s)^2 digits; the series is good to 1e-13 there.
 constexpr double kFarField = 30.0;
-// A spring on its limit carries it up to a few roundings.
-constexpr double kOnLimit = 1.0 - 1e-12;
 // Two springs of a stick disc that has no history have turned alike, up to roundings of many steps.
 constexpr double kSameTurn = 1e-9;
 
@@ -112,14 +110,6 @@ class HoldTable {
 const HoldTable& hold_table() {
   static const HoldTable table;  // 1 ms, once
   return table;
-}
-
-double positive(double value) {
-  return value > 0.0 ? std::clamp(value, 1.0 / kMost, kMost) : 0.0;
-}
-
-double bounded(double value) {
-  return std::clamp(value, -kMost, kMost);
 }
 
 }  // namespace

@@ -160,8 +160,8 @@ class Grain {
 };
 
 // What a pose says, in the numbers of the formulas.
-struct Contact {
-  Contact(double level_mm, double end_mm)
+struct Indentation {
+  Indentation(double level_mm, double end_mm)
       : level(static_cast<float>(level_mm)),
         end(static_cast<float>(end_mm)),
         room(end - level),
@@ -197,14 +197,14 @@ struct Underside::Model {
   [[nodiscard]] Height object(float x, float y) const;
   [[nodiscard]] Height relief(float x, float y, Grain& grain) const;
   template <ShapeKind kKind>
-  [[nodiscard]] Height pressed(const Contact& contact, float x, float y, Grain& grain) const;
+  [[nodiscard]] Height pressed(const Indentation& contact, float x, float y, Grain& grain) const;
   template <ShapeKind kKind>
   [[nodiscard]] Columns add(const Pose& pose, const Row& row, float weight, std::span<float> slope_x,
                             std::span<float> slope_y) const;
   template <typename Visit>
   auto with_kind(Visit visit) const;
-  [[nodiscard]] Contact contact_of(const Pose& pose) const;
-  [[nodiscard]] Vec2 reach_mm(const Contact& contact) const;
+  [[nodiscard]] Indentation contact_of(const Pose& pose) const;
+  [[nodiscard]] Vec2 reach_mm(const Indentation& contact) const;
   [[nodiscard]] double level_mm(double area_mm2) const;
   void measure();
 
@@ -368,7 +368,7 @@ Height Underside::Model::relief(float x, float y, Grain& grain) const {
 
 // The gel's surface at a place in the object's frame.
 template <ShapeKind kKind>
-Height Underside::Model::pressed(const Contact& contact, float x, float y, Grain& grain) const {
+Height Underside::Model::pressed(const Indentation& contact, float x, float y, Grain& grain) const {
   const bool bulge_is_drawn = kKind == ShapeKind::kSphere && ball;
   Height h;
   if (bulge_is_drawn) {
@@ -412,7 +412,7 @@ auto Underside::Model::with_kind(Visit visit) const {
   return visit.template operator()<ShapeKind::kSphere>();
 }
 
-Contact Underside::Model::contact_of(const Pose& pose) const {
+Indentation Underside::Model::contact_of(const Pose& pose) const {
   if (ball) {
     const double square = pose.radius_mm * pose.radius_mm;
     return {square, square};
@@ -425,7 +425,7 @@ Contact Underside::Model::contact_of(const Pose& pose) const {
 }
 
 // How far from the object's place the surface has slopes, in its frame.
-Vec2 Underside::Model::reach_mm(const Contact& contact) const {
+Vec2 Underside::Model::reach_mm(const Indentation& contact) const {
   constexpr double kEndless = 1e4;
   const auto high = static_cast<double>(std::max(contact.end, contact.level * (1.0F + kFade)));
   if (ball) {
@@ -458,7 +458,7 @@ Vec2 Underside::Model::reach_mm(const Contact& contact) const {
 template <ShapeKind kKind>
 Underside::Columns Underside::Model::add(const Pose& pose, const Row& row, float weight, std::span<float> slope_x,
                                          std::span<float> slope_y) const {
-  const Contact contact = contact_of(pose);
+  const Indentation contact = contact_of(pose);
   const double turn = pose.turn_rad + yaw_rad;
   const double c = portable::cos(turn);
   const double s = portable::sin(turn);
@@ -532,7 +532,7 @@ Underside::Surface Underside::surface(const Pose& pose, Vec2 at_mm) const {
   const double s = portable::sin(pose.turn_rad + model.yaw_rad);
   const Vec2 from = at_mm - pose.at_mm;
   Grain grain(model.grain_seed);
-  const Contact contact = model.contact_of(pose);
+  const Indentation contact = model.contact_of(pose);
   const Height h = model.with_kind([&]<ShapeKind kKind>() {
     return model.pressed<kKind>(contact, static_cast<float>(c * from.x + s * from.y),
                                 static_cast<float>(c * from.y - s * from.x), grain);
