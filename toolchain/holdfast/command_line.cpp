@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "toolchain/holdfast/command_line.hpp"
+
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>

@@ -13,9 +13,6 @@
 
 namespace holdfast::tool {
 
-// The whole of main(): one of the commands below. The version is an argument, so that a commit compiles main.cpp alone.
-[[nodiscard]] int command_line(int argc, char** argv, const char* version);
-
 struct SimOptions {
   CommonOptions common;
   std::string scene;
