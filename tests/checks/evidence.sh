@@ -90,6 +90,11 @@ measure() {
       }
     fi
     figure=$(sed -n "$find" "$log" | tail -n 1)
+    if [[ $figure == *nan* ]]; then
+      complain "[$id]: '$run' measured nothing: $figure" "the machine was too busy" "measure again"
+      status=1
+      continue
+    fi
     if [[ -z $figure ]]; then
       complain "[$id]: no figure in the output of '$run'" "the command says it in other words now" "mend the line 'find'"
       status=1
