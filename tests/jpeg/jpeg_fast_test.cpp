@@ -214,14 +214,19 @@ TEST(JpegFast, LeavesWhatItHasNoMemoryForToThePlainWalk) {
 }
 
 // Blocks of three zero bits in MCUs of ten, of which eight are luma: begun elsewhere than at a multiple of 30 bits, a
-// walk never falls into step. The seam goes on until it has passed all starts of the next slice, or its list is full.
+// walk never falls into step. The seam goes on until it has passed all starts of the next slice, or its list is full: the
+// latter only where Cr has codes of its own, because pairs of chroma end elsewhere.
 TEST(JpegFast, ASeamThatNeverMatchesEnds) {
   Bytes tables(2 + 38, 0);
   const Bytes dht{0xFF, 0xC4, 0, 38, 0x00, 1};  // DC: code 0, of size 0
   std::copy(dht.begin(), dht.end(), tables.begin());
   tables[22] = 0x10;
   tables[24] = 1;  // AC: code 00, the end of the block
-  for (int across = 26; across <= 40; ++across) {
+  Bytes again = tables;
+  again[22] = 0x11;  // the same as AC table 1
+  tables.insert(tables.end(), again.begin(), again.end());
+  for (int shape = 0; shape < 30; ++shape) {
+    const int across = 26 + shape / 2;
     const int rows = 1090 / across;  // two slices, of more than 512 MCUs each
     Recipe recipe;
     recipe.sampling = {{4, 2}, {1, 1}, {1, 1}};
@@ -231,12 +236,14 @@ TEST(JpegFast, ASeamThatNeverMatchesEnds) {
     bytes.resize(test::data_begin(bytes));
     const std::size_t scan = test::find_segment(bytes, 0xDA);
     for (const std::size_t names : {scan + 6, scan + 8, scan + 10}) bytes[names] = 0;
+    bytes[scan + 10] = static_cast<std::uint8_t>(shape % 2);
     bytes.insert(bytes.end(), (static_cast<std::size_t>(across * rows) * 30 + 7) / 8, 0);
     bytes.insert(bytes.end(), {0xFF, 0xD9});
     bytes = test::inserted(bytes, scan, tables);
     const Decoded wanted = plain(bytes);
     CHECK(wanted.error == Error::kNone);
-    for (const Shape shape : {Shape{1, 1}, Shape{1, 2}}) CHECK(fast(bytes, shape, 2048) == wanted);
+    for (const Shape lanes : {Shape{1, 1}, Shape{1, 2}}) CHECK(fast(bytes, lanes, 2048) == wanted);
+    CHECK(state->pairs == (shape % 2 == 0));
   }
   CHECK(state->counts.by_plain_walk > 0);
 }

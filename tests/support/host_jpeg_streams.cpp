@@ -225,6 +225,7 @@ struct Encoder {
   static void speck_block(JBLOCK& block, int dc_reach, Random& random) {
     block[0] = static_cast<JCOEF>(random() % 16 == 0 ? in_range(random, -dc_reach, dc_reach) : 20);
     if (random() % 16 == 0) block[in_range(random, 1, 63)] = static_cast<JCOEF>(in_range(random, -3, 3));
+    if (random() % 64 == 0) block[63] = 1;  // ends without an end-of-block code
   }
 };
 
