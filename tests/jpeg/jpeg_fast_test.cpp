@@ -214,8 +214,8 @@ TEST(JpegFast, LeavesWhatItHasNoMemoryForToThePlainWalk) {
 }
 
 // Blocks of three zero bits in MCUs of ten, of which eight are luma: begun elsewhere than at a multiple of 30 bits, a
-// walk never falls into step. The seam goes on until it has passed all starts of the next slice, or its list is full: the
-// latter only where Cr has codes of its own, because pairs of chroma end elsewhere.
+// walk never falls into step. The seam goes on until it has passed all starts of the next slice, or its list is full:
+// the latter only where Cr has codes of its own, because pairs of chroma end elsewhere.
 TEST(JpegFast, ASeamThatNeverMatchesEnds) {
   Bytes tables(2 + 38, 0);
   const Bytes dht{0xFF, 0xC4, 0, 38, 0x00, 1};  // DC: code 0, of size 0
