@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/cells.hpp"
 #include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/picture_clip.hpp"
@@ -40,14 +41,7 @@ Table read_table(const fs::path& file) {
   Table table;
   std::istringstream lines(test::read_file(file.string()));
   for (std::string line; std::getline(lines, line);) {
-    std::vector<std::string> cells(1);
-    for (const char c : line) {
-      if (c == ',') {
-        cells.emplace_back();
-      } else {
-        cells.back() += c;
-      }
-    }
+    const std::vector<std::string> cells = test::cells_of(line);
     if (table.names.empty()) {
       table.names = cells;
     } else {

@@ -10,6 +10,7 @@
 
 #include "base/status.hpp"
 #include "tests/fuzz/mcap_check.hpp"
+#include "tests/support/cells.hpp"
 #include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/mjpg_file.hpp"
@@ -24,6 +25,7 @@ using namespace holdfast;
 using holdfast::test::kFilm;
 using holdfast::test::kTool;
 namespace fs = std::filesystem;
+using test::cells_of;
 using test::Finished;
 using test::read_file;
 using test::TempDir;
@@ -32,18 +34,6 @@ using test::write_file;
 using Words = std::vector<std::string>;
 
 const std::string kScenes = holdfast::test::source("tests/scenes/");
-
-Words cells_of(const std::string& line) {
-  Words cells(1);
-  for (const char c : line) {
-    if (c == ',') {
-      cells.emplace_back();
-    } else {
-      cells.back() += c;
-    }
-  }
-  return cells;
-}
 
 std::vector<Words> table_of(const fs::path& path) {
   const std::string text = read_file(path);
