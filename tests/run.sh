@@ -8,8 +8,6 @@ set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
-# ninja would begin two jobs more than there are cores, which takes a ninth longer on two (2026-11-27).
-export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$(nproc)}
 
 parts=(packages format sim web coverage asan tsan rpi4 tidy system fuzz)
 short_parts=(packages format sim)

@@ -7,8 +7,6 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
-# ninja would begin two jobs more than there are cores, which takes a ninth longer on two (2026-11-27).
-export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$(nproc)}
 
 report=build/demo/report.html
 scene=tests/scenes/sphere_slip.json

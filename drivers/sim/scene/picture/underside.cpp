@@ -203,7 +203,7 @@ struct Underside::Model {
                             std::span<float> slope_y) const;
   template <typename Visit>
   auto with_kind(Visit visit) const;
-  [[nodiscard]] Indentation contact_of(const Pose& pose) const;
+  [[nodiscard]] Indentation indentation_of(const Pose& pose) const;
   [[nodiscard]] Vec2 reach_mm(const Indentation& contact) const;
   [[nodiscard]] double level_mm(double area_mm2) const;
   void measure();
@@ -412,7 +412,7 @@ auto Underside::Model::with_kind(Visit visit) const {
   return visit.template operator()<ShapeKind::kSphere>();
 }
 
-Indentation Underside::Model::contact_of(const Pose& pose) const {
+Indentation Underside::Model::indentation_of(const Pose& pose) const {
   if (ball) {
     const double square = pose.radius_mm * pose.radius_mm;
     return {square, square};
@@ -458,7 +458,7 @@ Vec2 Underside::Model::reach_mm(const Indentation& contact) const {
 template <ShapeKind kKind>
 Underside::Columns Underside::Model::add(const Pose& pose, const Row& row, float weight, std::span<float> slope_x,
                                          std::span<float> slope_y) const {
-  const Indentation contact = contact_of(pose);
+  const Indentation contact = indentation_of(pose);
   const double turn = pose.turn_rad + yaw_rad;
   const double c = portable::cos(turn);
   const double s = portable::sin(turn);
@@ -532,7 +532,7 @@ Underside::Surface Underside::surface(const Pose& pose, Vec2 at_mm) const {
   const double s = portable::sin(pose.turn_rad + model.yaw_rad);
   const Vec2 from = at_mm - pose.at_mm;
   Grain grain(model.grain_seed);
-  const Indentation contact = model.contact_of(pose);
+  const Indentation contact = model.indentation_of(pose);
   const Height h = model.with_kind([&]<ShapeKind kKind>() {
     return model.pressed<kKind>(contact, static_cast<float>(c * from.x + s * from.y),
                                 static_cast<float>(c * from.y - s * from.x), grain);
