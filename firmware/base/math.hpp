@@ -2,6 +2,7 @@
 // The few integer functions that more than one stage needs.
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -38,6 +39,16 @@ namespace holdfast {
     log = log * 2 + static_cast<std::int32_t>(two);
   }
   return log;
+}
+
+// 1000 * 2^(value / 256), within 0.4 %. Range: a Log2Q8; up to 2^42.
+[[nodiscard]] constexpr std::int64_t exp2_milli(std::int32_t value_q8) {
+  const std::int32_t whole = value_q8 >> 8;
+  const std::int64_t f = value_q8 & 255;
+  // 2^f = 1 + 0.6565 f + 0.3435 f^2 within 0.4 % from 0 to 1.
+  const std::int64_t mantissa_q16 = 65536 + f * 168 + f * f * 22'512 / 65536;
+  const std::int64_t milli_q16 = 1000 * mantissa_q16;
+  return whole >= 0 ? (milli_q16 << whole) >> 16 : milli_q16 >> std::min(16 - whole, 62);
 }
 
 // Range: |value| <= 3'037'000'499, the root of 2^63.

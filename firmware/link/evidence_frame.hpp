@@ -47,12 +47,13 @@ inline constexpr std::array<Row, 4> kContacts{{
     {kContactUnknown, "UNKNOWN", "nobody can tell: the model does not read the picture between the markers"},
 }};
 
-inline constexpr std::array<Row, 5> kEvidences{{
+inline constexpr std::array<Row, 6> kEvidences{{
     {0, kEvidenceNames[0], "there is none to show"},
     {1, kEvidenceNames[1], "motion of the relief that the object presses into the gel"},
     {2, kEvidenceNames[2], "motion of what is smoother or finer than the relief"},
     {3, kEvidenceNames[3], "a feature of the markers"},
     {4, kEvidenceNames[4], "the contact was lost: the patches of relief that are left"},
+    {5, kEvidenceNames[5], "share of the relief that another has taken the place of"},
 }};
 static_assert(kEvidences.size() == kEvidenceNames.size() && kContacts.size() == contact::kPhaseNames.size() + 1);
 

@@ -15,6 +15,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/math.hpp"
 #include "base/units.hpp"
 #include "slip/model.hpp"
 #include "slip/slip_tree.gen.hpp"
@@ -73,12 +74,15 @@ struct Config {
   return features;
 }
 
-// As if everything had moved 2^(by_q8 / 256) times as far. What stands still does so. Range: by_q8 within +-1024.
+// As if everything had moved 2^(by_q8 / 256) times as far; turnover goes by its square, as long as it is small. What
+// stands still does so. Range: by_q8 within +-1024.
 [[nodiscard]] constexpr Features scaled(Features features, std::int32_t by_q8) {
   for (Log2Q8* const motion : {&features.imprint.motion, &features.imprint.coarse}) {
     if (motion->raw() <= 0) continue;
     *motion = Log2Q8::from_raw(std::clamp(motion->raw() + by_q8, 0, Log2Q8::kMax));
   }
+  const std::int64_t turnover = features.imprint.turnover.raw() * exp2_milli(2 * by_q8) / 1000;
+  features.imprint.turnover = ShareQ10::from_raw(static_cast<std::int32_t>(std::min<std::int64_t>(turnover, 1024)));
   return features;
 }
 
@@ -101,6 +105,7 @@ struct Config {
 [[nodiscard]] constexpr Verdict for_a_step(const Config& config, Features features) {
   constexpr std::int32_t kTwice_q8 = 256;
   features.imprint.motion = Log2Q8::from_raw(std::max(features.imprint.motion.raw() - kTwice_q8, 0));
+  features.imprint.turnover = ShareQ10::from_raw(features.imprint.turnover.raw() / 4);
   return classify(config, features);
 }
 

@@ -21,8 +21,9 @@
 
 namespace holdfast {
 
-enum class Evidence : std::uint8_t { kNone = 0, kImprint = 1, kCoarse = 2, kMarkers = 3, kContact = 4 };
-inline constexpr std::array<std::string_view, 5> kEvidenceNames{"none", "imprint", "coarse", "markers", "contact"};
+enum class Evidence : std::uint8_t { kNone = 0, kImprint = 1, kCoarse = 2, kMarkers = 3, kContact = 4, kTurnover = 5 };
+inline constexpr std::array<std::string_view, 6> kEvidenceNames{"none",    "imprint", "coarse",
+                                                                "markers", "contact", "turnover"};
 
 namespace evidence {
 
@@ -30,6 +31,7 @@ namespace evidence {
 [[nodiscard]] constexpr Features without(Features features, Evidence group) {
   if (group == Evidence::kImprint) features.imprint.motion = {};
   if (group == Evidence::kCoarse) features.imprint.coarse = {};
+  if (group == Evidence::kTurnover) features.imprint.turnover = {};
   if (group == Evidence::kMarkers) {
     features.field = {};
     features.vx = features.vy = {};
@@ -39,14 +41,14 @@ namespace evidence {
   return features;
 }
 
-// Range: any features. The model is asked at most four times, and of a frame that holds not at all.
+// Range: any features. The model is asked at most five times, and of a frame that holds not at all.
 [[nodiscard]] constexpr Evidence decisive(const classifier::Config& config, Features features, Verdict verdict) {
   if (verdict == Verdict::kHold) return Evidence::kNone;
   if (!classifier::needs(config, Stage::kImprint)) return Evidence::kMarkers;
   if (classifier::classify(config, features) == Verdict::kHold) {  // it is slip because it lasts
     features = classifier::scaled(features, classifier::kLess_q8);
   }
-  for (const Evidence group : {Evidence::kImprint, Evidence::kCoarse, Evidence::kMarkers}) {
+  for (const Evidence group : {Evidence::kImprint, Evidence::kCoarse, Evidence::kTurnover, Evidence::kMarkers}) {
     if (classifier::classify(config, without(features, group)) == Verdict::kHold) return group;
   }
   return Evidence::kImprint;  // each of several would do
@@ -54,12 +56,14 @@ namespace evidence {
 
 inline constexpr std::uint8_t kImprintFeature = feature_index("imprint_log2_um_q8");
 inline constexpr std::uint8_t kCoarseFeature = feature_index("imprint_coarse_log2_um_q8");
+inline constexpr std::uint8_t kTurnoverFeature = feature_index("imprint_turnover_q10");
 inline constexpr std::uint8_t kContactFeature = feature_index("contact");
 
 // Of a feature of kFeatures; kNone: it says when to listen, not that something slips.
 [[nodiscard]] constexpr Evidence group_of(std::uint8_t feature) {
   if (feature == kImprintFeature) return Evidence::kImprint;
   if (feature == kCoarseFeature) return Evidence::kCoarse;
+  if (feature == kTurnoverFeature) return Evidence::kTurnover;
   const bool of_markers = kFeatures[feature].stage != Stage::kImprint && feature != kContactFeature;
   return of_markers ? Evidence::kMarkers : Evidence::kNone;
 }
@@ -84,16 +88,6 @@ inline constexpr std::uint8_t kContactFeature = feature_index("contact");
     if (found(config.loaded->set->members[node.feature], node.threshold, out)) break;
   }
   return out;
-}
-
-// 1000 * 2^(value / 256), within 0.4 %. Range: a Log2Q8; up to 2^42.
-[[nodiscard]] constexpr std::int64_t exp2_milli(std::int32_t value_q8) {
-  const std::int32_t whole = value_q8 >> 8;
-  const std::int64_t f = value_q8 & 255;
-  // 2^f = 1 + 0.6565 f + 0.3435 f^2 within 0.4 % from 0 to 1.
-  const std::int64_t mantissa_q16 = 65536 + f * 168 + f * f * 22'512 / 65536;
-  const std::int64_t milli_q16 = 1000 * mantissa_q16;
-  return whole >= 0 ? (milli_q16 << whole) >> 16 : milli_q16 >> std::min(16 - whole, 62);
 }
 
 // What is shown of a frame.

@@ -18,7 +18,7 @@
 namespace holdfast::model {
 
 inline constexpr int kMaxNodes = 511;  // a complete tree of depth 8, the deepest that `holdfast train` grows unasked
-inline constexpr int kMaxDepth = 20;   // predicates from the root to a leaf: bounds the work per frame
+inline constexpr int kMaxDepth = 24;   // predicates from the root to a leaf: bounds the work per frame
 inline constexpr int kNameBytes = 32;
 
 enum class Kind : std::uint8_t { kHold = 0, kSlip = 1, kSplit = 2, kSlipNow = 3 };

@@ -97,6 +97,7 @@ inline constexpr auto kFeatures = std::to_array<FeatureInfo>({
     tree_io_detail::imprint_feature<&ImprintFeatures::coarse>("imprint_coarse_log2_um_q8", "log2(um)", 8),
     tree_io_detail::imprint_feature<&ImprintFeatures::patches>("imprint_patches", "1", 0),
     tree_io_detail::feature<&Features::contact>("contact", "1", 0, false),
+    tree_io_detail::imprint_feature<&ImprintFeatures::turnover>("imprint_turnover_q10", "1", 10),
 });
 inline constexpr int kFeatureCount = static_cast<int>(kFeatures.size());
 
@@ -124,6 +125,9 @@ inline constexpr std::array<std::uint8_t, 4> kPaper{0, 1, 2, 3};
 inline constexpr std::array<std::uint8_t, 13> kField{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17};
 inline constexpr std::array<std::uint8_t, 18> kTouch{5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22};
 
+inline constexpr std::array<std::uint8_t, 19> kGrasp{5,  6,  7,  8,  9,  10, 11, 12, 13, 14,
+                                                     15, 16, 17, 18, 19, 20, 21, 22, 23};
+
 }  // namespace tree_io_detail
 
 inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
@@ -131,7 +135,8 @@ inline constexpr auto kFeatureSets = std::to_array<FeatureSet>({
     {"entropy", tree_io_detail::kEntropy},
     {"paper", tree_io_detail::kPaper},
     {"field", tree_io_detail::kField},  // shape and flow of the field, without the paper's four
-    {"touch", tree_io_detail::kTouch},  // field and imprint: what `holdfast fuse` puts together
+    {"touch", tree_io_detail::kTouch},  // field and imprint, without its turnover
+    {"grasp", tree_io_detail::kGrasp},  // with it: what `holdfast fuse` puts together
 });
 
 // The set reads something that this stage makes.

@@ -526,14 +526,29 @@ Lanes<std::uint32_t> relief_of(const Eight<std::int16_t>& c) {
   return sum;
 }
 
-// Their sums.
-Lanes<std::int32_t> shading_of(const Eight<std::int16_t>& c) {
+constexpr int kChangeShift = 8;
+
+// Of samples of 13 bits and a sign.
+struct Moments {
   Lanes<std::int32_t> sum{};
+  Lanes<std::int32_t> squares{};
+  // Mean square about the mean, 1/625 levels^2. Range: 25 * 25 * 4095^2 = 2^33.3 before the shift.
+  [[nodiscard]] std::int32_t variance(std::size_t lane) const {
+    return static_cast<std::int32_t>((std::int64_t{kFree} * squares[lane] - square(sum[lane])) >> kChangeShift);
+  }
+};
+
+Moments moments_of(const Eight<std::int16_t>& c) {
+  Moments out;
   for (std::size_t i = 0; i < kFree; ++i) {
 #pragma GCC unroll 1
-    for (std::size_t lane = 0; lane < kLanes; ++lane) sum[lane] += c[i * kLanes + lane];
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const std::int16_t one = c[i * kLanes + lane];
+      out.sum[lane] += one;
+      out.squares[lane] += one * one;
+    }
   }
-  return sum;
+  return out;
 }
 
 // The empty gel shows so much of its own that a little less than perfect tracking would pass for a relief. Range:
@@ -556,22 +571,10 @@ Lanes<bool> are_marked(const Eight<std::uint16_t>& empty_q4, const Config& confi
   return out;
 }
 
-// Mean square about the mean, kFree^2 times. Range: 25 * 25 * 4080^2 = 1.1e10.
-Lanes<std::int64_t> change_of(const Eight<std::int16_t>& now, const Eight<std::int16_t>& then) {
-  Lanes<std::int32_t> sum{}, squares{};
-  for (std::size_t i = 0; i < kFree; ++i) {
-#pragma GCC unroll 1
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const auto r = static_cast<std::int16_t>(now[i * kLanes + lane] - then[i * kLanes + lane]);
-      sum[lane] += r;
-      squares[lane] += r * r;
-    }
-  }
-  Lanes<std::int64_t> out;  // NOLINT
-  for (std::size_t lane = 0; lane < kLanes; ++lane) {
-    out[lane] = std::int64_t{kFree} * squares[lane] - square(sum[lane]);
-  }
-  return out;
+Eight<std::int16_t> difference(const Eight<std::int16_t>& now, const Eight<std::int16_t>& then) {
+  Eight<std::int16_t> r;  // NOLINT
+  for (std::size_t s = 0; s < r.size(); ++s) r[s] = static_cast<std::int16_t>(now[s] - then[s]);
+  return r;
 }
 
 // --- Evidence ---
@@ -611,12 +614,14 @@ Lanes<std::int32_t> slope_of(const std::array<std::int8_t, kFree>& weights, cons
 // One patch in two pictures.
 struct Seen {
   std::int32_t patch = 0;
-  std::uint32_t now = 0;    // kPairs G
-  std::uint32_t then = 0;   // kPairs G, one lag ago
-  std::int32_t weight = 0;  // 68 g: of both, in 1/68 levels^2. At most 2^25.1
-  std::int32_t change = 0;  // 625 R, in 1/625 levels^2. At most 2^25.4
+  std::uint32_t now = 0;           // kPairs G
+  std::uint32_t then = 0;          // kPairs G, one lag ago
+  std::int32_t weight = 0;         // 68 g: of both, in 1/68 levels^2. At most 2^25.1
+  std::int32_t change = 0;         // 625 R, in 1/625 levels^2. At most 2^25.4
+  std::int32_t variance_now = 0;   // 625 V, with its noise. Likewise
+  std::int32_t variance_then = 0;  // 625 V', with its noise. Likewise
 };
-constexpr int kWeightShift = 7, kChangeShift = 8;
+constexpr int kWeightShift = 7;
 constexpr std::int64_t kWeightUnit = (2 * kPairs * 256) >> kWeightShift;     // 68
 constexpr std::int64_t kChangeUnit = (kFree * kFree * 256) >> kChangeShift;  // 625
 static_assert(kWeightUnit == 68 && kChangeUnit == 625);
@@ -639,6 +644,46 @@ std::int32_t noise_of(std::span<Seen> least) {
   const auto at = least.begin() + static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4);
   std::nth_element(least.begin(), at, least.end(), [](const Seen& a, const Seen& b) { return a.change < b.change; });
   return at->change;
+}
+
+// Of V and of V'; reorders them.
+std::int64_t variance_noise_of(std::span<Seen> least) {
+  const auto both = [](const Seen& one) { return one.variance_now + one.variance_then; };
+  const auto at = least.begin() + static_cast<std::ptrdiff_t>(least.size() / 2);
+  std::nth_element(least.begin(), at, least.end(), [&](const Seen& a, const Seen& b) { return both(a) < both(b); });
+  return both(*at) / 2;
+}
+
+// Newton's method from a power of two within a factor of two of it: three steps leave 0.03 %. Range: 0 to 2^26.
+std::int64_t geometric_mean(std::int64_t a, std::int64_t b) {
+  if (a == 0 || b == 0) return 0;
+  const auto bits = [](std::int64_t of) { return static_cast<int>(std::bit_width(static_cast<std::uint64_t>(of))); };
+  std::int64_t mean = std::int64_t{1} << (bits(a) + bits(b)) / 2;
+  for (int step = 0; step < 3; ++step) mean = (mean + a * b / mean) / 2;
+  return mean;
+}
+
+constexpr std::int64_t kOne_q10 = 1024;
+// The allowance for the way that the gel went, for each mm.
+constexpr std::int64_t kTurnoverOfWay_q10 = kOne_q10 / 2;
+// A relief is there above this mean of sqrt(V V'): 0.2 levels^2.
+constexpr std::int64_t kLeastVariance = kChangeUnit / 5;
+
+// Range, of 320 patches: weights of 2^24.1 and variances of 2^26.4 make sums below 2^59.
+ShareQ10 turnover_of(std::span<const Seen> seen, std::int64_t noise, std::int64_t way_um, Saturations& saturations) {
+  std::int64_t weights = 0, common = 0, whole = 0;
+  for (const Seen& one : seen) {
+    const std::int64_t weight = std::min(one.now, one.then) >> kWeightShift;
+    const std::int64_t now = std::max<std::int64_t>(one.variance_now - noise, 0);
+    const std::int64_t then = std::max<std::int64_t>(one.variance_then - noise, 0);
+    weights += weight;
+    common += weight * (std::int64_t{one.variance_now} + one.variance_then - one.change);  // 2 C, where noise cancels
+    whole += weight * 2 * geometric_mean(now, then);
+  }
+  if (whole <= 2 * kLeastVariance * weights || whole < kOne_q10) return {};
+  const std::int64_t stays_q10 = std::max<std::int64_t>(common, 0) / (whole / kOne_q10);
+  return ShareQ10::saturate(std::max<std::int64_t>(kOne_q10 - stays_q10 - way_um * kTurnoverOfWay_q10 / 1000, 0),
+                            saturations);
 }
 
 // Energy of the shading, and 1 level^2 a patch. Range: 320 squares of 18 bits.
@@ -709,11 +754,9 @@ void carry(const MarkerField& markers, const MarkerField& rest, PixelsQ8 pitch, 
   out.carried_y_q12 = static_cast<std::int32_t>(div_round(y * kSteps_q12, all));
 }
 
-// Half of the way that the gel went between the two, squared. Range: ways of 2^18, squares of 2^36.
-coarse::Carried carried_between(const Kept& now, const Kept& then) {
-  const std::int64_t way2_q24 =
-      square(now.carried_x_q12 - then.carried_x_q12) + square(now.carried_y_q12 - then.carried_y_q12);
-  return {way2_q24 / 4 >> 4};
+// The way that the gel went between the two, squared, in steps. Range: ways of 2^18, squares of 2^37.
+std::int64_t way2_q24_between(const Kept& now, const Kept& then) {
+  return square(now.carried_x_q12 - then.carried_x_q12) + square(now.carried_y_q12 - then.carried_y_q12);
 }
 
 // Range, of 320 patches: weights of 2^25.1 and changes of 2^25.4 make sums below 2^59.
@@ -724,12 +767,17 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   std::size_t count = 0;
   for (std::int32_t first = 0; first < patches_of(grid); first += kLanes) {
     const std::size_t e = idx(first / kLanes);
-    const Lanes<std::int64_t> change = change_of(last.samples.eights[e], then.samples.eights[e]);
+    const Moments change = moments_of(difference(last.samples.eights[e], then.samples.eights[e]));
     for (std::int32_t p = first; p < first + kLanes; ++p) {
       if (!last.seen[idx(p)] || !then.seen[idx(p)]) continue;
       const std::uint32_t a = last.relief[idx(p)], b = then.relief[idx(p)];
-      both[count++] = {p, a, b, static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
-                       static_cast<std::int32_t>(change[idx(p - first)] >> kChangeShift)};
+      both[count++] = {p,
+                       a,
+                       b,
+                       static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
+                       change.variance(idx(p - first)),
+                       last.variance[idx(p)],
+                       then.variance[idx(p)]};
     }
   }
   if (count < kLeastPatches) return;
@@ -749,7 +797,10 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
                                 saturations);
   static_assert(kStepsPerPitch == 1 << 4);
   const std::int32_t step_q8 = log_of(config.pitch_um) - 4 * 256;
-  const coarse::Carried carried = carried_between(last, then);
+  const std::int64_t way2_q24 = way2_q24_between(last, then);
+  const std::int64_t way_um = isqrt(static_cast<std::uint64_t>(way2_q24)) * std::int64_t{config.pitch_um} >> 16;
+  out.turnover = turnover_of(seen, variance_noise_of(least), way_um, saturations);
+  const coarse::Carried carried{way2_q24 / 4 >> 4};  // half of the way
   out.coarse = coarse_motion(state, then, grid, seen, carried, step_q8, saturations);
   const std::int64_t floor = n * (kFloor + square(state.empty.noise_relief >> (kWeightShift - 1)));
   energy += n * kRegularisation;
@@ -829,12 +880,13 @@ std::int32_t look(State& state, const Config& config, const LumaView& picture, c
     sample(state.picture, places[idx(first / kLanes)], samples);
     const Eight<std::int16_t> c = over_empty(samples, state.empty.samples_q4[idx(first / kLanes)]);
     const Lanes<std::uint32_t> relief = relief_of(c);
-    const Lanes<std::int32_t> shading = shading_of(c);
+    const Moments moments = moments_of(c);
     for (std::int32_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t p = idx(first + lane);
       last.seen[p] = state.in_view[p] && state.empty.learned[p] && !state.empty.marked[p];
       last.relief[p] = relief[idx(lane)];
-      last.shading[p] = shading[idx(lane)];
+      last.shading[p] = moments.sum[idx(lane)];
+      last.variance[p] = moments.variance(idx(lane));
       if (last.seen[p] && relief[idx(lane)] > threshold) ++in_contact;
     }
   }

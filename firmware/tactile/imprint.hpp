@@ -22,6 +22,12 @@
 //   growth  = log2 of sum s^2 + N now over one lag ago; s = mean of c over the patch, less its mean over the patches of
 //             q. While a contact is made its shading grows, which changes the picture as a motion does; a slip moves
 //             the shading or takes it away
+//   turnover = 1 - sum w C / sum w sqrt(V V') - 0.5 / mm * way; the share of the relief that another has taken the
+//             place of. C = mean of c c' about their means, now and one lag ago; V, V' = mean square of each, less its
+//             noise; w = the lesser G of both; way = of the gel meanwhile, mean of its markers. What grows, fades or
+//             is lit otherwise where it is keeps C = sqrt(V V'); what has gone by half of its wave has none. Says
+//             nothing of how far it went; but where motion saturates, or the relief is so weak that its energy says
+//             little, it still says that it went. 0 where the mean of sqrt(V V') is below 0.2 levels^2
 //   coarse  = motion of the patches' means (coarse.hpp), where the mean of g is below 0.35 levels^2 and motion tells
 //             little
 // carried = half of the way that the gel went meanwhile, mean of its markers. Light is fixed to the camera, and patches
@@ -37,6 +43,9 @@
 // 0.4 to 0.6 of it takes two thirds of the alarms of smooth objects (33 in 60 grasps to 11 or 12), all of bonded ones
 // that are shaken, and a tenth of all alarms of recorded trials, for one recorded onset of 82. The way of each patch by
 // itself takes too much: where an object slides the gel bends.
+//
+// Turnover: the noise of V is half of the median of V + V' over the patches of q; 0.2 levels^2 and the allowance for
+// the way were chosen on simulated slides and shaking of seed 7 and on the recordings (2026-11-27).
 //
 // Limits. Slower than about 0.05 mm in the lag is not known from noise. A worn gel looks like a relief that never
 // slips. Exposure and white balance of the camera must stand still.
@@ -160,8 +169,9 @@ struct Kept {
   Micros at{};
   std::int32_t carried_x_q12 = 0, carried_y_q12 = 0;  // mean displacement of the markers, 1/4096 step
   std::array<bool, kMaxPatches> seen{};
-  std::array<std::uint32_t, kMaxPatches> relief{};  // kPairs * G; <= 2 * 17 * 8160^2 = 2.3e9
-  std::array<std::int32_t, kMaxPatches> shading{};  // kFree * mean of c, 1/16 level; below 2^17
+  std::array<std::uint32_t, kMaxPatches> relief{};   // kPairs * G; <= 2 * 17 * 8160^2 = 2.3e9
+  std::array<std::int32_t, kMaxPatches> shading{};   // kFree * mean of c, 1/16 level; below 2^17
+  std::array<std::int32_t, kMaxPatches> variance{};  // of c about its mean, 1/625 level^2; at most 2^25.4
   PatchSamples samples{};
 };
 

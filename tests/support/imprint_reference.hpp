@@ -36,6 +36,7 @@ class ImprintReference {
   static constexpr double kRounding_um = 4.0;
 
   static constexpr double kMostReliefForCoarse = 0.35;  // levels^2
+  static constexpr double kLeastVariance = 0.2;         // levels^2
 
   struct Seen {
     double motion_um = 0.0;   // 0: none that stands out
@@ -49,6 +50,11 @@ class ImprintReference {
     double coarse_signal = 0.0;               // as CoarseSeen::signal; 0 where there is too much relief
     double coarse_left = 1.0;                 // share of its square that being carried does not explain
     double relief = 0.0;                      // mean of g, levels^2
+    double turnover = 0.0;                    // 0: likewise
+    double variance = 0.0;                    // mean of sqrt(V V'), levels^2
+
+    // Rounding does not decide whether a turnover is told: that changes the variance of a patch by up to 0.01 levels^2.
+    [[nodiscard]] bool tells_turnover() const { return std::abs(variance - kLeastVariance) > 0.02; }
 
     // Rounding does not decide whether there is a coarse motion: evidence that is over a twentieth of what it is the
     // difference of, and relief further from what is too much than rounding adds, 0.004 levels^2.
@@ -247,6 +253,18 @@ class ImprintReference {
     return sum / kN / 16;
   }
 
+  // Mean about the means of what lies on the empty gel, now times then; levels^2.
+  [[nodiscard]] static double covariance(const Patch& now, const Patch& then) {
+    double sum_now = 0, sum_then = 0, products = 0;
+    for (std::size_t i = 0; i < now.samples.size(); ++i) {
+      const double a = now.samples[i] - now.empty[i], b = then.samples[i] - then.empty[i];
+      sum_now += a;
+      sum_then += b;
+      products += a * b;
+    }
+    return (products / kN - sum_now * sum_then / kN / kN) / 256;
+  }
+
   // Levels a step, along a and along b: mean of central differences, one-sided where only one neighbour is free.
   [[nodiscard]] static std::array<double, 2> slope(const Square& samples) {
     std::array<double, 2> sums{};
@@ -304,6 +322,28 @@ class ImprintReference {
     frame.y_um /= std::max(n, 1);
   }
 
+  struct Both {
+    double now, then, g, change;                     // levels^2
+    double shading_now, shading_then;                // levels
+    double variance_now, variance_then, covariance;  // levels^2
+  };
+
+  static void turn_over(const std::vector<Both>& both, std::vector<Both> least, double way_um, Seen& out) {
+    const auto sum = [](const Both& one) { return one.variance_now + one.variance_then; };
+    std::sort(least.begin(), least.end(), [&](const Both& a, const Both& b) { return sum(a) < sum(b); });
+    const double noise = sum(least[least.size() / 2]) / 2;
+    double weights = 0, common = 0, whole = 0;
+    for (const Both& one : both) {
+      const double weight = std::min(one.now, one.then);
+      weights += weight;
+      common += weight * one.covariance;
+      whole += weight * std::sqrt(std::max(one.variance_now - noise, 0.0) * std::max(one.variance_then - noise, 0.0));
+    }
+    out.variance = weights > 0.0 ? whole / weights : 0.0;
+    if (out.variance <= kLeastVariance) return;
+    out.turnover = std::max(1.0 - std::max(common, 0.0) / whole - 0.5e-3 * way_um, 0.0);
+  }
+
   void compare(const Frame& now, GridSize grid, Seen& out) const {
     constexpr double kLag_s = 0.16, kLevels2 = 256.0;
     const Frame* then = nullptr;
@@ -315,10 +355,6 @@ class ImprintReference {
       then = &kept;
     }
     if (then == nullptr) return;
-    struct Both {
-      double now, then, g, change;       // levels^2
-      double shading_now, shading_then;  // levels
-    };
     std::vector<Both> both;
     std::vector<CoarsePatch> coarse;
     for (std::size_t key = 0; key < now.patches.size(); ++key) {
@@ -332,7 +368,8 @@ class ImprintReference {
       }
       const double a = patch.relief / kPairs / kLevels2, b = before.relief / kPairs / kLevels2;
       both.push_back({a, b, (a + b) / 2, (squares / kN - sum * sum / kN / kN) / kLevels2,
-                      shading(patch.samples, patch.empty), shading(before.samples, before.empty)});
+                      shading(patch.samples, patch.empty), shading(before.samples, before.empty),
+                      covariance(patch, patch), covariance(before, before), covariance(patch, before)});
       coarse.push_back(coarse_patch(patch, before, grid, static_cast<int>(key)));
       out.relief += both.back().g;
     }
@@ -346,6 +383,7 @@ class ImprintReference {
       base_now += one.shading_now / static_cast<double>(least.size());
       base_then += one.shading_then / static_cast<double>(least.size());
     }
+    turn_over(both, least, std::hypot(now.x_um - then->x_um, now.y_um - then->y_um), out);
     std::sort(least.begin(), least.end(), [](const Both& a, const Both& b) { return a.change < b.change; });
     const auto n = static_cast<double>(both.size());
     double energy = 0.2 * n, energy_now = 0, energy_then = 0;

@@ -159,8 +159,8 @@ void add_compile(CLI::App& app, std::vector<Command>& commands) {
   command->add_flag("--check", options->check, "write nothing; fail when a file is not what the model compiles to");
   command->add_flag("--json", options->json, "print the summary as JSON");
   command->footer(
-      "Example:\n  holdfast compile toolchain/model/slip_v5.tree --header firmware/slip/slip_tree.gen.hpp "
-      "--binary slip_v5.model");
+      "Example:\n  holdfast compile toolchain/model/slip_v6.tree --header firmware/slip/slip_tree.gen.hpp "
+      "--binary slip_v6.model");
   commands.push_back({command, [options] { return compile(*options); }});
 }
 

@@ -312,7 +312,7 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--jobs", recorded.jobs, "with --recorded: clips replayed at the same time")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
-  command->add_option("--model", options->models, "with --recorded: the model that decides, as slip_v5.tree")
+  command->add_option("--model", options->models, "with --recorded: the model that decides, as slip_v6.tree")
       ->check(not_empty);
   command->add_option("--out", options->out, "folder for all tables: CSV")->check(not_empty);
   command->add_option("--json", options->json, "all tables: JSON")->check(not_empty);

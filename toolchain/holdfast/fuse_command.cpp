@@ -144,7 +144,7 @@ void add_fuse(CLI::App& app, std::vector<Command>& commands) {
   command->footer(
       "Example:\n"
       "  holdfast dataset --recordings clips/labels.csv --out clips.csv\n"
-      "  holdfast fuse clips.csv --markers slip_v2.tree --model slip_v5.tree");
+      "  holdfast fuse clips.csv --markers slip_v2.tree --model slip_v6.tree");
   commands.push_back({command, [options] { return fuse(*options); }});
 }
 

@@ -115,9 +115,9 @@ void add_model(CLI::App& app, std::vector<Command>& commands) {
   add_seal_options(*seal_command, options->seal);
   seal_command->add_flag("--json", options->json, "print the summary as JSON");
   seal_command->footer(
-      "Example:\n  holdfast compile slip_v5.tree --binary slip_v5.model\n"
-      "  holdfast model seal slip_v5.model -o slip_v5.sealed --sign keys/owner.key\n"
-      "  holdfast console --load slip_v5.sealed --code-file code");
+      "Example:\n  holdfast compile slip_v6.tree --binary slip_v6.model\n"
+      "  holdfast model seal slip_v6.model -o slip_v6.sealed --sign keys/owner.key\n"
+      "  holdfast console --load slip_v6.sealed --code-file code");
   commands.push_back({seal_command, [options] { return seal_model(*options); }});
 
   CLI::App* const show_command = command->add_subcommand("show", "what is in a sealed file");
@@ -125,7 +125,7 @@ void add_model(CLI::App& app, std::vector<Command>& commands) {
   show_command->add_option("--owner-key", options->seal.key, "and whether the owner of this owner.pub signed it")
       ->check(not_empty);
   show_command->add_flag("--json", options->json, "as JSON");
-  show_command->footer("Example:\n  holdfast model show slip_v5.sealed --owner-key keys/owner.pub");
+  show_command->footer("Example:\n  holdfast model show slip_v6.sealed --owner-key keys/owner.pub");
   commands.push_back({show_command, [options] { return show_model(*options); }});
 }
 

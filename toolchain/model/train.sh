@@ -5,7 +5,7 @@
 #   toolchain/model/train.sh WORK_FOLDER LABELS_CSV...     of recorded clips (holdfast evaluate --help has the columns)
 # The threshold is read off all of them; the tree of the markers learns from the first alone (slip_v2 was made when there
 # was no other), beside simulated grasps.
-# Writes WORK_FOLDER/*.csv, toolchain/model/slip_v2.tree, slip_v5.tree and firmware/slip/slip_tree.gen.hpp.
+# Writes WORK_FOLDER/*.csv, toolchain/model/slip_v2.tree, slip_v6.tree and firmware/slip/slip_tree.gen.hpp.
 set -euo pipefail
 top=$(cd "$(dirname "$0")/../.." && pwd)
 holdfast=${HOLDFAST:-$top/build/sim/bin/holdfast}
@@ -39,5 +39,5 @@ awk 'FNR > 1 || NR == 1' "$work/a1.csv" "$work/a2.csv" >"$work/grasps.csv"
 cd "$work"
 "$holdfast" train grasps.csv quiet.csv calm.csv soft.csv soft_quiet.csv soft_calm.csv "${clips[0]}" --set field --depth 16 \
   --min-leaf 80 --prune 0.00002 --slip-weight 0.1 --recorded-weight 10 --model "$top/toolchain/model/slip_v2.tree"
-"$holdfast" fuse "${clips[@]}" --markers "$top/toolchain/model/slip_v2.tree" --model "$top/toolchain/model/slip_v5.tree"
-"$holdfast" compile "$top/toolchain/model/slip_v5.tree" --header "$top/firmware/slip/slip_tree.gen.hpp"
+"$holdfast" fuse "${clips[@]}" --markers "$top/toolchain/model/slip_v2.tree" --model "$top/toolchain/model/slip_v6.tree"
+"$holdfast" compile "$top/toolchain/model/slip_v6.tree" --header "$top/firmware/slip/slip_tree.gen.hpp"

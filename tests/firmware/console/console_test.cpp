@@ -1183,7 +1183,7 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   desk.gpio.drive(hal::Input::kTare, hal::Level::kHigh);
   check_says("devices", "TARE HIGH");
   check_says("modes json", R"({"mode":"fast","now":"yes","us":)");
-  check_says("model", "slip_v5");
+  check_says("model", "slip_v6");
   check_says("version", "desk");
   check_says("frame json", "{\"sequence\":");
   check_says("frame", "dx_um");

@@ -71,6 +71,13 @@ TEST(Evidence, IsTheGroupWithoutWhichTheModelHolds) {
   features.imprint.coarse = Log2Q8::from_raw(slip_tree::kFirst[1].threshold + 100);
   features.field.flow_residual = MicrometresPerSec::from_raw(800);
   CHECK_TRUE(decisive() == Evidence::kCoarse);
+  features.imprint.coarse = {};
+  features.imprint.turnover = ShareQ10::from_raw(512);
+  CHECK_TRUE(decisive() == Evidence::kTurnover);
+  const Shown shown = evidence::show(kCompiled, features, Evidence::kTurnover, false);
+  LONGS_EQUAL(500, shown.value_milli);
+  LONGS_EQUAL(200, shown.threshold_milli);
+  STRCMP_EQUAL("1", std::string(shown.unit).c_str());
 }
 
 // Every path to a slip has evidence, whichever it is: random features, of which many slip.
@@ -86,6 +93,7 @@ TEST(Evidence, IsThereForEverySlip) {
     features.imprint.coarse = Log2Q8::from_raw(draw(0, 1700));
     features.imprint.growth = Log2Q8::from_raw(draw(-60, 80));
     features.imprint.patches = Count::from_raw(draw(0, 20));
+    features.imprint.turnover = ShareQ10::from_raw(std::max(draw(-2000, 400), 0));
     features.field.flow_residual = MicrometresPerSec::from_raw(draw(0, 1200));
     features.field.octave_entropy = NatsQ16::from_raw(draw(100'000, 130'000));
     features.field.evenness = ShareQ10::from_raw(draw(300, 1000));
@@ -98,7 +106,7 @@ TEST(Evidence, IsThereForEverySlip) {
     CHECK_TRUE((found == Evidence::kNone) == (verdict == Verdict::kHold));
     ++seen[static_cast<std::size_t>(found)];
   }
-  for (const Evidence group : {Evidence::kImprint, Evidence::kCoarse, Evidence::kMarkers}) {
+  for (const Evidence group : {Evidence::kImprint, Evidence::kCoarse, Evidence::kTurnover, Evidence::kMarkers}) {
     CHECK_TEXT(seen[static_cast<std::size_t>(group)] > 50, kEvidenceNames[static_cast<std::size_t>(group)].data());
   }
 }
@@ -139,6 +147,7 @@ TEST(Evidence, EveryFeatureBelongsToItsGroup) {
     const std::string name(kFeatures[i].name);
     const Evidence expected = name == "imprint_log2_um_q8"          ? Evidence::kImprint
                               : name == "imprint_coarse_log2_um_q8" ? Evidence::kCoarse
+                              : name == "imprint_turnover_q10"      ? Evidence::kTurnover
                               : name == "imprint_growth_log2_q8" || name == "imprint_patches" || name == "contact"
                                   ? Evidence::kNone
                                   : Evidence::kMarkers;
@@ -158,10 +167,10 @@ TEST(Evidence, OfALostContactIsTheContact) {
 TEST(Evidence, MicrometresAreTheLogarithmsPower) {
   for (std::int32_t raw = 0; raw <= Log2Q8::kMax; ++raw) {
     const double exact = 1000 * std::exp2(raw / 256.0);
-    DOUBLES_EQUAL(exact, static_cast<double>(evidence::exp2_milli(raw)), 0.004 * exact + 1);
+    DOUBLES_EQUAL(exact, static_cast<double>(exp2_milli(raw)), 0.004 * exact + 1);
   }
-  LONGS_EQUAL(500, evidence::exp2_milli(-256));
-  LONGS_EQUAL(0, evidence::exp2_milli(Log2Q8::kMin));
+  LONGS_EQUAL(500, exp2_milli(-256));
+  LONGS_EQUAL(0, exp2_milli(Log2Q8::kMin));
 }
 
 TEST(Evidence, ContactIsEmptyMadeOrHeld) {

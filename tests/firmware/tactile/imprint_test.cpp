@@ -398,6 +398,67 @@ TEST(Imprint, CoarseMotionIsForWeakRelief) {
   CHECK(strong > 0);
 }
 
+// Of waves along x that are shorter than a patch, 1 - cos(2 pi shift / wave) is replaced; beyond a quarter of a wave,
+// all. A patch holds little more than a wave of them, so that its means and edges change that by up to 0.1.
+TEST(Imprint, TurnoverIsTheShareOfTheReliefThatIsAnother) {
+  constexpr double kWave_mm = 0.8;
+  for (const double shift_mm : {0.0, 0.05, 0.08, 0.12, 0.25, 0.4}) {
+    Bench bench(Gel{});
+    bench.gel.relief = within(kContact_mm, ribs(6.0, kWave_mm));
+    (void)bench.wait(8);
+    bench.gel.relief = within(kContact_mm, ribs(6.0, kWave_mm, {shift_mm, 0.0}));
+    const double expected = std::min(1.0, 1.0 - std::cos(2.0 * std::numbers::pi * shift_mm / kWave_mm));
+    DOUBLES_EQUAL(expected, bench.step().turnover.raw() / 1024.0, shift_mm > 0.0 ? 0.1 : 0.0);
+  }
+}
+
+// A pattern that is pressed harder, let go of or lit otherwise is the same pattern, however much that changes the
+// picture. Noise of the camera is none of it.
+TEST(Imprint, WhatGrowsOrFadesInPlaceIsNoTurnover) {
+  for (const double factor : {0.5, 0.8, 1.25, 2.0, 3.0}) {
+    Gel gel;
+    gel.noise = 2.0;
+    Bench bench(gel);
+    const auto relief = within(kContact_mm, grain(6.0));
+    bench.gel.relief = relief;
+    (void)bench.wait(8);
+    bench.gel.relief = [=](Mm at) { return factor * relief(at) + 10.0; };
+    const ImprintFeatures seen = bench.step();
+    CHECK_TEXT(seen.turnover.raw() <= 20, std::to_string(seen.turnover.raw()).c_str());
+    CHECK(seen.motion.raw() > 1000);  // of its energy much has changed
+  }
+}
+
+// Half a permille for each um that the gel was carried: what is followed between dots changes a little on the way.
+TEST(Imprint, TurnoverAllowsForTheWayOfTheGel) {
+  for (const double way_mm : {0.0, 0.3, 0.6}) {
+    Bench bench(Gel{});
+    bench.gel.relief = within(kContact_mm, ribs(6.0, 0.8));
+    (void)bench.wait(8);
+    bench.gel.dots = {0.0, way_mm};
+    bench.gel.relief = within(kContact_mm, ribs(6.0, 0.8, {0.4, way_mm}));
+    DOUBLES_EQUAL(1.0 - 0.5 * way_mm, bench.step().turnover.raw() / 1024.0, 0.01);
+  }
+}
+
+// Below 0.2 levels^2 nothing is told, whatever moves.
+TEST(Imprint, TurnoverNeedsARelief) {
+  int told = 0, silent = 0;
+  for (double levels = 0.1; levels < 1.5; levels += 0.05) {
+    Bench bench(Gel{}, true);
+    bench.gel.relief = within(kContact_mm, ribs(levels, 0.8));
+    (void)bench.wait(8);
+    bench.gel.relief = within(kContact_mm, ribs(levels, 0.8, {0.4, 0.0}));
+    const bool turned = bench.step().turnover.raw() > 0;
+    if (!bench.expected.tells_turnover()) continue;
+    const bool expected = bench.expected.variance > test::ImprintReference::kLeastVariance;
+    CHECK_EQUAL_TEXT(expected, turned, std::to_string(bench.expected.variance).c_str());
+    ++(turned ? told : silent);
+  }
+  CHECK(told > 3);
+  CHECK(silent > 3);
+}
+
 // What changes everywhere alike is noise of these two pictures: light that flickers, a codec's key frame.
 TEST(Imprint, WhatChangesWhereNothingIsPressedInIsNoMotion) {
   Gel gel;
@@ -963,9 +1024,9 @@ TEST(Imprint, OneDotThatJumpsDoesNotSilenceTheRest) {
 TEST(Imprint, EqualsTheReferenceInDouble) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  double worst = 0.0, worst_touch = 0.0, worst_growth = 0.0, worst_coarse = 0.0;
+  double worst = 0.0, worst_touch = 0.0, worst_growth = 0.0, worst_coarse = 0.0, worst_turnover = 0.0;
   std::vector<double> plain;
-  int still = 0, coarse = 0;
+  int still = 0, coarse = 0, turned = 0;
   for (int trial = 0; trial < 6; ++trial) {
     Gel gel;
     if (trial % 3 == 1) gel = {.px_per_mm = 14.43, .width = 410, .height = 308};
@@ -980,7 +1041,8 @@ TEST(Imprint, EqualsTheReferenceInDouble) {
       object = k < 10 ? dots : Mm{object.x + 0.03 * uniform(random), object.y + 0.02};
       bench.gel.dots = dots;
       bench.gel.bend = [=](Mm at) { return Mm{0.004 * k * std::sin(at.x + at.y), -0.002 * k * std::cos(at.y)}; };
-      bench.gel.relief = smooth ? dome(30.0 + 3.0 * (k % 3), object) : within(kContact_mm, grain(levels, object));
+      const auto fine = [=](Mm at) { return grain(levels, object)(at) + ribs(trial % 2 * levels, 0.5, object)(at); };
+      bench.gel.relief = smooth ? dome(30.0 + 3.0 * (k % 3), object) : within(kContact_mm, fine);
       const ImprintFeatures seen = bench.step();
       const test::ImprintReference::Seen& expected = bench.expected;
       CHECK(seen.patches.raw() >= expected.least_patches && seen.patches.raw() <= expected.most_patches);
@@ -996,6 +1058,10 @@ TEST(Imprint, EqualsTheReferenceInDouble) {
         worst_coarse = std::max(worst_coarse, expected.coarse_left * off);
         ++coarse;
       }
+      if (expected.tells_turnover()) {
+        worst_turnover = std::max(worst_turnover, std::abs(seen.turnover.raw() / 1024.0 - expected.turnover));
+        turned += expected.turnover > 0.02 ? 1 : 0;
+      }
       CHECK(test::ImprintReference::may_move(expected, seen.motion.raw()));
       // Below a tenth of a sample, and with next to no relief, it is rounding that is measured.
       if (smooth || seen.motion.raw() == 0 || expected.motion_um < 10.0) continue;
@@ -1010,13 +1076,15 @@ TEST(Imprint, EqualsTheReferenceInDouble) {
   std::printf("\nimprint against double: median %.4f of log2 in %zu motions, ", plain[plain.size() / 2], plain.size());
   std::printf(
       "worst %.4f beyond other ranks of the noise; growth worst %.4f, from an empty gel %.4f; coarse worst %.4f of "
-      "%d\n",
-      worst, worst_growth, worst_touch, worst_coarse, coarse);
+      "%d; turnover worst %.4f of %d\n",
+      worst, worst_growth, worst_touch, worst_coarse, coarse, worst_turnover, turned);
   CHECK(worst <= 3.0 / 256);
   CHECK(plain[plain.size() / 2] <= 2.0 / 256);
   CHECK(worst_touch <= 0.04);
   CHECK(worst_growth <= 3.0 / 256);
   CHECK(worst_coarse <= 4.0 / 256);
+  CHECK(turned > 10);
+  CHECK(worst_turnover <= 0.01);
 }
 
 // What no sensor shows: nothing may be read or written outside, and nothing may wrap (sanitizers see to it).

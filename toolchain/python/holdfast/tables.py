@@ -266,6 +266,7 @@ EVIDENCES = {
     2: "coarse",  # motion of what is smoother or finer than the relief
     3: "markers",  # a feature of the markers
     4: "contact",  # the contact was lost: the patches of relief that are left
+    5: "turnover",  # share of the relief that another has taken the place of
 }
 
 BASES = {
