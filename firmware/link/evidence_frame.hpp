@@ -58,8 +58,8 @@ inline constexpr std::array<Row, 6> kEvidences{{
 static_assert(kEvidences.size() == kEvidenceNames.size() && kContacts.size() == contact::kPhaseNames.size() + 1);
 
 // The unit's number is its place here.
-inline constexpr std::array<std::string_view, 9> kUnits{"-",    "um",     "um/s", "nat",    "nat/s",
-                                                        "log2", "1e-6/s", "1",    "patches"};
+inline constexpr std::array<std::string_view, 10> kUnits{"-",    "um",     "um/s", "nat",     "nat/s",
+                                                         "log2", "1e-6/s", "1",    "patches", "%"};
 [[nodiscard]] constexpr std::uint8_t unit_of(std::string_view unit) {
   std::uint8_t i = 0;
   while (i < kUnits.size() && kUnits[i] != unit) ++i;

@@ -121,6 +121,11 @@ struct Shown {
   const Predicate first = first_of(config, decisive);
   if (first.feature == kFeatureCount) return {};
   const FeatureInfo& feature = kFeatures[first.feature];
+  if (decisive == Evidence::kTurnover) {
+    constexpr std::int64_t kPercent = 100;
+    return {decisive, kPercent * milli(feature, classifier::input(feature, features)),
+            kPercent * milli(feature, first.threshold), "%"};
+  }
   return {decisive, milli(feature, classifier::input(feature, features)), milli(feature, first.threshold),
           feature.unit == "log2(um)" ? "um" : feature.unit};
 }

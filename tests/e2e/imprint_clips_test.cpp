@@ -37,7 +37,7 @@ TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
     test::skip("the real recordings are not beside the clone (../shared/data/real)");
     return;
   }
-  std::vector<double> off, plain, grown, counted;
+  std::vector<double> off, plain, grown, counted, turned;
   int coarse = 0;
   int clips = 0;
   for (const test::Clip& clip : test::clips_in(folder)) {
@@ -68,6 +68,7 @@ TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
       CHECK_TEXT(seen.patches.raw() >= expected.least_patches && seen.patches.raw() <= expected.most_patches, name);
       counted.push_back(std::abs(seen.patches.raw() - expected.patches));
       grown.push_back(std::abs(seen.growth.raw() / 256.0 - expected.growth));
+      if (expected.tells_turnover()) turned.push_back(std::abs(seen.turnover.raw() / 1024.0 - expected.turnover));
       if (expected.tells_coarse()) {
         CHECK_EQUAL_TEXT(expected.coarse_um > 1.0, seen.coarse.raw() > 0, name);
         ++coarse;
@@ -88,12 +89,13 @@ TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
     ++clips;
   }
   LONGS_EQUAL(27, clips);
-  for (std::vector<double>* const all : {&off, &plain, &grown, &counted}) std::sort(all->begin(), all->end());
+  for (std::vector<double>* const all : {&off, &plain, &grown, &counted, &turned}) std::sort(all->begin(), all->end());
   const auto p50 = [](const std::vector<double>& sorted) { return sorted[sorted.size() / 2]; };
   const auto p99 = [](const std::vector<double>& sorted) { return sorted[sorted.size() * 99 / 100]; };
   std::printf("\nimprint against double on 27 clips: %zu motions, median %.4f of log2, ", off.size(), p50(plain));
   std::printf("worst %.4f beyond other ranks of the noise; growth p99 %.4f, worst %.4f; ", off.back(), p99(grown),
               grown.back());
+  std::printf("turnover p99 %.4f, worst %.4f of %zu; ", p99(turned), turned.back(), turned.size());
   std::printf("patches median %.0f, worst %.0f; %d frames without coarse motion\n", p50(counted), counted.back(),
               coarse);
   CHECK(off.size() > 1000);
@@ -102,5 +104,8 @@ TEST(ImprintClips, EqualsTheReferenceInDoubleOnEveryClip) {
   CHECK(p50(plain) <= 0.01);
   CHECK(p99(grown) <= 2.0 / 256);
   CHECK(grown.back() <= 4.0 / 256);
+  CHECK(turned.size() > 1000);
+  CHECK(p99(turned) <= 0.01);
+  CHECK(turned.back() <= 0.05);  // its noise is of one patch, whose rank rounding may change
   CHECK(p50(counted) <= 1.0);
 }

@@ -261,7 +261,7 @@ TEST(Train, RefusesWhatMakesNoSense) {
   write("copy.csv", test::grasps(20, 1));
   check_fails({data, at("copy.csv"), "--set", "paper"}, "copy.csv: holds the same bytes as grasps.csv");
   check_fails({data, "--set", "papers"}, "no such set");
-  check_fails({data, "--set", "paper", "--depth", "21"}, "21");
+  check_fails({data, "--set", "paper", "--depth", "25"}, "25");
   check_fails({data, "--set", "paper", "--prune", "nan"}, "nan");
   check_fails({data, "--set", "paper", "--slip-weight", "0"}, "0");
   check_fails({data, "--set", "paper", "--folds", "1"}, "1");

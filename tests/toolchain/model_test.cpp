@@ -382,12 +382,12 @@ TEST(SlipModel, BadTextsAreRefusedWithLineAndReason) {
   const std::string h(kHeader);
   const std::string three = "node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nleaf 2: slip\n";
   std::string chain;  // one predicate deeper than allowed
-  for (int i = 0; i < 21; ++i) {
+  for (int i = 0; i <= treec::kMaxDepth; ++i) {
     chain += "node " + std::to_string(2 * i) + ": vx_um_s <= " + std::to_string(100 - i) + " ? " +
              std::to_string(2 * i + 2) + " : " + std::to_string(2 * i + 1) + "\nleaf " + std::to_string(2 * i + 1) +
              ": slip\n";
   }
-  chain += "leaf 42: hold\n";
+  chain += "leaf " + std::to_string(2 * treec::kMaxDepth + 2) + ": hold\n";
   std::string many;
   for (int i = 0; i < 512; ++i) many += "leaf " + std::to_string(i) + ": hold\n";
   const auto replaced = [&](std::string_view from, std::string_view to) {
@@ -450,7 +450,7 @@ TEST(SlipModel, BadTextsAreRefusedWithLineAndReason) {
       {h + "node 0: vx_um_s <= 5 ? 1 : 2\nleaf 1: hold\nnode 2: vx_um_s <= 5 ? 3 : 4\nleaf 3: hold\nleaf 4: "
            "slip\n",
        10, "decides nothing"},
-      {h + chain, 48, "deeper than 20"},
+      {h + chain, 8 + 2 * treec::kMaxDepth, "deeper than 24"},
       {h + many, 519, "more than 511 nodes"},
   };
   for (const Case& c : cases) {

@@ -20,7 +20,7 @@ export const WIRE = {
   evidence: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"finger":[4,"u8"],"contact":[5,"u8"],"evidence":[6,"u8"],"unit":[7,"u8"],"run":[8,"u8"],"patches":[9,"u16"],"value_milli":[11,"i32"],"threshold_milli":[15,"i32"],"motion_log2_um_q8":[19,"i16"],"coarse_log2_um_q8":[21,"i16"],"growth_log2_q8":[23,"i16"],"crc16":[25,"u16"]},
   contacts: {"0":"EMPTY","1":"TOUCHING","2":"HELD","255":"UNKNOWN"},
   evidences: {"0":"none","1":"imprint","2":"coarse","3":"markers","4":"contact","5":"turnover"},
-  units: ["-","um","um/s","nat","nat/s","log2","1e-6/s","1","patches"],
+  units: ["-","um","um/s","nat","nat/s","log2","1e-6/s","1","patches","%"],
   loadBytes: 17,
   load: {"version":[0,"u8"],"kind":[1,"u8"],"sequence":[2,"u16"],"finger":[4,"u8"],"basis":[5,"u8"],"flags":[6,"u8"],"shear_x_mn":[7,"i16"],"shear_y_mn":[9,"i16"],"normal_mn":[11,"i16"],"friction_use_permille":[13,"u16"],"crc16":[15,"u16"]},
   bases: {"0":"none","1":"uncalibrated","2":"one_weight","3":"two_weights"},

@@ -136,7 +136,8 @@ enum holdfast_evidence_number {
   HOLDFAST_EVIDENCE_IMPRINT = 1,  // motion of the relief that the object presses into the gel
   HOLDFAST_EVIDENCE_COARSE = 2,  // motion of what is smoother or finer than the relief
   HOLDFAST_EVIDENCE_MARKERS = 3,  // a feature of the markers
-  HOLDFAST_EVIDENCE_CONTACT = 4  // the contact was lost: the patches of relief that are left
+  HOLDFAST_EVIDENCE_CONTACT = 4,  // the contact was lost: the patches of relief that are left
+  HOLDFAST_EVIDENCE_TURNOVER = 5  // share of the relief that another has taken the place of
 };
 
 enum holdfast_basis {
@@ -261,6 +262,7 @@ static inline const char *holdfast_evidence_name(uint8_t number) {
     case HOLDFAST_EVIDENCE_COARSE: return "coarse";
     case HOLDFAST_EVIDENCE_MARKERS: return "markers";
     case HOLDFAST_EVIDENCE_CONTACT: return "contact";
+    case HOLDFAST_EVIDENCE_TURNOVER: return "turnover";
     default: return "?";
   }
 }
@@ -286,6 +288,7 @@ static inline const char *holdfast_unit_name(uint8_t number) {
     case 6: return "1e-6/s";
     case 7: return "1";
     case 8: return "patches";
+    case 9: return "%";
     default: return "?";
   }
 }

@@ -11,6 +11,7 @@
 #include <span>
 #include <string_view>
 
+#include "slip/evidence.hpp"
 #include "toolchain/session/page.hpp"
 #include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/escape.hpp"
@@ -54,9 +55,13 @@ std::vector<std::size_t> slip_starts(const std::vector<FrameRecord>& frames) {
 
 // Why a frame says slip, in a sentence.
 std::string why_text(const FrameRecord& frame) {
-  constexpr std::array<std::string_view, 5> kWords{"", "the imprint moved against the gel by",
-                                                   "the imprint's coarse shape moved against the gel by",
-                                                   "the markers' flow is", ""};
+  constexpr std::array<std::string_view, kEvidenceNames.size()> kWords{
+      "",
+      "the imprint moved against the gel by",
+      "the imprint's coarse shape moved against the gel by",
+      "the markers' flow is",
+      "",
+      "another imprint has taken the place of"};
   const std::string_view words = kWords[static_cast<std::size_t>(frame.evidence)];
   if (words.empty()) return "";
   std::string out = fmt::format("{} {:.3g} {} (threshold {:.3g})", words, frame.evidence_value, frame.evidence_unit,

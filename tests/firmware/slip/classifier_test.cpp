@@ -3,6 +3,7 @@
 
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <random>
 #include <vector>
 // last: it redefines new
@@ -181,6 +182,42 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
   const Frame nearly{1400, 0};
   CHECK_TRUE(verdicts({nearly, nearly, nearly, nearly, nearly}) == (Slips{false, false, false, false, true}));
   CHECK_TRUE(verdicts({nearly, nearly, {1400, 0, 6001}, nearly, nearly, nearly}) == Slips(6));
+}
+
+// Each bound of the compiled model from both sides: a fifth of the relief, and a quarter of an octave either way.
+TEST(Classifier, AnotherReliefIsSlipWhileItsShadingStays) {
+  const auto says = [&](std::int32_t turnover, std::int32_t growth) {
+    features.imprint.turnover = ShareQ10::from_raw(turnover);
+    features.imprint.growth = Log2Q8::from_raw(growth);
+    return classifier::classify({}, features);
+  };
+  CHECK_TRUE(says(205, 0) == Verdict::kHold && says(206, 0) == Verdict::kSlipNow);
+  CHECK_TRUE(says(1024, 64) == Verdict::kSlipNow && says(1024, 65) == Verdict::kHold);
+  CHECK_TRUE(says(1024, -64) == Verdict::kSlipNow && says(1024, -65) == Verdict::kHold);
+  // Motion that counts while the shading does not grow needs no other relief; where it grows a little, it does.
+  features.imprint.motion = Log2Q8::from_raw(1600);
+  CHECK_TRUE(says(0, -65) == Verdict::kSlipNow && says(0, 40) == Verdict::kHold && says(206, 40) == Verdict::kSlipNow);
+}
+
+// Of small shifts turnover goes by the square: half and twice the motion, a quarter and four times the share.
+TEST(Classifier, TurnoverIsScaledByTheSquareOfTheMotion) {
+  const auto scaled = [&](std::int32_t turnover, std::int32_t by_q8) {
+    features.imprint.turnover = ShareQ10::from_raw(turnover);
+    return classifier::scaled(features, by_q8).imprint.turnover.raw();
+  };
+  LONGS_EQUAL(400, scaled(100, 256));
+  LONGS_EQUAL(25, scaled(100, -256));
+  LONGS_EQUAL(1024, scaled(300, 256));
+  LONGS_EQUAL(0, scaled(0, 1024));
+  DOUBLES_EQUAL(100.0 * std::exp2(320.0 / 256.0), scaled(100, 160), 2.0);
+  features.imprint.turnover = ShareQ10::from_raw(900);
+  CHECK_TRUE(classifier::for_a_step({}, features) == Verdict::kSlipNow);
+  features.imprint.turnover = ShareQ10::from_raw(800);
+  CHECK_TRUE(classifier::for_a_step({}, features) == Verdict::kHold);
+  features.imprint.turnover = ShareQ10::from_raw(60);
+  CHECK_TRUE(classifier::goes_on({}, features));
+  features.imprint.turnover = ShareQ10::from_raw(40);
+  CHECK_FALSE(classifier::goes_on({}, features));
 }
 
 TEST(Classifier, AModelThatSeesNoPictureIsAskedOnce) {

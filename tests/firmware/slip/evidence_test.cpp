@@ -75,9 +75,9 @@ TEST(Evidence, IsTheGroupWithoutWhichTheModelHolds) {
   features.imprint.turnover = ShareQ10::from_raw(512);
   CHECK_TRUE(decisive() == Evidence::kTurnover);
   const Shown shown = evidence::show(kCompiled, features, Evidence::kTurnover, false);
-  LONGS_EQUAL(500, shown.value_milli);
-  LONGS_EQUAL(200, shown.threshold_milli);
-  STRCMP_EQUAL("1", std::string(shown.unit).c_str());
+  LONGS_EQUAL(50'000, shown.value_milli);
+  LONGS_EQUAL(20'000, shown.threshold_milli);
+  STRCMP_EQUAL("%", std::string(shown.unit).c_str());
 }
 
 // Every path to a slip has evidence, whichever it is: random features, of which many slip.
