@@ -81,8 +81,10 @@ struct Config {
     if (motion->raw() <= 0) continue;
     *motion = Log2Q8::from_raw(std::clamp(motion->raw() + by_q8, 0, Log2Q8::kMax));
   }
-  const std::int64_t turnover = features.imprint.turnover.raw() * exp2_milli(2 * by_q8) / 1000;
-  features.imprint.turnover = ShareQ10::from_raw(static_cast<std::int32_t>(std::min<std::int64_t>(turnover, 1024)));
+  if (ShareQ10& turnover = features.imprint.turnover; turnover.raw() > 0) {
+    const std::int64_t scaled = turnover.raw() * exp2_milli(2 * by_q8) / 1000;
+    turnover = ShareQ10::from_raw(static_cast<std::int32_t>(std::min<std::int64_t>(scaled, ShareQ10::kMax)));
+  }
   return features;
 }
 

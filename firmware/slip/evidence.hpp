@@ -61,11 +61,12 @@ inline constexpr std::uint8_t kContactFeature = feature_index("contact");
 
 // Of a feature of kFeatures; kNone: it says when to listen, not that something slips.
 [[nodiscard]] constexpr Evidence group_of(std::uint8_t feature) {
+  if (kFeatures[feature].stage != Stage::kImprint) {
+    return feature == kContactFeature ? Evidence::kNone : Evidence::kMarkers;
+  }
   if (feature == kImprintFeature) return Evidence::kImprint;
   if (feature == kCoarseFeature) return Evidence::kCoarse;
-  if (feature == kTurnoverFeature) return Evidence::kTurnover;
-  const bool of_markers = kFeatures[feature].stage != Stage::kImprint && feature != kContactFeature;
-  return of_markers ? Evidence::kMarkers : Evidence::kNone;
+  return feature == kTurnoverFeature ? Evidence::kTurnover : Evidence::kNone;
 }
 
 // A group's first predicate in the model: index into kFeatures, and threshold. kFeatureCount: it asks nothing of it.

@@ -8,6 +8,7 @@
 // The range is fixed because an automatic one stretches noise over all bins: E = 2.43 +- 0.11 nat at rest.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -60,7 +61,8 @@ inline constexpr Micros kMinStep{1'000};  // no camera is faster than 1000 fps; 
   for (const std::uint8_t count : out.histogram) out.markers += count;
 
   const Micros step = now - state.last;
-  if (state.known && step >= kMinStep && step <= config.max_gap) {
+  const bool same_markers = state.known && state.field.grid == field.grid;
+  if (same_markers && step >= kMinStep && step <= config.max_gap) {
     std::int64_t sum_x = 0, sum_y = 0;
     std::int32_t n = 0;
     for (std::int32_t i = 0; i < field.grid.count(); ++i) {
@@ -85,7 +87,9 @@ inline constexpr Micros kMinStep{1'000};  // no camera is faster than 1000 fps; 
   state.known = true;
   state.last = now;
   state.entropy_q24 = entropy_q24;
-  state.field = field;
+  // Only the lattice's own: what is behind it is never read, and most of the copy.
+  state.field.grid = field.grid;
+  std::copy_n(field.markers.begin(), field.grid.count(), state.field.markers.begin());
   return out;
 }
 

@@ -614,12 +614,10 @@ Lanes<std::int32_t> slope_of(const std::array<std::int8_t, kFree>& weights, cons
 // One patch in two pictures.
 struct Seen {
   std::int32_t patch = 0;
-  std::uint32_t now = 0;           // kPairs G
-  std::uint32_t then = 0;          // kPairs G, one lag ago
-  std::int32_t weight = 0;         // 68 g: of both, in 1/68 levels^2. At most 2^25.1
-  std::int32_t change = 0;         // 625 R, in 1/625 levels^2. At most 2^25.4
-  std::int32_t variance_now = 0;   // 625 V, with its noise. Likewise
-  std::int32_t variance_then = 0;  // 625 V', with its noise. Likewise
+  std::uint32_t now = 0;    // kPairs G
+  std::uint32_t then = 0;   // kPairs G, one lag ago
+  std::int32_t weight = 0;  // 68 g: of both, in 1/68 levels^2. At most 2^25.1
+  std::int32_t change = 0;  // 625 R, in 1/625 levels^2. At most 2^25.4
 };
 constexpr int kWeightShift = 7;
 constexpr std::int64_t kWeightUnit = (2 * kPairs * 256) >> kWeightShift;     // 68
@@ -646,17 +644,18 @@ std::int32_t noise_of(std::span<Seen> least) {
   return at->change;
 }
 
-// Of V and of V'; reorders them.
-std::int64_t variance_noise_of(std::span<Seen> least) {
-  const auto both = [](const Seen& one) { return one.variance_now + one.variance_then; };
-  const auto at = least.begin() + static_cast<std::ptrdiff_t>(least.size() / 2);
-  std::nth_element(least.begin(), at, least.end(), [&](const Seen& a, const Seen& b) { return both(a) < both(b); });
-  return both(*at) / 2;
+// Of V and of V': half of the median of their sum.
+std::int64_t variance_noise_of(const Kept& last, const Kept& then, std::span<const Seen> least) {
+  std::array<std::int32_t, kMaxPatches> sums;  // NOLINT: filled as far as it is read
+  std::size_t count = 0;
+  for (const Seen& one : least) sums[count++] = last.variance[idx(one.patch)] + then.variance[idx(one.patch)];
+  const auto middle = sums.begin() + static_cast<std::ptrdiff_t>(count / 2);
+  std::nth_element(sums.begin(), middle, sums.begin() + static_cast<std::ptrdiff_t>(count));
+  return *middle / 2;
 }
 
-// Newton's method from a power of two within a factor of two of it: three steps leave 0.03 %. Range: 0 to 2^26.
+// Newton's method from a power of two within a factor of two of it: three steps leave 0.03 %. Range: 1 to 2^26.
 std::int64_t geometric_mean(std::int64_t a, std::int64_t b) {
-  if (a == 0 || b == 0) return 0;
   const auto bits = [](std::int64_t of) { return static_cast<int>(std::bit_width(static_cast<std::uint64_t>(of))); };
   std::int64_t mean = std::int64_t{1} << (bits(a) + bits(b)) / 2;
   for (int step = 0; step < 3; ++step) mean = (mean + a * b / mean) / 2;
@@ -670,15 +669,15 @@ constexpr std::int64_t kTurnoverOfWay_q10 = kOne_q10 / 2;
 constexpr std::int64_t kLeastVariance = kChangeUnit / 5;
 
 // Range, of 320 patches: weights of 2^24.1 and variances of 2^26.4 make sums below 2^59.
-ShareQ10 turnover_of(std::span<const Seen> seen, std::int64_t noise, std::int64_t way_um, Saturations& saturations) {
+ShareQ10 turnover_of(const Kept& last, const Kept& before, std::span<const Seen> seen, std::int64_t noise,
+                     std::int64_t way_um, Saturations& saturations) {
   std::int64_t weights = 0, common = 0, whole = 0;
   for (const Seen& one : seen) {
     const std::int64_t weight = std::min(one.now, one.then) >> kWeightShift;
-    const std::int64_t now = std::max<std::int64_t>(one.variance_now - noise, 0);
-    const std::int64_t then = std::max<std::int64_t>(one.variance_then - noise, 0);
+    const std::int64_t now = last.variance[idx(one.patch)], then = before.variance[idx(one.patch)];
     weights += weight;
-    common += weight * (std::int64_t{one.variance_now} + one.variance_then - one.change);  // 2 C, where noise cancels
-    whole += weight * 2 * geometric_mean(now, then);
+    common += weight * (now + then - one.change);  // 2 C, where noise cancels
+    if (now > noise && then > noise) whole += weight * 2 * geometric_mean(now - noise, then - noise);
   }
   if (whole <= 2 * kLeastVariance * weights || whole < kOne_q10) return {};
   const std::int64_t stays_q10 = std::max<std::int64_t>(common, 0) / (whole / kOne_q10);
@@ -771,13 +770,8 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
     for (std::int32_t p = first; p < first + kLanes; ++p) {
       if (!last.seen[idx(p)] || !then.seen[idx(p)]) continue;
       const std::uint32_t a = last.relief[idx(p)], b = then.relief[idx(p)];
-      both[count++] = {p,
-                       a,
-                       b,
-                       static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
-                       change.variance(idx(p - first)),
-                       last.variance[idx(p)],
-                       then.variance[idx(p)]};
+      both[count++] = {p, a, b, static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
+                       change.variance(idx(p - first))};
     }
   }
   if (count < kLeastPatches) return;
@@ -799,7 +793,7 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   const std::int32_t step_q8 = log_of(config.pitch_um) - 4 * 256;
   const std::int64_t way2_q24 = way2_q24_between(last, then);
   const std::int64_t way_um = isqrt(static_cast<std::uint64_t>(way2_q24)) * std::int64_t{config.pitch_um} >> 16;
-  out.turnover = turnover_of(seen, variance_noise_of(least), way_um, saturations);
+  out.turnover = turnover_of(last, then, seen, variance_noise_of(last, then, least), way_um, saturations);
   const coarse::Carried carried{way2_q24 / 4 >> 4};  // half of the way
   out.coarse = coarse_motion(state, then, grid, seen, carried, step_q8, saturations);
   const std::int64_t floor = n * (kFloor + square(state.empty.noise_relief >> (kWeightShift - 1)));

@@ -210,6 +210,20 @@ TEST(Features, HasNoRatesOnTheFirstFrameAndAfterForget) {
 }
 
 // The time base decides, never the frame count: the same 1 um step over each dt.
+// Marker 5 of another lattice is another marker.
+TEST(Features, HasNoRatesBetweenTwoLattices) {
+  field.grid = {7, 9};
+  for (MarkerDisplacement& d : field.markers) d = moved(100, 0);
+  (void)features::update(state, config, field, 40ms, saturations);
+  field.grid = {8, 16};
+  for (MarkerDisplacement& d : field.markers) d = moved(200, 0);
+  const Features other = features::update(state, config, field, 80ms, saturations);
+  CHECK_FALSE(other.rates_valid);
+  LONGS_EQUAL(0, other.vx.raw());
+  const Features next = features::update(state, config, field, 120ms, saturations);
+  CHECK_TRUE(next.rates_valid);
+}
+
 TEST(Features, UseTheTimeThatPassed) {
   struct Case {
     Micros dt;
