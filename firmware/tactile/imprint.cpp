@@ -649,8 +649,8 @@ std::int64_t variance_noise_of(const Kept& last, const Kept& then, std::span<con
   std::array<std::int32_t, kMaxPatches> sums;  // NOLINT: filled as far as it is read
   std::size_t count = 0;
   for (const Seen& one : least) sums[count++] = last.variance[idx(one.patch)] + then.variance[idx(one.patch)];
-  const auto middle = sums.begin() + static_cast<std::ptrdiff_t>(count / 2);
-  std::nth_element(sums.begin(), middle, sums.begin() + static_cast<std::ptrdiff_t>(count));
+  std::int32_t* const middle = &sums[count / 2];
+  std::nth_element(sums.data(), middle, sums.data() + count);
   return *middle / 2;
 }
 
