@@ -679,7 +679,7 @@ ShareQ10 turnover_of(const Kept& last, const Kept& before, std::span<const Seen>
     common += weight * (now + then - one.change);  // 2 C, where noise cancels
     if (now > noise && then > noise) whole += weight * 2 * geometric_mean(now - noise, then - noise);
   }
-  if (whole <= 2 * kLeastVariance * weights || whole < kOne_q10) return {};
+  if (whole < 2 * kLeastVariance * weights + kOne_q10) return {};  // and it can be divided by
   const std::int64_t stays_q10 = std::max<std::int64_t>(common, 0) / (whole / kOne_q10);
   return ShareQ10::saturate(std::max<std::int64_t>(kOne_q10 - stays_q10 - way_um * kTurnoverOfWay_q10 / 1000, 0),
                             saturations);
