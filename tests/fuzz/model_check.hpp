@@ -183,8 +183,7 @@ class ModelOracle {
       (kind(node) == 0 ? holds_ : slips_) = true;
       return is_zero(1140 + 8 * node, 1147 + 8 * node);
     }
-    if (kind(node) > 3 || depth == model::kMaxDepth || feature(node) >= static_cast<std::size_t>(set_->size()))
-      return false;
+    if (kind(node) > 3 || depth == 24 || feature(node) >= static_cast<std::size_t>(set_->size())) return false;
     const auto [min, max] = ranges[feature(node)];
     if (threshold(node) < min || threshold(node) >= max) return false;
     Ranges rest = ranges;
@@ -242,8 +241,8 @@ inline std::vector<ModelBytes> model_seeds() {
   std::vector<ModelBytes> seeds;
   std::uint32_t seed = 0;
   for (const FeatureSet& set : kFeatureSets) {
-    for (const int depth : {1, 4, model::kMaxDepth}) {
-      seeds.push_back(model_bytes(set, RandomNodes(++seed, set, depth, depth < model::kMaxDepth ? 63 : 511).nodes()));
+    for (const int depth : {1, 4, 24}) {
+      seeds.push_back(model_bytes(set, RandomNodes(++seed, set, depth, depth < 24 ? 63 : 511).nodes()));
     }
   }
   const FeatureSet& set = kFeatureSets.front();

@@ -116,42 +116,49 @@ std::optional<std::string> fuse(const Samples& recordings, const treec::Model& m
   Builder build(model);
   const auto holds = [&] { return build.leaf(Verdict::kHold); };
   // Slip where the relief is another, while its shading neither comes nor goes; else what `stays` builds.
-  const auto unless_replaced = [&](const auto& stays, bool may_fade = true) {
+  const auto slips = [&] { return build.leaf(Verdict::kSlipNow); };
+  const auto slips_unless_fading = [&] {
+    const int fades = build.split(kGrowth, -kMostTurnoverGrowth - 1);
+    const int faded = holds();
+    const int replaced = slips();
+    build.children(fades, faded, replaced);
+    return fades;
+  };
+  const auto unless_replaced = [&](const auto& stays, const auto& replaced_by) {
     const int turns = build.split("imprint_turnover_q10", kTurnover);
     const int same = stays();
     const int grows = build.split(kGrowth, kMostTurnoverGrowth);
-    const int fades = may_fade ? build.split(kGrowth, -kMostTurnoverGrowth - 1) : -1;
-    const int faded = may_fade ? holds() : -1;
-    const int replaced = build.leaf(Verdict::kSlipNow);
-    if (may_fade) build.children(fades, faded, replaced);
+    const int replaced = replaced_by();
     const int grown = holds();
-    build.children(grows, may_fade ? fades : replaced, grown);
+    build.children(grows, replaced, grown);
     build.children(turns, same, grows);
     return turns;
   };
   const int moves = build.split("imprint_log2_um_q8", out.threshold);
   const int shifts = build.split("imprint_coarse_log2_um_q8", kCoarse);
-  const int steady = unless_replaced([&] {
-    const int relief = build.split("imprint_patches", kMostPatches);
-    const int flows = build.split(kFlow, kLeastFlow_um_s);
-    const int still = holds();
-    const int markers_say = build.graft(markers, 0);
-    build.children(flows, still, markers_say);
-    const int held = holds();
-    build.children(relief, flows, held);
-    return relief;
-  });
+  const int steady = unless_replaced(
+      [&] {
+        const int relief = build.split("imprint_patches", kMostPatches);
+        const int flows = build.split(kFlow, kLeastFlow_um_s);
+        const int still = holds();
+        const int markers_say = build.graft(markers, 0);
+        build.children(flows, still, markers_say);
+        const int held = holds();
+        build.children(relief, flows, held);
+        return relief;
+      },
+      slips_unless_fading);
   const int spreads = build.split(kGrowth, kMostCoarseGrowth);
   const int drags = build.split(kFlow, kLeastCoarseFlow_um_s);
-  const int pressed = unless_replaced(holds);
-  const int shifted = build.leaf(Verdict::kSlipNow);
+  const int pressed = unless_replaced(holds, slips_unless_fading);
+  const int shifted = slips();
   build.children(drags, pressed, shifted);
   const int spread = holds();
   build.children(spreads, drags, spread);
   build.children(shifts, steady, spreads);
   const int grows = build.split(kGrowth, kMostGrowth);
-  const int slides = build.leaf(Verdict::kSlipNow);
-  const int touches = unless_replaced(holds, false);  // its shading grows
+  const int slides = slips();
+  const int touches = unless_replaced(holds, slips);  // its shading grows: it does not fade
   build.children(grows, slides, touches);
   build.children(moves, shifts, grows);
   if (const auto problem = treec::check(model)) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "base/math.hpp"
+#include "base/units.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -118,4 +119,14 @@ TEST(Math, SortsAndFindsTheLowerMiddle) {
       CHECK_TRUE(values == sorted);
     }
   }
+}
+
+// Against libm; the tolerance is the documented one.
+TEST(Math, Exp2IsThePowerOfTheLogarithm) {
+  for (std::int32_t raw = 0; raw <= Log2Q8::kMax; ++raw) {
+    const double exact = 1000 * std::exp2(raw / 256.0);
+    DOUBLES_EQUAL(exact, static_cast<double>(exp2_milli(raw)), 0.004 * exact + 1);
+  }
+  LONGS_EQUAL(500, exp2_milli(-256));
+  LONGS_EQUAL(0, exp2_milli(Log2Q8::kMin));
 }

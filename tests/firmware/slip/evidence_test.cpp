@@ -163,16 +163,6 @@ TEST(Evidence, OfALostContactIsTheContact) {
   LONGS_EQUAL(contact::Config{}.end_patches * 1000, shown.threshold_milli);
 }
 
-// Against libm; the tolerance is the documented one.
-TEST(Evidence, MicrometresAreTheLogarithmsPower) {
-  for (std::int32_t raw = 0; raw <= Log2Q8::kMax; ++raw) {
-    const double exact = 1000 * std::exp2(raw / 256.0);
-    DOUBLES_EQUAL(exact, static_cast<double>(exp2_milli(raw)), 0.004 * exact + 1);
-  }
-  LONGS_EQUAL(500, exp2_milli(-256));
-  LONGS_EQUAL(0, exp2_milli(Log2Q8::kMin));
-}
-
 TEST(Evidence, ContactIsEmptyMadeOrHeld) {
   using contact::Phase;
   contact::Contact now;

@@ -102,7 +102,7 @@ TEST(ModelFile, NamesMayHoldTheFirstAndTheLastOfLettersAndDigits) {
 TEST(ModelFile, TreesOfEverySetUpToTheLimitsAnswerAsTheOracle) {
   for (const FeatureSet& set : kFeatureSets) {
     for (std::uint32_t seed = 0; seed < 12; ++seed) {
-      const int depth = seed % 3 == 0 ? model::kMaxDepth : static_cast<int>(seed);
+      const int depth = seed % 3 == 0 ? 24 : static_cast<int>(seed);
       const ModelBytes bytes = model_bytes(set, RandomNodes(seed, set, std::max(1, depth), 511).nodes());
       CHECK(Refusal::kNone == read(bytes));
       STRCMP_EQUAL("", test::check_model_bytes(bytes).c_str());
@@ -114,12 +114,12 @@ TEST(ModelFile, TheLargestTreeIsRead) {
   const FeatureSet& paper = *find_feature_set("paper");
   std::size_t largest = 0;
   for (std::uint32_t seed = 0; seed < 5; ++seed) {
-    const std::vector<Node> nodes = RandomNodes(seed, paper, model::kMaxDepth, 511).nodes();
+    const std::vector<Node> nodes = RandomNodes(seed, paper, 24, 511).nodes();
     CHECK(Refusal::kNone == read(model_bytes(paper, nodes)));
     largest = std::max(largest, nodes.size());
   }
   LONGS_EQUAL(511, largest);
-  CHECK(Refusal::kNone == read(model_bytes(kSet, chain(model::kMaxDepth))));
+  CHECK(Refusal::kNone == read(model_bytes(kSet, chain(24))));
 }
 
 TEST(ModelFile, ThresholdsMayStandAtTheEdgesOfWhatThePathLeaves) {
@@ -183,7 +183,7 @@ TEST(ModelFile, RefusesEachFaultWithItsOwnReason) {
   refused(Refusal::kUnreachable, {split(5, 3), kHold, kSlip, kSlip});
   refused(Refusal::kUnreachable, {split(5, 2), kHold, kSlip, kSlip});
   refused(Refusal::kUnreachable, {kHold, kSlip, kSlip});
-  refused(Refusal::kTooDeep, chain(model::kMaxDepth + 1));
+  refused(Refusal::kTooDeep, chain(25));
   refused(Refusal::kOneWay, {split(max, 2), kHold, kSlip});
   refused(Refusal::kOneWay, {split(min - 1, 2), kHold, kSlip});
   refused(Refusal::kOneWay, {split(5, 4), split(5, 3), kHold, kSlip, kSlip});
