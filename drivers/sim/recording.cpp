@@ -4,10 +4,6 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-extern "C" {
-#include <libavformat/avformat.h>
-}
-
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -17,7 +13,6 @@ extern "C" {
 #include <fstream>
 #include <iterator>
 #include <opencv2/core.hpp>
-#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -26,6 +21,7 @@ extern "C" {
 #include <utility>
 
 #include "drivers/sim/container.hpp"
+#include "drivers/sim/media.hpp"
 #include "vision/jpeg.hpp"
 #include "vision/luma.hpp"
 
@@ -64,17 +60,6 @@ Error fail_line(const fs::path& path, const std::string& what, const std::string
 
 std::string size_text(int width, int height) {
   return std::to_string(width) + "x" + std::to_string(height) + " pixels";
-}
-
-// Libraries must not talk on stderr: it carries our one line.
-void silence_libraries() {
-  static const bool once = [] {
-    ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-    ::av_log_set_level(AV_LOG_QUIET);
-    return true;
-  }();
-  (void)once;
 }
 
 // libpng writes its complaints to file descriptor 2 whatever OpenCV's log level says.
@@ -207,7 +192,6 @@ std::optional<Error> refuse_small(const fs::path& path, int width, int height) {
 
 // Reads an image as JPEG bytes or luma. `reduce` as in read_picture().
 std::optional<Error> load_image(const fs::path& path, int reduce, hal::PixelFormat jpeg_as, RecordedFrame& frame) {
-  silence_libraries();
   std::array<std::uint8_t, 3> head{};
   std::ifstream file(path, std::ios::binary);
   std::error_code ignored;
@@ -228,10 +212,13 @@ std::optional<Error> load_image(const fs::path& path, int reduce, hal::PixelForm
   }
   cv::Mat picture;
   try {
+    const Media& libraries = media();
     const QuietStderr quiet;
-    picture = cv::imread(path.string(), cv::IMREAD_UNCHANGED);
+    picture = libraries.read(path, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception&) {
     picture.release();
+  } catch (const std::runtime_error& problem) {
+    return Error{path.string() + ": " + problem.what()};
   }
   if (picture.empty()) {
     return fail_line(path, "cannot be decoded", "not an image, or the file is damaged",
@@ -422,95 +409,73 @@ std::optional<bool> avi_is_whole(std::span<const std::uint8_t> bytes) {
 // MJPEG in AVI, Matroska, MP4 ...: the packets as they are.
 class PacketSource final : public VideoSource {
  public:
-  // `whole`: known to be, so that frames which are announced and do not come were dropped by the recorder.
-  PacketSource(const fs::path& path, bool whole) : VideoSource(path), whole_(whole) {
-    AVFormatContext* file = nullptr;
-    // An absolute path cannot be taken for a protocol ("a:b.avi").
-    if (::avformat_open_input(&file, fs::absolute(path).c_str(), nullptr, nullptr) < 0) return;
-    file_.reset(file);
-    if (::avformat_find_stream_info(file, nullptr) < 0) return;
-    const int best = ::av_find_best_stream(file, AVMEDIA_TYPE_VIDEO, -1, -1, nullptr, 0);
-    if (best < 0) return;
-    video_ = file->streams[best];
-    const AVRational rate = ::av_guess_frame_rate(file, video_, nullptr);
-    const double fps = rate.den > 0 ? ::av_q2d(rate) : 0;
-    announce(video_->nb_frames > 0 ? static_cast<double>(video_->nb_frames)
-                                   : static_cast<double>(file->duration) / AV_TIME_BASE * fps,
-             fps);
-    counts_places_ = ::av_cmp_q(::av_inv_q(rate), video_->time_base) == 0;
+  // `packets`: null when the file cannot be opened. `whole`: known to be, so that frames which are announced and do not
+  // come were dropped by the recorder.
+  PacketSource(const fs::path& path, std::unique_ptr<Packets> packets, bool whole)
+      : VideoSource(path), packets_(std::move(packets)), whole_(whole) {
+    if (packets_ == nullptr) return;
+    facts_ = packets_->facts();
+    announce(facts_.frames, facts_.fps);
   }
 
-  [[nodiscard]] bool is_mjpeg() const {
-    return video_ != nullptr && packet_ != nullptr && video_->codecpar->codec_id == AV_CODEC_ID_MJPEG;
-  }
+  [[nodiscard]] bool is_mjpeg() const { return facts_.mjpeg; }
   // Of a file that is cut off: how much is left of it.
   [[nodiscard]] Error refusal() {
-    while (video_ != nullptr && packet_ != nullptr && skip() == Read::kFrame) continue;
+    while (packets_ != nullptr && skip() == Read::kFrame) continue;
     (void)cut_off();
     return Error{error()};
   }
 
   Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
     pts_s.reset();
-    if (skip() == Read::kEnd) return is_cut() ? cut_off() : whole_ ? Read::kEnd : check_end();
-    const std::int64_t time = packet_->pts != AV_NOPTS_VALUE ? packet_->pts : packet_->dts;
-    if (time != AV_NOPTS_VALUE) pts_s = static_cast<double>(time) * ::av_q2d(video_->time_base);
+    if (skip() == Read::kEnd) return cut_ ? cut_off() : whole_ ? Read::kEnd : check_end();
+    pts_s = packets_->time_s();
     took(pts_s.value_or(0));
-    take_jpeg({packet_->data, static_cast<std::size_t>(packet_->size)}, frame);
-    frame.sequence = static_cast<std::uint32_t>(counts_places_ && pts_s ? time : count() - 1);
+    take_jpeg(packets_->bytes(), frame);
+    frame.sequence =
+        static_cast<std::uint32_t>(facts_.counts_places ? packets_->place().value_or(count() - 1) : count() - 1);
     return Read::kFrame;
   }
   Read skip() override {
-    do {
-      ::av_packet_unref(packet_.get());
-      if (::av_read_frame(file_.get(), packet_.get()) < 0) return Read::kEnd;
-    } while (packet_->stream_index != video_->index);
-    if (is_cut()) return Read::kEnd;
+    const Packets::Take took = packets_->take();
+    cut_ = took == Packets::Take::kCut;
+    if (took != Packets::Take::kPacket) return Read::kEnd;
     came();
     return Read::kFrame;
   }
 
  private:
-  [[nodiscard]] bool is_cut() const { return (packet_->flags & AV_PKT_FLAG_CORRUPT) != 0; }
-
-  struct Free {
-    void operator()(AVFormatContext* file) const { ::avformat_close_input(&file); }
-    void operator()(AVPacket* packet) const { ::av_packet_free(&packet); }
-  };
-
-  std::unique_ptr<AVFormatContext, Free> file_;
-  std::unique_ptr<AVPacket, Free> packet_{::av_packet_alloc()};
-  AVStream* video_ = nullptr;
+  std::unique_ptr<Packets> packets_;
+  Packets::Facts facts_;
   bool whole_;
-  // AVI's times are places, so that a frame which the recorder dropped leaves a gap.
-  bool counts_places_ = false;
+  bool cut_ = false;
 };
 
 // Everything else is decoded.
 class DecodedSource final : public VideoSource {
  public:
-  explicit DecodedSource(const fs::path& path) : VideoSource(path) {
+  explicit DecodedSource(const fs::path& path) : VideoSource(path), capture_(media().capture()) {
     try {
       // Absolute: as above. Not CAP_ANY: it also looks for USB photo cameras (gphoto2), slowly and with leaks.
       for (const int backend : {cv::CAP_FFMPEG, cv::CAP_GSTREAMER}) {
-        if (capture_.open(fs::absolute(path).string(), backend)) break;
+        if (capture_->open(fs::absolute(path).string(), backend)) break;
       }
-      if (is_open()) announce(capture_.get(cv::CAP_PROP_FRAME_COUNT), capture_.get(cv::CAP_PROP_FPS));
+      if (is_open()) announce(capture_->get(cv::CAP_PROP_FRAME_COUNT), capture_->get(cv::CAP_PROP_FPS));
     } catch (const cv::Exception&) {
-      capture_.release();
+      capture_->release();
     }
   }
 
-  [[nodiscard]] bool is_open() const { return capture_.isOpened(); }
+  [[nodiscard]] bool is_open() const { return capture_->isOpened(); }
 
   Read next(RecordedFrame& frame, std::optional<double>& pts_s) override {
     try {
       pts_s.reset();
       if (skip() == Read::kEnd) return check_end();
-      const double pts_ms = capture_.get(cv::CAP_PROP_POS_MSEC);
+      const double pts_ms = capture_->get(cv::CAP_PROP_POS_MSEC);
       if (pts_ms != 0 || count() == 1) pts_s = pts_ms / 1000;  // 0: the frame has no stamp
       cv::Mat picture;
-      if (!capture_.retrieve(picture) || picture.empty()) return check_end();
+      if (!capture_->retrieve(picture) || picture.empty()) return check_end();
       frame.sequence = static_cast<std::uint32_t>(count() - 1);
       took(pts_s.value_or(0));
       if (picture.depth() != CV_8U || (picture.channels() != 1 && picture.channels() != 3)) {
@@ -525,7 +490,7 @@ class DecodedSource final : public VideoSource {
   }
   Read skip() override {
     try {
-      if (!capture_.grab()) return Read::kEnd;
+      if (!capture_->grab()) return Read::kEnd;
     } catch (const cv::Exception&) {
       return Read::kEnd;
     }
@@ -534,7 +499,7 @@ class DecodedSource final : public VideoSource {
   }
 
  private:
-  cv::VideoCapture capture_;
+  std::unique_ptr<cv::VideoCapture> capture_;
 };
 
 SourceResult open_folder(const fs::path& path) {
@@ -558,15 +523,17 @@ SourceResult open_folder(const fs::path& path) {
   return std::make_unique<ImageSource>(std::move(files));
 }
 
-SourceResult open_video(const fs::path& path, std::span<const std::uint8_t> bytes) {
+SourceResult open_video(const fs::path& path, std::span<const std::uint8_t> bytes) try {
   const std::optional<bool> whole = avi_is_whole(bytes);
-  auto packets = std::make_unique<PacketSource>(path, whole.value_or(false));
+  auto packets = std::make_unique<PacketSource>(path, media().packets(path), whole.value_or(false));
   if (whole == false) return packets->refusal();
   if (packets->is_mjpeg()) return packets;
   auto decoded = std::make_unique<DecodedSource>(path);
   if (decoded->is_open()) return decoded;
   return fail_line(path, "is not a video that can be opened", "not a video, cut off or damaged, or an unknown codec",
                    "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");
+} catch (const std::runtime_error& problem) {
+  return Error{path.string() + ": " + problem.what()};
 }
 
 SourceResult open_pictures(const fs::path& path, std::unique_ptr<MappedFile> file,
@@ -580,7 +547,6 @@ SourceResult open_pictures(const fs::path& path, std::unique_ptr<MappedFile> fil
 }
 
 SourceResult open_source(const fs::path& path, const RecordingOptions& options) {
-  silence_libraries();
   std::error_code ec;
   const fs::file_status status = fs::status(path, ec);
   if (!fs::exists(status)) {

@@ -21,9 +21,7 @@
 #include <fstream>
 #include <functional>
 #include <memory>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <random>
 #include <span>
 #include <string>
@@ -37,6 +35,7 @@
 #include "drivers/sim/scene/scenes.hpp"
 #include "tests/bench/paired.hpp"
 #include "tests/support/host_clips.hpp"
+#include "tests/support/pictures.hpp"
 #include "tests/support/scene_pictures.hpp"
 #include "toolchain/play/timed_crew.hpp"
 #include "vision/jpeg_decoder.hpp"
@@ -129,7 +128,7 @@ Rgb filled(int width, int height, const std::function<int(int x, int y)>& level)
 // readable.
 Rgb enlarged(const std::filesystem::path& clip) {
   cv::Mat bgr;
-  if (!cv::VideoCapture(clip.string()).read(bgr)) return {};
+  if (!test::film_reader(clip)->read(bgr)) return {};
   cv::Mat rgb, large, noise(kSensorHeight, kSensorWidth, CV_16SC3), noisy;
   cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
   cv::resize(rgb, large, {kSensorWidth, kSensorHeight}, 0, 0, cv::INTER_CUBIC);

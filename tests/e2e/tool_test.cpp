@@ -9,9 +9,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <set>
 #include <sstream>
 
@@ -24,6 +22,7 @@
 #include "slip/tree_io.hpp"
 #include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
+#include "tests/support/pictures.hpp"
 #include "tests/support/temp_dir.hpp"
 // last: it redefines new
 #include <CppUTest/TestHarness.h>
@@ -109,19 +108,18 @@ Film tall_gel() {
 
 void write_frames(const fs::path& folder, int frames, const Film& film = {}) {
   fs::create_directory(folder);
-  for (int i = 0; i < frames; ++i) cv::imwrite((folder / (std::to_string(i) + ".png")).string(), film.grey(i));
+  for (int i = 0; i < frames; ++i) test::write_picture(folder / (std::to_string(i) + ".png"), film.grey(i));
 }
 
 template <typename Picture>
 void write_video(const fs::path& path, const char* fourcc, int frames, Picture picture, double fps = 25) {
   const cv::Mat first = picture(0);
-  cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG,
-                         cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]), fps, first.size());
-  CHECK_TEXT(frames == 0 || writer.isOpened(), "OpenCV cannot write this video here");
+  const auto writer = test::film_writer(path, fourcc, fps, first.size());
+  CHECK_TEXT(frames == 0 || writer->isOpened(), "OpenCV cannot write this video here");
   for (int i = 0; i < frames; ++i) {
     cv::Mat colour = picture(i);
     if (colour.channels() == 1) cv::cvtColor(colour, colour, cv::COLOR_GRAY2BGR);
-    writer.write(colour);
+    writer->write(colour);
   }
 }
 
@@ -230,12 +228,24 @@ TEST(Tool, RefusesWhatIsNoRecording) {
   fs::create_directory(dir / "folder");
   refused({"replay", in("folder")}, in("folder"), "the folder is empty");
   write_frames(dir / "mixed", 3);
-  cv::imwrite(in("mixed/3.png"), vga().grey(3));
+  test::write_picture(in("mixed/3.png"), vga().grey(3));
   refused({"replay", in("mixed")}, in("mixed/3.png"), "640x480");
   if (::geteuid() == 0) return;  // root may read everything
   write_frames(dir / "secret", 1);
   fs::permissions(dir / "secret/0.png", fs::perms::none);
   refused({"replay", in("secret/0.png")}, in("secret/0.png"), "ermission");
+}
+
+// A tool that was copied without its module still plays what takes none.
+TEST(Tool, SaysWhatIsMissingForAPicture) {
+  fs::copy_file(kTool, dir / "alone");
+  write_frames(dir / "png", 1);
+  write_file(dir / "gel.mjpg", Film{}.stream(2));
+  const Finished without = test::run({in("alone"), "replay", in("png")});
+  LONGS_EQUAL(1, without.status);
+  STRCMP_CONTAINS((in("png") + "/0.png: pictures and videos cannot be read: ").c_str(), without.err.c_str());
+  STRCMP_CONTAINS("; copy libholdfast_media.so beside the program", without.err.c_str());
+  LONGS_EQUAL(0, test::run({in("alone"), "replay", in("gel.mjpg")}).status);
 }
 
 TEST(Tool, RefusesPicturesWithoutAGrid) {
@@ -247,7 +257,7 @@ TEST(Tool, RefusesPicturesWithoutAGrid) {
   refused({"replay", in("leaves.avi"), "--grid", "auto"}, in("leaves.avi"), "Likely cause: ");
   write_video(dir / "wide.avi", "MJPG", 2, [](int) { return cv::Mat(100, 20000, CV_8U, cv::Scalar(99)); });
   refused({"replay", in("wide.avi")}, in("wide.avi"), "20000x100");
-  cv::imwrite(in("wide.png"), cv::Mat(100, 20000, CV_8U, cv::Scalar(99)));
+  test::write_picture(in("wide.png"), cv::Mat(100, 20000, CV_8U, cv::Scalar(99)));
   refused({"replay", in("wide.png")}, in("wide.png"), "20000x100");
 }
 
@@ -275,7 +285,7 @@ TEST(Tool, RefusesAReferenceThatIsNone) {
   refuse(dir.path().string(), dir.path().string(), "is a folder");
   refuse(in("gel.avi"), in("gel.avi"), "not an image");
   const auto image = [&](const char* name, const cv::Mat& picture) {
-    cv::imwrite(in(name), picture);
+    test::write_picture(in(name), picture);
     return in(name);
   };
   // A JPEG of twice the size comes out of the decoder at the same working size: it must not slip through.
@@ -425,7 +435,7 @@ TEST(Tool, RefusesToCompileWhatItMayNot) {
 TEST(Tool, RefusesOutputsThatCannotBe) {
   write_gel_video(dir / "gel.avi", "MJPG", 2);
   write_frames(dir / "gel", 2);
-  cv::imwrite(in("rest.png"), Film{}.grey(0));
+  test::write_picture(in("rest.png"), Film{}.grey(0));
   fs::copy_file(holdfast::test::source("toolchain/model/") + std::string(slip_tree::kName) + ".tree", dir / "m.tree");
   const std::string recording = read_file(dir / "gel.avi");
   const auto files = [&] {
@@ -567,7 +577,7 @@ TEST(Tool, FeaturesHaveARowForEachFrame) {
     STRCMP_EQUAL(i / 63 == 2 ? "0" : "1", row[3].c_str());
     for (std::size_t figure = 4; figure < 8; ++figure) LONGS_EQUAL(i / 63 == 2, row[figure].empty());
   }
-  const cv::Mat overlay = cv::imread(in("o.png"));
+  const cv::Mat overlay = sim::media().read(in("o.png"), cv::IMREAD_COLOR);
   CHECK(overlay.cols >= 320 && overlay.channels() == 3);
   const std::string report = read_file(dir / "r.html");
   CHECK(report.starts_with("<!") && report.find("</html>") != std::string::npos);
@@ -699,10 +709,10 @@ TEST(Tool, TakesTheReferenceThatIsGiven) {
   write_file(dir / "medium.mjpg", medium.stream(4));
   write_frames(dir / "medium", 4, medium);
   write_file(dir / "camera.mjpg", camera.stream(2));
-  cv::imwrite(in("small.png"), small.grey(2));
+  test::write_picture(in("small.png"), small.grey(2));
   write_file(dir / "medium.jpg", medium.jpeg(2));
-  cv::imwrite(in("medium.png"), medium.grey(2));
-  cv::imwrite(in("camera.png"), camera.grey(0));
+  test::write_picture(in("medium.png"), medium.grey(2));
+  test::write_picture(in("camera.png"), camera.grey(0));
   struct {
     const char* input;
     const Film& film;

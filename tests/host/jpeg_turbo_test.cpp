@@ -13,6 +13,7 @@
 
 #include <jpeglib.h>
 
+#include "drivers/sim/media.hpp"
 #include "tests/support/host_jpeg_streams.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -37,7 +38,7 @@ cv::Mat picture(int width, int height, int channels) {
 
 Bytes encode(const cv::Mat& image, std::vector<int> options = {}) {
   Bytes bytes;
-  cv::imencode(".jpg", image, bytes, options);
+  (void)sim::media().encode(".jpg", image, bytes, options);
   return bytes;
 }
 

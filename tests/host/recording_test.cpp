@@ -6,13 +6,12 @@
 
 #include <cstdlib>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <random>
 
 #include "drivers/sim/camera_replay.hpp"
 #include "drivers/sim/container.hpp"
+#include "tests/support/pictures.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "vision/luma.hpp"
 
@@ -43,7 +42,7 @@ cv::Mat picture(int number, int width = 320, int height = 240, int channels = 3)
 
 std::string jpeg(int number, int width = 320, int height = 240) {
   std::vector<std::uint8_t> bytes;
-  cv::imencode(".jpg", picture(number, width, height), bytes, {cv::IMWRITE_JPEG_RST_INTERVAL, number % 3});
+  (void)sim::media().encode(".jpg", picture(number, width, height), bytes, {cv::IMWRITE_JPEG_RST_INTERVAL, number % 3});
   return {bytes.begin(), bytes.end()};
 }
 
@@ -87,10 +86,9 @@ std::string avi(const std::vector<std::string>& frames, std::uint32_t rate, std:
 
 void write_video(const std::filesystem::path& path, const char* fourcc, int frames, int api = cv::CAP_FFMPEG,
                  cv::Size size = {320, 240}, double fps = 25) {
-  cv::VideoWriter writer(path.string(), api, cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]), fps,
-                         size);
-  CHECK_TEXT(writer.isOpened(), "OpenCV cannot write this video here");
-  for (int i = 0; i < frames; ++i) writer.write(picture(i, size.width, size.height));
+  const auto writer = test::film_writer(path, fourcc, fps, size, api);
+  CHECK_TEXT(writer->isOpened(), "OpenCV cannot write this video here");
+  for (int i = 0; i < frames; ++i) writer->write(picture(i, size.width, size.height));
 }
 
 Recording opened(const std::filesystem::path& path, sim::RecordingOptions options = {}) {
@@ -144,11 +142,11 @@ TEST(Recording, GivesMjpegInAviByteForByteForBothOfOpenCvsWriters) {
     const auto frames = all_frames(recording);
     LONGS_EQUAL(12, frames.size());
 
-    cv::VideoCapture raw(path.string(), cv::CAP_FFMPEG);  // the independent reader
-    CHECK(raw.set(cv::CAP_PROP_FORMAT, -1));
+    const auto raw = test::film_reader(path);  // the independent reader
+    CHECK(raw->set(cv::CAP_PROP_FORMAT, -1));
     for (const RecordedFrame& frame : frames) {
       cv::Mat packet;
-      CHECK(raw.read(packet));
+      CHECK(raw->read(packet));
       CHECK(frame.bytes == std::vector<std::uint8_t>(packet.datastart, packet.dataend));
       CHECK_FALSE(frame.damaged);
       CHECK(frame.time == frame.index * 40ms);
@@ -318,10 +316,10 @@ TEST(Recording, GivesOtherCodecsAsLuma) {
   LONGS_EQUAL(5, recording.info().frames);
   const auto frames = all_frames(recording);
   LONGS_EQUAL(5, frames.size());
-  cv::VideoCapture capture(path.string(), cv::CAP_FFMPEG);
+  const auto capture = test::film_reader(path);
   for (const RecordedFrame& frame : frames) {
     cv::Mat bgr;
-    CHECK(capture.read(bgr));
+    CHECK(capture->read(bgr));
     LONGS_EQUAL(320 * 240, frame.bytes.size());
     for (int i = 0; i < 320 * 240; i += 97) {
       const cv::Vec3b p = bgr.at<cv::Vec3b>(i / 320, i % 320);
@@ -335,7 +333,7 @@ TEST(Recording, GivesOtherCodecsAsLuma) {
 
 TEST(Recording, SortsAFolderNaturallyAndLeavesGreyUntouched) {
   const char* const order[] = {"img2.png", "img10.png", "img010b.png", "img100.png"};
-  for (int i = 0; i < 4; ++i) cv::imwrite((dir / order[i]).string(), picture(i, 100, 80, 1));
+  for (int i = 0; i < 4; ++i) test::write_picture(dir / order[i], picture(i, 100, 80, 1));
   write_file(dir / "labels.csv", "not an image");
   write_file(dir / ".img3.png", "hidden");
   Recording recording = opened(dir.path(), {.fps = 18.75});
@@ -361,7 +359,7 @@ TEST(Recording, GivesAFolderOfJpegsByteForByte) {
 
 TEST(Recording, ReducesBigPicturesByTheSmallestBoxMeanThatFits) {
   const cv::Mat big = picture(1, 3283, 2464, 1);  // 3283 is not a multiple: the last column is left out
-  cv::imwrite((dir / "big.png").string(), big);
+  test::write_picture(dir / "big.png", big);
   Recording recording = opened(dir / "big.png");
   DOUBLES_EQUAL(3, recording.scale(), 0);  // 3283 / 2 = 1641 is one too many
   LONGS_EQUAL(3283, recording.info().width);
@@ -476,7 +474,7 @@ TEST(Recording, SaysHowManyFramesATruncatedVideoGave) {
 }
 
 TEST(Recording, RefusesPicturesThatAreTooSmall) {
-  cv::imwrite((dir / "one.png").string(), picture(1, 1, 1, 1));
+  test::write_picture(dir / "one.png", picture(1, 1, 1, 1));
   check_refused(Recording::open(dir / "one.png"), dir / "one.png", "too small");
   write_file(dir / "one.avi", avi({jpeg(1, 1, 1)}, 25, 1));
   check_refused(Recording::open(dir / "one.avi"), dir / "one.avi", "too small");
@@ -489,9 +487,9 @@ TEST(Recording, RefusesPicturesThatAreTooSmall) {
 
 TEST(Recording, RefusesImagesOfOtherDepthsAndAlpha) {
   cv::Mat deep(100, 100, CV_16UC1, cv::Scalar(1000));
-  cv::imwrite((dir / "deep.png").string(), deep);
+  test::write_picture(dir / "deep.png", deep);
   cv::Mat alpha(100, 100, CV_8UC4, cv::Scalar(1, 2, 3, 4));
-  cv::imwrite((dir / "alpha.png").string(), alpha);
+  test::write_picture(dir / "alpha.png", alpha);
   for (const char* name : {"deep.png", "alpha.png"}) {
     check_refused(sim::read_picture(dir / name), dir / name, "convert it to 8 bit without alpha");
     check_refused(Recording::open(dir / name), dir / name, "convert it to 8 bit without alpha");
@@ -504,10 +502,10 @@ TEST(Recording, RefusesImagesOfOtherDepthsAndAlpha) {
 
 TEST(Recording, RefusesAFolderThatMixesSizesOrKindsWhenItMeetsThem) {
   std::filesystem::create_directory(dir / "sizes");
-  cv::imwrite((dir / "sizes/a1.png").string(), picture(1, 100, 80));
-  cv::imwrite((dir / "sizes/a2.png").string(), picture(1, 100, 81));
+  test::write_picture(dir / "sizes/a1.png", picture(1, 100, 80));
+  test::write_picture(dir / "sizes/a2.png", picture(1, 100, 81));
   std::filesystem::create_directory(dir / "kinds");
-  cv::imwrite((dir / "kinds/a1.png").string(), picture(1, 100, 80));
+  test::write_picture(dir / "kinds/a1.png", picture(1, 100, 80));
   write_file(dir / "kinds/a2.jpg", jpeg(1, 100, 80));
   for (const char* name : {"sizes", "kinds"}) {
     Recording recording = opened(dir / name);
@@ -526,7 +524,7 @@ TEST(Recording, LibrariesStaySilentOnStderr) {
   for (std::size_t i = torn.size() / 2; i < torn.size() / 2 + 3000; ++i) torn[i] = static_cast<char>(i * 7);
   write_file(dir / "torn.avi", torn);
   write_file(dir / "notes.avi", "RIFFxxxxAVI nothing");
-  cv::imwrite((dir / "a.png").string(), picture(1, 100, 80));
+  test::write_picture(dir / "a.png", picture(1, 100, 80));
   write_file(dir / "broken.png", read_file(dir / "a.png").substr(0, 500));
 
   const auto log = dir / "stderr.txt";
@@ -579,8 +577,8 @@ TEST(CameraReplay, MovesTheClockToEachFrameAndEndsWithGone) {
 }
 
 TEST(CameraReplay, TimesOutInVirtualTimeWhenTheNextFrameIsFar) {
-  cv::imwrite((dir / "a1.png").string(), picture(1, 100, 80));
-  cv::imwrite((dir / "a2.png").string(), picture(2, 100, 80));
+  test::write_picture(dir / "a1.png", picture(1, 100, 80));
+  test::write_picture(dir / "a2.png", picture(2, 100, 80));
   sim::CameraReplay camera(opened(dir.path(), {.fps = 4}), clock);
   CHECK(camera.start());
   hal::Frame frame;

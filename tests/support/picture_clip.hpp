@@ -3,10 +3,10 @@
 #pragma once
 
 #include <filesystem>
-#include <opencv2/imgcodecs.hpp>
 #include <string>
 
 #include "drivers/sim/scene/scene.hpp"
+#include "tests/support/pictures.hpp"
 #include "tests/support/scene_pictures.hpp"
 
 namespace holdfast::test {
@@ -31,7 +31,7 @@ inline int write_clip(const scene::Scene& scene, const std::filesystem::path& fo
   for (std::size_t k = 0; k < film.views.size(); ++k) {
     const LumaView& view = film.views[k];
     const cv::Mat picture(view.height, view.width, CV_8UC1, film.pixels[k].data());
-    cv::imwrite(folder / (std::to_string(k) + ".png"), picture);
+    write_picture(folder / (std::to_string(k) + ".png"), picture);
   }
   return static_cast<int>(film.views.size());
 }

@@ -7,6 +7,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "drivers/sim/media.hpp"
 #include "tests/support/temp_dir.hpp"
 #include "toolchain/support/atomic_file.hpp"
 
@@ -338,7 +339,7 @@ TEST(Overlay, DrawsYellowArrowsFromRestAndRedCrosses) {
     const cv::Mat grey(240, 320, type, cv::Scalar::all(128));
     const Arrow list[] = {{100, 100, 20, 0, true}, {200, 100, 20, 0, false}};
     STRCMP_EQUAL("", write_overlay(dir / "o.png", grey, list, 2).c_str());
-    const cv::Mat drawn = cv::imread((dir / "o.png").string());
+    const cv::Mat drawn = sim::media().read(dir / "o.png", cv::IMREAD_COLOR);
     LONGS_EQUAL(960, drawn.cols);
     LONGS_EQUAL(720, drawn.rows);
     // Rest at x = 80, tip at 80 + 2 * 20 = 120: on the shaft there is yellow, beyond the tip there is the picture.

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # The OpenCV modules that Holdfast's host side uses, as imported targets (so their headers are system headers):
-#   holdfast::opencv       core imgproc imgcodecs videoio        (replay, pictures; required)
+#   holdfast::opencv       core imgproc                          (pictures; required)
+#   holdfast::opencv_media core imgcodecs videoio                (foreign formats, drivers/sim/media.hpp; required)
 #   holdfast::opencv_ml    core and ml                              (training; required)
-#   holdfast::opencv_all   the above, features2d and video       (rivals in `holdfast trade`, test oracles; required)
+#   holdfast::opencv_all   all but those of foreign formats      (rivals in `holdfast trade`, test oracles; required)
 # Debian's libopencv-*-dev packages ship neither OpenCVConfig.cmake nor opencv4.pc; both are in the libopencv-dev
 # metapackage, which pulls in every module there is.
 include(FindPackageHandleStandardArgs)
@@ -39,7 +40,8 @@ function(holdfast_opencv_target name)
 endfunction()
 
 if(HoldfastOpenCV_FOUND)
-  holdfast_opencv_target(holdfast::opencv core imgproc imgcodecs videoio)
+  holdfast_opencv_target(holdfast::opencv core imgproc)
+  holdfast_opencv_target(holdfast::opencv_media core imgcodecs videoio)
   holdfast_opencv_target(holdfast::opencv_ml core ml)
-  holdfast_opencv_target(holdfast::opencv_all ${holdfast_opencv_modules})
+  holdfast_opencv_target(holdfast::opencv_all core imgproc ml features2d video)
 endif()

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/math.hpp"
+#include "drivers/sim/media.hpp"
 #include "params/modes.hpp"
 #include "toolchain/log/csv_log.hpp"
 #include "toolchain/log/facts.hpp"
@@ -333,7 +334,7 @@ std::string Session::draw_overlay() const {
   cv::Mat picture;
   std::vector<Arrow> arrows = picture_arrows_;
   if (picture_format_ == hal::PixelFormat::kMjpeg) {
-    picture = cv::imdecode(picture_bytes_, cv::IMREAD_COLOR);
+    picture = sim::media().decode(picture_bytes_, cv::IMREAD_COLOR);
   } else {
     picture = cv::Mat(picture_bytes_, true).reshape(1, picture_height_);
     for (Arrow& a : arrows) {

@@ -13,6 +13,7 @@
 #include <string_view>
 #include <utility>
 
+#include "drivers/sim/media.hpp"
 #include "link/status_frame.hpp"
 #include "toolchain/session/report.hpp"
 
@@ -175,7 +176,7 @@ void Track::keep_picture(const LumaView& picture, bool event) {
     cv::resize(whole, small, {}, scale, scale, cv::INTER_AREA);
   }
   std::vector<std::uint8_t> jpeg;
-  if (!cv::imencode(".jpg", small, jpeg, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality})) return;
+  if (!sim::media().encode(".jpg", small, jpeg, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality})) return;
   Bytes head;
   head.put(frames_).put(static_cast<std::uint32_t>(jpeg.size()));
   std::vector<std::uint8_t> piece = head.take();

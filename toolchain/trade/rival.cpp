@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "drivers/sim/media.hpp"
 #include "toolchain/play/thread_time.hpp"
 
 namespace holdfast::trade {
@@ -77,10 +78,10 @@ void RivalTracker::begin(const Film& film) {
 
 void RivalTracker::update(std::span<const std::uint8_t> jpeg) {
   State& s = *state_;
+  const sim::Media& media = sim::media();  // its loading is no decoding
   const double start = tool::thread_us();
-  const cv::Mat whole(1, static_cast<int>(jpeg.size()), CV_8UC1, const_cast<std::uint8_t*>(jpeg.data()));
   cv::Mat luma =
-      cv::imdecode(whole, s.which == Rival::kFullBlobs ? cv::IMREAD_GRAYSCALE : cv::IMREAD_REDUCED_GRAYSCALE_8);
+      media.decode(jpeg, s.which == Rival::kFullBlobs ? cv::IMREAD_GRAYSCALE : cv::IMREAD_REDUCED_GRAYSCALE_8);
   s.decode_us = tool::thread_us() - start;
   s.seen.clear();
   if (s.which == Rival::kFlow) {
