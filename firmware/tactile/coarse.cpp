@@ -5,17 +5,19 @@
 #include <array>
 #include <bit>
 #include <cstddef>
-#include <cstdlib>
 
 #include "base/math.hpp"
 
 namespace holdfast::coarse {
 namespace {
 
-// Vectors are scaled until their largest component has 20 bits: sums of 320 products stay below 2^49, and 1/2^20 of it
-// is what rounding costs.
-constexpr int kBits = 20;
-// The part of a mode that no earlier mode has counts as none below 1/32 of its length.
+// Columns of the least-squares fit: the modes that stick, those that slip, and the change.
+constexpr std::size_t kChange = kModes;
+constexpr std::size_t kColumns = kModes + 1;
+constexpr std::size_t kSticks = kModes - 3;
+constexpr std::size_t kSlopeX = kSticks, kSlopeY = kSticks + 1;
+
+// A mode counts as none when the modes before it leave less than 1/32 of its length.
 constexpr std::int64_t kLeastPart = 32 * 32;
 
 // Levels of `change`, in 1/3200.
@@ -26,59 +28,84 @@ static_assert(kChangeUnit == 2 * kSlopeUnit, "the difference of their logarithms
 constexpr std::int64_t kNoiseFloor = kChangeUnit * kChangeUnit / 50;  // 0.02 levels^2
 constexpr std::int64_t kSlopeFloor = kSlopeUnit * kSlopeUnit / 100;   // 0.01 (levels / step)^2
 constexpr std::int64_t kTimesNoise = 33;
-constexpr int kSlips = 3;
 
-// `n` of all these is a whole number of kTogether, which leaves compilers no rest to do one by one.
-std::int64_t dot(const Vector& a, const Vector& b, std::size_t n) {
+using Column = std::array<std::int32_t, kMostPatches>;
+constexpr std::size_t kTogether = 16;
+static_assert(kMostPatches % kTogether == 0);
+
+// `n` is a whole number of kTogether, which leaves compilers no rest to do one by one. Range: components of 27 bits
+// make sums of 320 products below 2^62.4.
+std::int64_t dot(const Column& a, const Column& b, std::size_t n) {
   std::int64_t sum = 0;
 #pragma GCC unroll 4
   for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) sum += std::int64_t{a[i]} * b[i];
   return sum;
 }
 
-// By how many bits it was shifted to the left.
-int scale(Vector& v, std::size_t n) {
-  std::uint32_t bits = 0;
-#pragma GCC unroll 4
-  for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) bits |= static_cast<std::uint32_t>(std::abs(v[i]));
-  if (bits == 0) return 0;
-  const int shift = kBits - static_cast<int>(std::bit_width(bits));
-#pragma GCC unroll 4
-  for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) {
-    v[i] = shift >= 0 ? v[i] * (1 << shift) : (v[i] + (1 << (-shift - 1))) >> -shift;
+// Rows to the right of the diagonal, and the diagonal.
+using Triangle = std::array<std::array<std::int64_t, kColumns>, kColumns>;
+
+std::int64_t shifted(std::int64_t value, int left) {
+  if (left >= 0) return value * (std::int64_t{1} << left);
+  return (value + (std::int64_t{1} << (-left - 1))) >> -left;
+}
+
+// Each mode is scaled by a power of two to a square of 2^46 to 2^48; the change by kChangeShift, to one below 2^50.4.
+// So a product of two is below 2^49.2 (Cauchy and Schwarz), now and in each step of the elimination.
+void normalise(Triangle& products) {
+  std::array<int, kColumns> left{};
+  for (std::size_t k = 0; k < kModes; ++k) {
+    left[k] = (48 - static_cast<int>(std::bit_width(static_cast<std::uint64_t>(products[k][k])))) >> 1;
   }
-  return shift;
+  left[kChange] = kChangeShift;
+  for (std::size_t k = 0; k < kColumns; ++k) {
+    for (std::size_t j = k; j < kColumns; ++j) products[k][j] = shifted(products[k][j], left[k] + left[j]);
+  }
 }
 
-// Takes out of `v` what lies along `mode`, whose square is `norm`. The quotient keeps as many bits as 62 have room for.
-// Range: norm at least 2^38, so the quotient stays below 2^24 and its products below 2^45; `along` below 2^51 leaves
-// room for 11 bits at least.
-void take_out(Vector& v, const Vector& mode, std::int64_t norm, std::size_t n) {
-  const std::int64_t along = dot(v, mode, n);
-  const int room = std::countl_zero(static_cast<std::uint64_t>(std::abs(along)) | 1) - 2;
-  const auto share = static_cast<std::int32_t>(along * (std::int64_t{1} << room) / norm);
-  subtract(v, mode, share, room, n);
+constexpr int kShareBits = 38;
+
+// a / b in Q38, by long division. Range: |a| below 2^50, b from 2^35 to 2^49, and |a / b| below 2^8.
+std::int64_t share_q38(std::int64_t a, std::int64_t b) {
+  std::int64_t rest = a * (1 << 12);
+  std::int64_t share = rest / b;
+  for (int step = 0; step < 2; ++step) {
+    rest = rest % b * (1 << 13);
+    share = share * (1 << 13) + rest / b;
+  }
+  return share;
 }
 
-// The modes that stick, then those that slip.
-void fill(std::span<const Patch> patches, std::array<Vector, kModes>& modes) {
+__extension__ using Wide = __int128;
+
+// Takes mode k out of all columns that follow (Gauss; what is left of their products is of what is left of them).
+// Products stay exact to one part in 2^46 of the squares that they began with.
+void take_out(Triangle& products, std::size_t k) {
+  for (std::size_t j = k + 1; j < kColumns; ++j) {
+    const std::int64_t share = share_q38(products[k][j], products[k][k]);
+    for (std::size_t i = k + 1; i <= j; ++i) {
+      products[i][j] -=
+          static_cast<std::int64_t>((Wide{share} * products[k][i] + (Wide{1} << (kShareBits - 1))) >> kShareBits);
+    }
+  }
+}
+
+// From patches to columns, with zeros, which change no sum, up to a whole number of kTogether. Returns that.
+std::size_t fill(std::span<const Patch> patches, std::array<Column, kColumns>& columns) {
   for (std::size_t i = 0; i < patches.size(); ++i) {
     const Patch& p = patches[i];
-    const std::array<std::int32_t, kModes> row{
+    const std::array<std::int32_t, kColumns> row{
         1,         p.x,       p.y,       p.shading, p.x * p.slope_x + p.y * p.slope_y,
-        p.empty_x, p.empty_y, p.slope_x, p.slope_y, p.x * p.slope_y - p.y * p.slope_x};
-    for (std::size_t k = 0; k < kModes; ++k) modes[k][i] = row[k];
+        p.empty_x, p.empty_y, p.slope_x, p.slope_y, p.x * p.slope_y - p.y * p.slope_x,
+        p.change};
+    for (std::size_t k = 0; k < kColumns; ++k) columns[k][i] = row[k];
   }
+  const std::size_t n = (patches.size() + kTogether - 1) / kTogether * kTogether;
+  for (Column& column : columns) std::fill(column.data() + patches.size(), column.data() + n, 0);
+  return n;
 }
 
 }  // namespace
-
-void subtract_scalar(Vector& v, const Vector& mode, std::int32_t share, int room, std::size_t n) {
-  const std::int64_t half = std::int64_t{1} << (room - 1);
-  for (std::size_t i = 0; i < n; ++i) {
-    v[i] -= static_cast<std::int32_t>((std::int64_t{share} * mode[i] + half) >> room);
-  }
-}
 
 Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step_um_log2_q8, Saturations& saturations) {
   const std::size_t count = std::min<std::size_t>(patches.size(), kMostPatches);
@@ -87,40 +114,24 @@ Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step
   std::int64_t all = 0;
   for (const Patch& patch : patches.first(count)) all += square(patch.change);
   if (all * (1 << 2 * kChangeShift) <= kTimesNoise * kNoiseFloor) return {};
-  std::array<Vector, kModes> modes;  // NOLINT: filled as far as it is read
-  fill(patches.first(count), modes);
-  Vector change;  // NOLINT: likewise
-  std::int64_t slopes = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    change[i] = patches[i].change * (1 << kChangeShift);
-    slopes += square(patches[i].slope_x) + square(patches[i].slope_y);
-  }
 
-  // Zeros change no sum.
-  const std::size_t n = (count + kTogether - 1) / kTogether * kTogether;
-  for (Vector& mode : modes) std::fill(mode.data() + count, mode.data() + n, 0);
-  std::fill(change.data() + count, change.data() + n, 0);
-
-  // Gram and Schmidt, one mode after the other out of all that follow.
-  std::array<std::int64_t, kModes> length{};
-  for (std::size_t k = 0; k < kModes; ++k) {
-    scale(modes[k], n);
-    length[k] = dot(modes[k], modes[k], n);
+  std::array<Column, kColumns> columns;  // NOLINT: filled as far as it is read
+  const std::size_t n = fill(patches.first(count), columns);
+  Triangle products;  // NOLINT: filled below, as far as it is read
+  for (std::size_t k = 0; k < kColumns; ++k) {
+    for (std::size_t j = k; j < kColumns; ++j) products[k][j] = dot(columns[k], columns[j], n);
   }
+  const std::int64_t slopes = products[kSlopeX][kSlopeX] + products[kSlopeY][kSlopeY];
+  normalise(products);
+
+  std::array<std::int64_t, kModes> whole;  // NOLINT: filled below
+  for (std::size_t k = 0; k < kModes; ++k) whole[k] = products[k][k];
   std::int64_t stuck = 0;
   for (std::size_t k = 0; k < kModes; ++k) {
-    if (k == kModes - kSlips) stuck = dot(change, change, n);
-    if (length[k] == 0) continue;
-    std::int64_t norm = dot(modes[k], modes[k], n);
-    if (norm * kLeastPart < length[k]) continue;
-    const int shift = scale(modes[k], n);
-    norm = shift >= 0 ? norm << (2 * shift) : dot(modes[k], modes[k], n);
-    take_out(change, modes[k], norm, n);
-    for (std::size_t later = k + 1; later < kModes; ++later) {
-      if (length[later] > 0) take_out(modes[later], modes[k], norm, n);
-    }
+    if (k == kSticks) stuck = products[kChange][kChange];
+    if (products[k][k] > 0 && products[k][k] * kLeastPart >= whole[k]) take_out(products, k);
   }
-  const std::int64_t left = dot(change, change, n);
+  const std::int64_t left = std::max<std::int64_t>(products[kChange][kChange], 0);
   const std::int64_t noise = left / (static_cast<std::int64_t>(count) - kModes) + kNoiseFloor;
   const std::int64_t energy = slopes / 2 + static_cast<std::int64_t>(count) * kSlopeFloor;
   const std::int64_t evidence = stuck - left - kTimesNoise * noise - explained(carried, energy, 4, 1);

@@ -18,9 +18,7 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <bit>
-#include <cstddef>
 #include <cstdint>
 #include <span>
 
@@ -60,14 +58,5 @@ struct Carried {
 // kMostPatches; change and shading below 2^18, slopes below 2^19, places below 2^10. Below kLeastPatches: 0.
 [[nodiscard]] Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step_um_log2_q8,
                             Saturations& saturations);
-
-// Inside it: v less mode * share / 2^room, rounded to nearest, halves up. subtract() is vector code, the same integers
-// as subtract_scalar(). Range: n a whole number of kTogether; |mode| at most 2^20, |share| below 2^24 and 2^(room + 7),
-// room 11 to 62.
-using Vector = std::array<std::int32_t, kMostPatches>;
-inline constexpr std::size_t kTogether = 16;
-static_assert(kMostPatches % kTogether == 0);
-void subtract(Vector& v, const Vector& mode, std::int32_t share, int room, std::size_t n);
-void subtract_scalar(Vector& v, const Vector& mode, std::int32_t share, int room, std::size_t n);
 
 }  // namespace holdfast::coarse

@@ -456,7 +456,7 @@ void spots_of(const Places& f, std::int32_t width, Spots& out) {
   both(f.y.b_q12, by);
   both(f.x.first_q12, row_x);
   both(f.y.first_q12, row_y);
-  std::size_t s = 0;
+  Spot* spot = out.data();
   for (std::int32_t b = 0; b < kSide; ++b) {
     Both x = row_x, y = row_y;
     for (std::size_t h = 0; h < kHalves; ++h) {
@@ -465,13 +465,12 @@ void spots_of(const Places& f, std::int32_t width, Spots& out) {
       row_x[h] += bx[h];
       row_y[h] += by[h];
     }
-    for (std::int32_t a = kFirstFree[idx(b)]; a < kSide; ++a, s += kLanes) {
-      Both bytes;
-      for (std::size_t h = 0; h < kHalves; ++h) bytes[h] = ((y[h] >> 12) * width + (x[h] >> 12)) * 2;
-      std::memcpy(&out.x_q12[s], &x, sizeof x);
-      std::memcpy(&out.y_q12[s], &y, sizeof y);
-      std::memcpy(&out.bytes[s], &bytes, sizeof bytes);
+    for (std::int32_t a = kFirstFree[idx(b)]; a < kSide; ++a, ++spot) {
       for (std::size_t h = 0; h < kHalves; ++h) {
+        const Four bytes = ((y[h] >> 12) * width + (x[h] >> 12)) * 2;
+        std::memcpy(&spot->x_q12[4 * h], &x[h], sizeof x[h]);
+        std::memcpy(&spot->y_q12[4 * h], &y[h], sizeof y[h]);
+        std::memcpy(&spot->bytes[4 * h], &bytes, sizeof bytes);
         x[h] += ax[h];
         y[h] += ay[h];
       }
@@ -486,12 +485,13 @@ void sample(const Reduced& picture, const Places& f, Eight<std::int16_t>& out) {
   const auto* const upper = reinterpret_cast<const std::byte*>(picture.pixels.data());
   const std::byte* lower = upper + 2 * std::ptrdiff_t{picture.width};
   asm("" : "+r"(lower));  // or gcc adds the width again for every sample
-  for (std::size_t i = 0; i < out.size(); i += kLanes) {
-    for (std::size_t s = i; s < i + kLanes; ++s) {
+  for (std::size_t i = 0; i < kFree; ++i) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const std::int32_t bytes = spots[i].bytes[lane];
       Square square;
-      std::memcpy(square.data(), upper + spots.bytes[s], 2 * sizeof square[0]);
-      std::memcpy(&square[2], lower + spots.bytes[s], 2 * sizeof square[0]);
-      squares[s] = square;
+      std::memcpy(square.data(), upper + bytes, 2 * sizeof square[0]);
+      std::memcpy(&square[2], lower + bytes, 2 * sizeof square[0]);
+      squares[i * kLanes + lane] = square;
     }
   }
   blend(squares, spots, out);
@@ -705,6 +705,7 @@ Log2Q8 coarse_motion(const State& state, const Kept& then, GridSize grid, std::s
   for (const Seen& one : seen) relief += one.weight;
   if (relief * 100 > kMostReliefForCoarse * static_cast<std::int64_t>(seen.size())) return {};
   static_assert(coarse::kMostPatches == kMaxPatches && coarse::kLeastPatches <= kLeastPatches);
+  static_assert(2 * (kMaxMarkers / 2 + 2) < 256, "|column| + |row| of a lattice of two lines");
   std::array<coarse::Patch, kMaxPatches> patches;  // NOLINT: filled as far as it is read
   std::size_t count = 0;
   for (std::int32_t first = 0; first < patches_of(grid); first += kLanes) {
@@ -891,7 +892,8 @@ std::int32_t look(State& state, const Config& config, const LumaView& picture, c
 
 void blend_scalar(const Squares& squares, const Spots& spots, Eight<std::int16_t>& out) {
   for (std::size_t s = 0; s < out.size(); ++s) {
-    const std::int32_t fx = spots.x_q12[s] >> 4 & 255, fy = spots.y_q12[s] >> 4 & 255;
+    const Spot& spot = spots[s / kLanes];
+    const std::int32_t fx = spot.x_q12[s % kLanes] >> 4 & 255, fy = spot.y_q12[s % kLanes] >> 4 & 255;
     const std::int32_t above = squares[s][0] * (256 - fx) + squares[s][1] * fx;
     const std::int32_t below = squares[s][2] * (256 - fx) + squares[s][3] * fx;
     out[s] = static_cast<std::int16_t>((above * (256 - fy) + below * fy + (1 << 15)) >> 16);

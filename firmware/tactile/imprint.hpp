@@ -222,10 +222,11 @@ inline void place_again(State& state) {
 void learn_empty(State& state, const Config& config);
 
 // Inside it: eight patches' samples, and the four pixels around each, the upper two first.
-struct Spots {
-  Eight<std::int32_t> x_q12, y_q12;  // reduced pixels
-  Eight<std::int32_t> bytes;         // from the picture's first to the upper left of the four
+struct Spot {
+  Lanes<std::int32_t> x_q12, y_q12;  // reduced pixels
+  Lanes<std::int32_t> bytes;         // from the picture's first to the upper left of the four
 };
+using Spots = std::array<Spot, kFree>;
 using Square = std::array<std::uint16_t, 4>;
 using Squares = std::array<Square, std::tuple_size_v<Eight<std::int16_t>>>;
 

@@ -1181,15 +1181,15 @@ TEST(ImprintTwins, VectorFormGivesThePlainFormsIntegers) {
       const auto place = [&](bool any, std::uint32_t rim) {
         return static_cast<std::int32_t>(any ? random() >> 8 : rim + 4096 * s);
       };
-      spots.x_q12[s] = place(trial % 3 == 0, (pattern >> 4 & 1u) * 4095);
-      spots.y_q12[s] = place(trial % 3 == 1, (pattern >> 5 & 1u) * 4080);
+      spots[s / imprint::kLanes].x_q12[s % imprint::kLanes] = place(trial % 3 == 0, (pattern >> 4 & 1u) * 4095);
+      spots[s / imprint::kLanes].y_q12[s % imprint::kLanes] = place(trial % 3 == 1, (pattern >> 5 & 1u) * 4080);
     }
     imprint::Eight<std::int16_t> vector{}, plain{};
     imprint::blend(squares, spots, vector);
     imprint::blend_scalar(squares, spots, plain);
     CHECK(vector == plain);
     // By hand, in double: fractions of 1/256 are exact in it.
-    const double fx = (spots.x_q12[0] / 16 % 256) / 256.0, fy = (spots.y_q12[0] / 16 % 256) / 256.0;
+    const double fx = (spots[0].x_q12[0] / 16 % 256) / 256.0, fy = (spots[0].y_q12[0] / 16 % 256) / 256.0;
     const double above = squares[0][0] * (1 - fx) + squares[0][1] * fx,
                  below = squares[0][2] * (1 - fx) + squares[0][3] * fx;
     LONGS_EQUAL(static_cast<long>(std::floor(above * (1 - fy) + below * fy + 0.5)), vector[0]);
