@@ -2,7 +2,7 @@
 // Pictures and films in the formats of others: OpenCV's imgcodecs and videoio, and libavformat.
 //
 // They are behind an interface because they are loaded when the first file asks for them. On Debian bookworm they bring
-// 230 shared libraries, which cost every start of a process 0.25 s, and most runs read scenes, logs or MJPEG, which
+// 200 shared libraries, which cost every start of a process 0.25 s, and most runs read scenes, logs or MJPEG, which
 // take none.
 #pragma once
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pictures and films on disk by OpenCV's readers and writers, which the product loads when it needs them. A test's
-// program that was linked to them would wait for 230 libraries whatever test it runs.
+// program that was linked to them would wait for 200 libraries whatever test it runs.
 #pragma once
 
 #include <filesystem>
