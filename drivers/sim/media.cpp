@@ -3,25 +3,43 @@
 
 #include <dlfcn.h>
 
-#include <stdexcept>
+#include <array>
+#include <string>
+#include <system_error>
 
 namespace holdfast::sim {
 
-const Media& media() {
-  // Never closed: what it made may live until the process ends.
-  static const Media& loaded = []() -> const Media& {
-    // The loader puts the program's folder for $ORIGIN (ld.so(8)).
-    void* const module = ::dlopen("$ORIGIN/libholdfast_media.so", RTLD_NOW | RTLD_LOCAL);
+namespace fs = std::filesystem;
+
+namespace {
+
+MediaMissing missing(const std::string& cause, const std::string& next) {
+  return MediaMissing("pictures and videos can be neither read nor written: " + cause + "; " + next);
+}
+
+const Media& load() {
+  constexpr const char* kName = "libholdfast_media.so";
+  std::error_code ec;
+  const fs::path folder = fs::read_symlink("/proc/self/exe", ec).parent_path();
+  const std::array<fs::path, 2> places{folder / kName, folder.parent_path() / "lib/holdfast" / kName};
+  for (const fs::path& place : places) {
+    if (!fs::exists(place, ec)) continue;
+    // Never closed: what it made may live until the process ends.
+    void* const module = ::dlopen(place.c_str(), RTLD_NOW | RTLD_LOCAL);
     void* const entry = module != nullptr ? ::dlsym(module, "holdfast_media") : nullptr;
-    if (entry == nullptr) {
-      const char* const why = ::dlerror();
-      throw std::runtime_error(std::string("pictures and videos cannot be read: ") +
-                               (why != nullptr ? why : "no reason given") +
-                               "; copy libholdfast_media.so beside the program, or install the packages of "
-                               "toolchain/packages.sh and build again");
-    }
-    return reinterpret_cast<const Media& (*)()>(entry)();
-  }();
+    if (entry != nullptr) return reinterpret_cast<const Media& (*)()>(entry)();
+    const char* const why = ::dlerror();
+    throw missing(why != nullptr ? why : place.string() + " has no holdfast_media",
+                  "install the packages that toolchain/packages.sh lists, and build again");
+  }
+  throw missing("no " + places[0].string() + " and no " + places[1].string(),
+                "copy it beside the program, or build again");
+}
+
+}  // namespace
+
+const Media& media() {
+  static const Media& loaded = load();
   return loaded;
 }
 

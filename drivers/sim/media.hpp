@@ -2,8 +2,8 @@
 // Pictures and films in the formats of others: OpenCV's imgcodecs and videoio, and libavformat.
 //
 // They are behind an interface because they are loaded when the first file asks for them. On Debian bookworm they bring
-// 200 shared libraries, which cost every start of a process 0.25 s, and most runs read scenes, logs or MJPEG, which
-// take none.
+// 200 shared libraries, which cost every start of a process 0.25 s (2026-11-28). Videos in containers, images, reports
+// and overlays take them; scenes, logs and raw MJPEG do not.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 #include <opencv2/videoio.hpp>
 #include <optional>
 #include <span>
-#include <string>
+#include <stdexcept>
 #include <vector>
 
 namespace holdfast::sim {
@@ -56,8 +56,15 @@ class Media {
   [[nodiscard]] virtual std::unique_ptr<Packets> packets(const std::filesystem::path& path) const = 0;
 };
 
-// Loads the libraries at the first call, which may come from any thread; they are silent, since stderr carries our one
-// line. Throws std::runtime_error with one line when the module is not beside the program.
+// The module or a library of it cannot be loaded. what(): one line, with cause and next step.
+class MediaMissing : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+// Loads libholdfast_media.so at the first call, from beside the program or from ../lib/holdfast. Of any thread; the
+// first call sets an environment variable. The libraries are silent then, since stderr carries our one line. Throws
+// MediaMissing.
 [[nodiscard]] const Media& media();
 
 }  // namespace holdfast::sim

@@ -217,7 +217,7 @@ std::optional<Error> load_image(const fs::path& path, int reduce, hal::PixelForm
     picture = libraries.read(path, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception&) {
     picture.release();
-  } catch (const std::runtime_error& problem) {
+  } catch (const MediaMissing& problem) {
     return Error{path.string() + ": " + problem.what()};
   }
   if (picture.empty()) {
@@ -532,7 +532,7 @@ SourceResult open_video(const fs::path& path, std::span<const std::uint8_t> byte
   if (decoded->is_open()) return decoded;
   return fail_line(path, "is not a video that can be opened", "not a video, cut off or damaged, or an unknown codec",
                    "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");
-} catch (const std::runtime_error& problem) {
+} catch (const MediaMissing& problem) {
   return Error{path.string() + ": " + problem.what()};
 }
 

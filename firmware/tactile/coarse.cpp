@@ -33,8 +33,8 @@ using Column = std::array<std::int32_t, kMostPatches>;
 constexpr std::size_t kTogether = 16;
 static_assert(kMostPatches % kTogether == 0);
 
-// `n` is a whole number of kTogether, which leaves compilers no rest to do one by one. Range: components of 27 bits
-// make sums of 320 products below 2^62.4.
+// `n` is a whole number of kTogether, which leaves compilers no rest to do one by one. Range: components below 2^27
+// (slopes of 2^19 times places of 2^8) make sums of 320 products below 2^62.4.
 std::int64_t dot(const Column& a, const Column& b, std::size_t n) {
   std::int64_t sum = 0;
 #pragma GCC unroll 4
@@ -45,13 +45,14 @@ std::int64_t dot(const Column& a, const Column& b, std::size_t n) {
 // Rows to the right of the diagonal, and the diagonal.
 using Triangle = std::array<std::array<std::int64_t, kColumns>, kColumns>;
 
+// Range: value * 2^left below 2^62, left from -16 to 48.
 std::int64_t shifted(std::int64_t value, int left) {
   if (left >= 0) return value * (std::int64_t{1} << left);
   return (value + (std::int64_t{1} << (-left - 1))) >> -left;
 }
 
 // Each mode is scaled by a power of two to a square of 2^46 to 2^48; the change by kChangeShift, to one below 2^50.4.
-// So a product of two is below 2^49.2 (Cauchy and Schwarz), now and in each step of the elimination.
+// So a product of two is below 2^49.2 (Cauchy and Schwarz).
 void normalise(Triangle& products) {
   std::array<int, kColumns> left{};
   for (std::size_t k = 0; k < kModes; ++k) {
@@ -63,29 +64,32 @@ void normalise(Triangle& products) {
   }
 }
 
-constexpr int kShareBits = 38;
+constexpr int kShareBits = 46;
 
-// a / b in Q38, by long division. Range: |a| below 2^50, b from 2^35 to 2^49, and |a / b| below 2^8.
-std::int64_t share_q38(std::int64_t a, std::int64_t b) {
+// a / b in Q46, by long division. Range: |a| below 2^51, b from 2^36 to 2^51.
+std::int64_t share_q46(std::int64_t a, std::int64_t b) {
   std::int64_t rest = a * (1 << 12);
   std::int64_t share = rest / b;
-  for (int step = 0; step < 2; ++step) {
-    rest = rest % b * (1 << 13);
-    share = share * (1 << 13) + rest / b;
+  for (const int bits : {12, 12, 10}) {
+    rest = rest % b * (1 << bits);
+    share = share * (1 << bits) + rest / b;
   }
   return share;
 }
 
 __extension__ using Wide = __int128;
 
-// Takes mode k out of all columns that follow (Gauss; what is left of their products is of what is left of them).
-// Products stay exact to one part in 2^46 of the squares that they began with.
+// Takes mode k out of all columns that follow (Gauss; what is left of their products is of what is left of them). Each
+// product is off by one unit, one part in 2^46 of the squares that they began with, and what came before by up to 2^10
+// times as much behind a mode that only just counts. Exact ones stay below 2^50.4; where modes that only just count
+// follow each other, as no picture has them, rounding could take them further, and kMost keeps them in range.
 void take_out(Triangle& products, std::size_t k) {
+  constexpr Wide kMost = (std::int64_t{1} << 51) - 1;
   for (std::size_t j = k + 1; j < kColumns; ++j) {
-    const std::int64_t share = share_q38(products[k][j], products[k][k]);
+    const std::int64_t share = share_q46(products[k][j], products[k][k]);
     for (std::size_t i = k + 1; i <= j; ++i) {
-      products[i][j] -=
-          static_cast<std::int64_t>((Wide{share} * products[k][i] + (Wide{1} << (kShareBits - 1))) >> kShareBits);
+      const Wide part = (Wide{share} * products[k][i] + (Wide{1} << (kShareBits - 1))) >> kShareBits;
+      products[i][j] = static_cast<std::int64_t>(std::clamp(products[i][j] - part, -kMost, kMost));
     }
   }
 }
@@ -129,7 +133,7 @@ Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step
   std::int64_t stuck = 0;
   for (std::size_t k = 0; k < kModes; ++k) {
     if (k == kSticks) stuck = products[kChange][kChange];
-    if (products[k][k] > 0 && products[k][k] * kLeastPart >= whole[k]) take_out(products, k);
+    if (whole[k] > 0 && products[k][k] * kLeastPart >= whole[k]) take_out(products, k);
   }
   const std::int64_t left = std::max<std::int64_t>(products[kChange][kChange], 0);
   const std::int64_t noise = left / (static_cast<std::int64_t>(count) - kModes) + kNoiseFloor;

@@ -55,7 +55,7 @@ struct Carried {
 }
 
 // log2 of um in Q8; 0: nothing that stands out. `step_um_log2_q8`: distance of two samples, likewise. Range: at most
-// kMostPatches; change and shading below 2^18, slopes below 2^19, places below 2^10. Below kLeastPatches: 0.
+// kMostPatches; change and shading below 2^18, slopes below 2^19, |x| + |y| below 2^8. Below kLeastPatches: 0.
 [[nodiscard]] Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step_um_log2_q8,
                             Saturations& saturations);
 

@@ -221,7 +221,8 @@ inline void place_again(State& state) {
 // Called after the frame has been searched for a contact, so that no touch is learned as the empty gel.
 void learn_empty(State& state, const Config& config);
 
-// Inside it: eight patches' samples, and the four pixels around each, the upper two first.
+// Inside it: where the same sample of eight patches lies, all of their samples, and the four pixels around one of them,
+// the upper two first.
 struct Spot {
   Lanes<std::int32_t> x_q12, y_q12;  // reduced pixels
   Lanes<std::int32_t> bytes;         // from the picture's first to the upper left of the four

@@ -243,9 +243,16 @@ TEST(Tool, SaysWhatIsMissingForAPicture) {
   write_file(dir / "gel.mjpg", Film{}.stream(2));
   const Finished without = test::run({in("alone"), "replay", in("png")});
   LONGS_EQUAL(1, without.status);
-  STRCMP_CONTAINS((in("png") + "/0.png: pictures and videos cannot be read: ").c_str(), without.err.c_str());
-  STRCMP_CONTAINS("; copy libholdfast_media.so beside the program", without.err.c_str());
+  STRCMP_CONTAINS((in("png") + "/0.png: pictures and videos can be neither read nor written: no ").c_str(),
+                  without.err.c_str());
+  STRCMP_CONTAINS("/libholdfast_media.so; copy it beside the program, or build again", without.err.c_str());
   LONGS_EQUAL(0, test::run({in("alone"), "replay", in("gel.mjpg")}).status);
+  // Said before the scene is played, not after it.
+  const Finished report = test::run({in("alone"), "sim", kScene, "--report", in("r.html")});
+  LONGS_EQUAL(1, report.status);
+  STRCMP_EQUAL("", report.out.c_str());
+  STRCMP_CONTAINS("pictures and videos can be neither read nor written: no ", report.err.c_str());
+  CHECK_FALSE(fs::exists(dir / "r.html"));
 }
 
 TEST(Tool, RefusesPicturesWithoutAGrid) {

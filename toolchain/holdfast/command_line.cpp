@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "drivers/sim/media.hpp"
 #include "drivers/sim/scene/file/words.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/devices_command.hpp"
@@ -267,6 +268,8 @@ int run(int argc, char** argv, const char* version) {
 int command_line(int argc, char** argv, const char* version) {
   try {
     return run(argc, argv, version);
+  } catch (const sim::MediaMissing& error) {
+    return fail(error.what());
   } catch (const std::exception& error) {
     return fail(std::string(error.what()) + ". Likely cause: out of memory, or a fault of the tool. Next: report it");
   }

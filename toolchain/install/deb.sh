@@ -42,7 +42,7 @@ done
 umask 022
 work=$(mktemp -d)
 # What is mounted in it must not be deleted with it.
-trap 'umount "$work/root/dev" 2>/dev/null || true; rm -rf --one-file-system "$work"' EXIT
+trap 'umount "$work/root/dev" "$work/root/proc" 2>/dev/null || true; rm -rf --one-file-system "$work"' EXIT
 
 # in_root ROOT COMMAND...
 in_root() {
@@ -142,6 +142,7 @@ cp "$deb" "$work/holdfast.deb"
 quietly "$build/root.log" mmdebstrap --variant=minbase --include=ca-certificates "$release" "$work/root" \
   --customize-hook="cp $work/holdfast.deb \$1/tmp/holdfast.deb" \
   --customize-hook='chroot "$1" apt-get install -y --no-install-recommends /tmp/holdfast.deb'
+mount --bind /proc "$work/root/proc"  # as on every machine: a program finds its folder there
 in_root "$work/root" holdfast --version
 in_root "$work/root" holdfast sim /usr/share/holdfast/scenes/relief_slip_20_mm_s.json --report /tmp/slip.html >"$build/root.log"
 grep '^slip' "$build/root.log"

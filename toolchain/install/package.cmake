@@ -12,6 +12,7 @@ add_custom_target(man_pages
   DEPENDS ${packaged}
   VERBATIM)
 install(TARGETS ${packaged} DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT pc)
+install(TARGETS holdfast_media LIBRARY DESTINATION lib/holdfast COMPONENT pc)  # where drivers/sim/media.cpp looks
 install(DIRECTORY ${pages}/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT pc FILES_MATCHING PATTERN "*.1.gz")
 install(FILES toolchain/install/holdfast.bash
   DESTINATION share/bash-completion/completions RENAME holdfast COMPONENT pc)

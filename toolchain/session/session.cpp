@@ -108,6 +108,13 @@ Session::Session(SessionInfo info, OutputPaths paths)
   log_ = open(paths_.log);
   mcap_ = open(paths_.mcap);
   (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
+  if (error_.empty() && !(paths_.overlay.empty() && paths_.report.empty())) {  // both hold pictures: the same
+    try {
+      (void)sim::media();
+    } catch (const sim::MediaMissing& problem) {
+      error_ = problem.what();
+    }
+  }
   if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
   if (log_) log_->stream() << log::csv_header();
   if (mcap_) frame_log_ = std::make_unique<log::FrameLog>(mcap_->stream());

@@ -433,12 +433,44 @@ TEST(Coarse, AModeCountsFromAThirtySecondthOfItsOwn) {
   }
 }
 
+// Each mode lies along what the one before has of its own, but for a thirtieth: rounding grows a thousand times from
+// one to the next. Nothing wraps (sanitizers see to it), and what three such leave is still as in double.
+TEST(Coarse, ModesThatHardlyCountInARow) {
+  for (const int chain : {3, 6}) {
+    for (unsigned seed = 0; seed < 20; ++seed) {
+      std::mt19937 random(seed);
+      Patches patches(320);
+      for (Patch& p : patches) {
+        const auto sign = [&] { return random() % 2 == 0 ? 1 : -1; };
+        const int first = 3 * sign(), second = 3 * sign(), third = 3000 * sign(), fourth = 300 * sign();
+        p.x = 90 + first;
+        p.y = 30 * first + second;
+        p.shading = 30'000 * second + third;
+        if (chain > 3) {
+          p.empty_x = 30 * third + 3 * fourth;
+          p.empty_y = 30 * 3 * fourth + 900 * sign();
+        }
+        p.slope_x = rounded(1600.0 * within(random, 4.0));
+      }
+      add_shift(patches, 2.0, 0.0);
+      add(patches, [](const Patch& p) { return 0.01 * p.shading / 800.0 + 0.1 * p.x; });
+      std::normal_distribution<double> normal(0.0, 0.1);
+      add(patches, [&](const Patch&) { return normal(random); });
+      if (chain == 3)
+        equals_reference(patches, std::to_string(seed).c_str());
+      else
+        CHECK(moved(patches) >= 0);
+    }
+  }
+}
+
 // Every number at its largest, with random signs: what wrapped would not equal the double (and sanitizers see to it).
 TEST(Coarse, ExtremesOfTheRangesDoNotWrap) {
   constexpr std::int32_t kLevel = (1 << 18) - 1, kSlope = (1 << 19) - 1, kPlace = 127;
   for (const std::size_t n : {std::size_t{coarse::kLeastPatches}, std::size_t{coarse::kMostPatches}}) {
     // All alike: one constant, nothing else.
     LONGS_EQUAL(0, moved(Patches(n, {kLevel, kLevel, kSlope, kSlope, kSlope, kSlope, kPlace, kPlace})));
+    LONGS_EQUAL(0, moved(Patches(n, {kLevel, kLevel, kSlope, kSlope, kSlope, kSlope, 255, 0})));
     LONGS_EQUAL(0, moved(Patches(n, {-kLevel, -kLevel, -kSlope, -kSlope, -kSlope, -kSlope, -kPlace, -kPlace})));
     int moves = 0;
     for (int trial = 0; trial < 60; ++trial) {
