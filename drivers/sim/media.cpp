@@ -21,7 +21,7 @@ const Media& load() {
   constexpr const char* kName = "libholdfast_media.so";
   std::error_code ec;
   const fs::path folder = fs::read_symlink("/proc/self/exe", ec).parent_path();
-  const std::array<fs::path, 2> places{folder / kName, folder.parent_path() / "lib/holdfast" / kName};
+  const std::array<fs::path, 2> places{folder / kName, folder.parent_path() / "lib/holdfast/modules" / kName};
   for (const fs::path& place : places) {
     if (!fs::exists(place, ec)) continue;
     // Never closed: what it made may live until the process ends.

@@ -62,8 +62,8 @@ class MediaMissing : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Loads libholdfast_media.so at the first call, from beside the program or from ../lib/holdfast. Of any thread; the
-// first call sets an environment variable. The libraries are silent then, since stderr carries our one line. Throws
+// Loads libholdfast_media.so at the first call, from beside the program or from ../lib/holdfast/modules. Of any thread;
+// the first call sets an environment variable. The libraries are silent then, since stderr carries our one line. Throws
 // MediaMissing.
 [[nodiscard]] const Media& media();
 

@@ -12,7 +12,8 @@ add_custom_target(man_pages
   DEPENDS ${packaged}
   VERBATIM)
 install(TARGETS ${packaged} DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT pc)
-install(TARGETS holdfast_media LIBRARY DESTINATION lib/holdfast COMPONENT pc)  # where drivers/sim/media.cpp looks
+# Where drivers/sim/media.cpp looks; a folder less deep, and CPack has the package call ldconfig, which lintian warns of.
+install(TARGETS holdfast_media LIBRARY DESTINATION lib/holdfast/modules COMPONENT pc)
 install(DIRECTORY ${pages}/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT pc FILES_MATCHING PATTERN "*.1.gz")
 install(FILES toolchain/install/holdfast.bash
   DESTINATION share/bash-completion/completions RENAME holdfast COMPONENT pc)
