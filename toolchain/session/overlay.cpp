@@ -89,7 +89,7 @@ std::string write_overlay(const std::filesystem::path& path, const cv::Mat& pict
     const auto lost = std::count_if(arrows.begin(), arrows.end(), [](const Arrow& a) { return !a.valid; });
     canvas.caption(fmt::format("displacement x {:g}", factor) + (lost > 0 ? fmt::format(", {} lost", lost) : ""));
     std::vector<unsigned char> bytes;
-    sim::media().encode(".png", canvas.image(), bytes);
+    (void)sim::media().encode(".png", canvas.image(), bytes);
     file.stream().write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   } catch (const cv::Exception& problem) {
     return fmt::format("{}: the picture cannot be drawn: {}; report it with the input", path.string(), problem.err);

@@ -108,7 +108,7 @@ Session::Session(SessionInfo info, OutputPaths paths)
   log_ = open(paths_.log);
   mcap_ = open(paths_.mcap);
   (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
-  if (error_.empty() && !(paths_.overlay.empty() && paths_.report.empty())) {  // both hold pictures: the same
+  if (error_.empty() && !(paths_.overlay.empty() && paths_.report.empty())) {  // both hold pictures
     try {
       (void)sim::media();
     } catch (const sim::MediaMissing& problem) {

@@ -456,10 +456,8 @@ TEST(Coarse, ModesThatHardlyCountInARow) {
       add(patches, [](const Patch& p) { return 0.01 * p.shading / 800.0 + 0.1 * p.x; });
       std::normal_distribution<double> normal(0.0, 0.1);
       add(patches, [&](const Patch&) { return normal(random); });
-      if (chain == 3)
-        equals_reference(patches, std::to_string(seed).c_str());
-      else
-        CHECK(moved(patches) >= 0);
+      CHECK(moved(patches) >= 0);
+      if (chain == 3) equals_reference(patches, std::to_string(seed).c_str());
     }
   }
 }
