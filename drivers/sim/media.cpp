@@ -13,8 +13,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-MediaMissing missing(const std::string& cause, const std::string& next) {
-  return MediaMissing("pictures and videos can be neither read nor written: " + cause + "; " + next);
+[[noreturn]] void refuse(const std::string& cause, const std::string& next) {
+  throw MediaMissing("pictures and videos can be neither read nor written: " + cause + "; " + next);
 }
 
 const Media& load() {
@@ -29,11 +29,10 @@ const Media& load() {
     void* const entry = module != nullptr ? ::dlsym(module, "holdfast_media") : nullptr;
     if (entry != nullptr) return reinterpret_cast<const Media& (*)()>(entry)();
     const char* const why = ::dlerror();
-    throw missing(why != nullptr ? why : place.string() + " has no holdfast_media",
-                  "install the packages that toolchain/packages.sh lists, and build again");
+    refuse(why != nullptr ? why : place.string() + " has no holdfast_media",
+           "install the packages that toolchain/packages.sh lists, and build again");
   }
-  throw missing("no " + places[0].string() + " and no " + places[1].string(),
-                "copy it beside the program, or build again");
+  refuse("no " + places[0].string() + " and no " + places[1].string(), "copy it beside the program, or build again");
 }
 
 }  // namespace
