@@ -16,13 +16,16 @@ namespace holdfast {
   return (numerator >= 0 ? numerator + half : numerator - half) / denominator;
 }
 
-// Largest r with r * r <= value. Range: any uint64; a step for every two bits of it, at most 32.
+// Largest r with r * r <= value. Range: any uint64. Newton's method from above, from within a quarter of it: at most
+// six divisions.
 [[nodiscard]] constexpr std::uint32_t isqrt(std::uint64_t value) {
-  std::uint64_t root = 0;
-  for (std::uint64_t bit = std::uint64_t{1} << ((63 - std::countl_zero(value | 1)) / 2); bit != 0; bit >>= 1) {
-    const std::uint64_t trial = root | bit;
-    if (trial * trial <= value) root = trial;
-  }
+  if (value == 0) return 0;
+  const int half = (63 - std::countl_zero(value)) / 2;
+  std::uint64_t root = 0, next = ((std::uint64_t{1} << half) + (value >> half) + 1) / 2;
+  do {
+    root = next;
+    next = (root + value / root) / 2;
+  } while (next < root);
   return static_cast<std::uint32_t>(root);
 }
 

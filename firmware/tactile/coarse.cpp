@@ -33,13 +33,16 @@ using Column = std::array<std::int32_t, kMostPatches>;
 constexpr std::size_t kTogether = 16;
 static_assert(kMostPatches % kTogether == 0);
 
-// `n` is a whole number of kTogether, which leaves compilers no rest to do one by one. Range: components below 2^27
-// (slopes of 2^19 times places of 2^8) make sums of 320 products below 2^62.4.
-std::int64_t dot(const Column& a, const Column& b, std::size_t n) {
-  std::int64_t sum = 0;
+// With one and with the next of two columns. `n` is a whole number of kTogether, which leaves compilers no rest to do
+// one by one. Range: components below 2^27 (slopes of 2^19 times places of 2^8) make sums of 320 products below 2^62.4.
+std::array<std::int64_t, 2> dots(const Column& a, const Column& b, const Column& c, std::size_t n) {
+  std::int64_t with_b = 0, with_c = 0;
 #pragma GCC unroll 4
-  for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) sum += std::int64_t{a[i]} * b[i];
-  return sum;
+  for (std::size_t i = 0; i < n / kTogether * kTogether; ++i) {
+    with_b += std::int64_t{a[i]} * b[i];
+    with_c += std::int64_t{a[i]} * c[i];
+  }
+  return {with_b, with_c};
 }
 
 // Rows to the right of the diagonal, and the diagonal.
@@ -123,7 +126,12 @@ Log2Q8 motion(std::span<const Patch> patches, Carried carried, std::int32_t step
   const std::size_t n = fill(patches.first(count), columns);
   Triangle products;  // NOLINT: filled below, as far as it is read
   for (std::size_t k = 0; k < kColumns; ++k) {
-    for (std::size_t j = k; j < kColumns; ++j) products[k][j] = dot(columns[k], columns[j], n);
+    for (std::size_t j = k; j < kColumns; j += 2) {
+      const std::size_t next = std::min(j + 1, kColumns - 1);
+      const auto [with_j, with_next] = dots(columns[k], columns[j], columns[next], n);
+      products[k][j] = with_j;
+      products[k][next] = with_next;
+    }
   }
   const std::int64_t slopes = products[kSlopeX][kSlopeX] + products[kSlopeY][kSlopeY];
   normalise(products);

@@ -158,7 +158,7 @@ using Vectors = std::array<Vector, kVectors>;
 
 // A row of boxes as 4 x luma, from column `left` on; columns and rows beyond the edge repeat it.
 // Range: sums of 16 x 16 pixels are 65 280 at most.
-void box_row(const Reduced& to, const LumaView& picture, std::int32_t left, std::int32_t y, Vectors& out) {
+Vectors box_row(const Reduced& to, const LumaView& picture, std::int32_t left, std::int32_t y) {
   constexpr std::int32_t kColumns = kVectors * kLanes;
   const std::int32_t side = 1 << to.reduction_log2;
   const std::int32_t begin = std::max(left, 0), end = std::min(left + kColumns, to.width);
@@ -187,58 +187,81 @@ void box_row(const Reduced& to, const LumaView& picture, std::int32_t left, std:
   std::fill_n(row.begin(), begin - left, sums[0]);
   std::copy_n(sums.begin(), width, row.begin() + (begin - left));
   std::fill(row.begin() + (end - left), row.end(), sums[idx(width - 1)]);
+  Vectors out;  // NOLINT
   std::memcpy(&out, &row, sizeof out);
+  return out;
 }
 
-// The same of boxes of 2 x 2, away from the edges.
-void pair_row(const Reduced& to, const LumaView& picture, std::int32_t left, std::int32_t y, Vectors& out) {
-  const std::uint8_t* const upper = picture.row(2 * (to.top + y)) + 2 * std::ptrdiff_t{to.left + left};
-  const std::uint8_t* const lower = upper + picture.stride;
-  for (std::size_t k = 0; k < kVectors; ++k) {
+// The same of boxes of 2 x 2, away from the edges, whose upper half begins at `upper`.
+Vectors pair_row(const std::uint8_t* upper, std::ptrdiff_t stride) {
+  Vectors out;  // NOLINT: filled below
+  for (std::size_t k = 0; k < kVectors; ++k, upper += sizeof(Vector)) {
 #if defined(__ARM_NEON)  // two instructions instead of five
-    const std::size_t at = k * sizeof(Vector);
-    out[k] = std::bit_cast<Vector>(vpadalq_u8(vpaddlq_u8(vld1q_u8(upper + at)), vld1q_u8(lower + at)));
+    out[k] = std::bit_cast<Vector>(vpadalq_u8(vpaddlq_u8(vld1q_u8(upper)), vld1q_u8(upper + stride)));
 #else
     Vector a, b;
-    std::memcpy(&a, upper + k * sizeof a, sizeof a);
-    std::memcpy(&b, lower + k * sizeof b, sizeof b);
+    std::memcpy(&a, upper, sizeof a);
+    std::memcpy(&b, upper + stride, sizeof b);
     out[k] = (a & 255) + (a >> 8) + (b >> 8) + (b & 255);  // of bytes, in either order
 #endif
   }
+  return out;
+}
+
+// (sum + 2) / 4.
+Vector quarter(Vector sum) {
+#if defined(__ARM_NEON)  // one instruction instead of two
+  return std::bit_cast<Vector>(vrshrq_n_u16(std::bit_cast<uint16x8_t>(sum), 2));
+#else
+  return (sum + 2) >> 2;
+#endif
 }
 
 // Boxes, then 1-2-1 both ways, each as 1-1 twice, from column `left` on. 16 x luma. Range: 4 * 4 * 4080.
-void reduce_strip(Reduced& out, const LumaView& picture, std::int32_t left, std::int32_t top, std::int32_t bottom) {
-  const bool is_inside = out.reduction_log2 == 1 && left > 0 && left - 1 + std::int32_t{kVectors} * kLanes <= out.width;
-  const auto row = [&](std::int32_t y, Vectors& boxes) {
-    if (is_inside) {
-      pair_row(out, picture, left - 1, std::clamp(y, 0, out.height - 1), boxes);
-    } else {
-      box_row(out, picture, left - 1, y, boxes);
-    }
-  };
-  Vectors last, two;  // NOLINT: the last row, and it added to the one before
-  row(top - 1, two);
-  row(top, last);
-  for (std::size_t k = 0; k < kVectors; ++k) two[k] += last[k];
-  for (std::int32_t y = top; y <= bottom; ++y) {
-    Vectors down;  // NOLINT: 1-2-1 downwards
-    row(y + 1, down);
+// `row_at`: the boxes of a row from column left - 1 on.
+template <typename RowAt>
+void smooth_strip(Reduced& out, RowAt row_at, std::int32_t left, std::int32_t top, std::int32_t bottom) {
+  const std::ptrdiff_t width = out.width;
+  std::uint16_t* to = out.pixels.data() + top * width + left;
+  // `two`: the sum of the row above and this one, `one`: this one. Leaves those of the next row in `one` and `next`.
+  const auto step = [&](Vectors& two, Vectors& one, Vectors& next, std::int32_t y) {
+    next = row_at(y + 1);
     for (std::size_t k = 0; k < kVectors; ++k) {
-      const Vector sum = last[k] + down[k];
-      last[k] = down[k];
-      down[k] = two[k] + sum;
-      two[k] = sum;
+      one[k] += next[k];
+      two[k] += one[k];
     }
     for (std::size_t k = 0; k < kVectors; ++k) {
-      down[k] += __builtin_shufflevector(down[k], down[std::min(k + 1, kVectors - 1)], 1, 2, 3, 4, 5, 6, 7, 8);
+      two[k] += __builtin_shufflevector(two[k], two[std::min(k + 1, kVectors - 1)], 1, 2, 3, 4, 5, 6, 7, 8);
     }
-    std::uint16_t* const to = out.pixels.data() + std::ptrdiff_t{y} * out.width + left;
     for (std::size_t k = 0; k + 1 < kVectors; ++k) {
-      const Vector sum = down[k] + __builtin_shufflevector(down[k], down[k + 1], 1, 2, 3, 4, 5, 6, 7, 8);
-      const Vector pixels = (sum + 2) >> 2;
+      const Vector pixels = quarter(two[k] + __builtin_shufflevector(two[k], two[k + 1], 1, 2, 3, 4, 5, 6, 7, 8));
       std::memcpy(to + k * kLanes, &pixels, sizeof pixels);
     }
+    to += width;
+  };
+  Vectors a = row_at(top - 1), b = row_at(top), c;  // NOLINT: filled by the first step
+  for (std::size_t k = 0; k < kVectors; ++k) a[k] += b[k];
+  // Three change places, so that none is copied.
+  for (std::int32_t y = top; y <= bottom; y += 3) {
+    step(a, b, c, y);
+    if (y + 1 > bottom) return;
+    step(b, c, a, y + 1);
+    if (y + 2 > bottom) return;
+    step(c, a, b, y + 2);
+  }
+}
+
+void reduce_strip(Reduced& out, const LumaView& picture, std::int32_t left, std::int32_t top, std::int32_t bottom) {
+  if (out.reduction_log2 == 1 && left > 0 && left - 1 + std::int32_t{kVectors} * kLanes <= out.width) {
+    const std::uint8_t* const first = picture.row(2 * out.top) + 2 * std::ptrdiff_t{out.left + left - 1};
+    const std::ptrdiff_t stride = picture.stride;
+    const auto row_at = [first, stride, last = out.height - 1](std::int32_t y) {
+      return pair_row(first + 2 * stride * std::clamp(y, 0, last), stride);
+    };
+    smooth_strip(out, row_at, left, top, bottom);
+  } else {
+    const auto row_at = [&](std::int32_t y) { return box_row(out, picture, left - 1, y); };
+    smooth_strip(out, row_at, left, top, bottom);
   }
 }
 
@@ -497,18 +520,10 @@ void sample(const Reduced& picture, const Places& f, Eight<std::int16_t>& out) {
   blend(squares, spots, out);
 }
 
-// The empty gel's patches, 16 x luma.
-Eight<std::int16_t> rounded(const Eight<std::uint16_t>& empty_q4) {
-  Eight<std::int16_t> samples;  // NOLINT
-  for (std::size_t s = 0; s < samples.size(); ++s)
-    samples[s] = static_cast<std::int16_t>(((empty_q4[s] >> 3) + 1) >> 1);
-  return samples;
-}
-
-// What lies on them.
+// What lies on the empty gel, 16 x luma. Range of the mean: 16 * 4080.
 Eight<std::int16_t> over_empty(const Eight<std::int16_t>& now, const Eight<std::uint16_t>& empty_q4) {
   Eight<std::int16_t> c;  // NOLINT
-  for (std::size_t s = 0; s < c.size(); ++s) c[s] = static_cast<std::int16_t>(now[s] - (((empty_q4[s] >> 3) + 1) >> 1));
+  for (std::size_t s = 0; s < c.size(); ++s) c[s] = static_cast<std::int16_t>(now[s] - (u16(empty_q4[s] + 8u) >> 4));
   return c;
 }
 
@@ -528,25 +543,34 @@ Lanes<std::uint32_t> relief_of(const Eight<std::int16_t>& c) {
 
 constexpr int kChangeShift = 8;
 
-// Of samples of 13 bits and a sign.
 struct Moments {
   Lanes<std::int32_t> sum{};
   Lanes<std::int32_t> squares{};
-  // Mean square about the mean, 1/625 levels^2. Range: 25 * 25 * 4095^2 = 2^33.3 before the shift.
+  // Mean square about the mean, 1/625 levels^2. Range: 25 * 25 * 4080^2 = 2^33.3 before the shift.
   [[nodiscard]] std::int32_t variance(std::size_t lane) const {
     return static_cast<std::int32_t>((std::int64_t{kFree} * squares[lane] - square(sum[lane])) >> kChangeShift);
   }
 };
 
-Moments moments_of(const Eight<std::int16_t>& c) {
+// Of the values at(sample, lane). Range: five of 12 bits and a sign stay in 16 bits.
+template <typename At>
+Moments moments_of(At at) {
+  constexpr std::size_t kTogether = 5;
+  static_assert(kFree % kTogether == 0);
   Moments out;
-  for (std::size_t i = 0; i < kFree; ++i) {
+  for (std::size_t first = 0; first < kFree; first += kTogether) {
+    Lanes<std::int16_t> part{};
+#pragma GCC unroll 5
+    for (std::size_t i = first; i < first + kTogether; ++i) {
 #pragma GCC unroll 1
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const std::int16_t one = c[i * kLanes + lane];
-      out.sum[lane] += one;
-      out.squares[lane] += one * one;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        const std::int16_t one = at(i, lane);
+        part[lane] = static_cast<std::int16_t>(part[lane] + one);
+        out.squares[lane] += one * one;
+      }
     }
+#pragma GCC unroll 1
+    for (std::size_t lane = 0; lane < kLanes; ++lane) out.sum[lane] += part[lane];
   }
   return out;
 }
@@ -569,12 +593,6 @@ Lanes<bool> are_marked(const Eight<std::uint16_t>& empty_q4, const Config& confi
     out[lane] = sum[lane] > std::int64_t{kPairs} * config.most_print * 256 * 256;
   }
   return out;
-}
-
-Eight<std::int16_t> difference(const Eight<std::int16_t>& now, const Eight<std::int16_t>& then) {
-  Eight<std::int16_t> r;  // NOLINT
-  for (std::size_t s = 0; s < r.size(); ++s) r[s] = static_cast<std::int16_t>(now[s] - then[s]);
-  return r;
 }
 
 // --- Evidence ---
@@ -600,8 +618,9 @@ std::int64_t threshold_of(const State& state, const Config& config) {
   return std::max(floor, state.empty.noise_relief * config.contact_over_noise_q4 / 16);
 }
 
-// The patches among kSlope's weights, along the axes of the patch. Range: 25 weights of up to 4 on 15 bits.
-Lanes<std::int32_t> slope_of(const std::array<std::int8_t, kFree>& weights, const Eight<std::int16_t>& samples) {
+// The patches among kSlope's weights, along the axes of the patch. Range: 25 weights of up to 4 on 16 bits.
+template <typename Sample>
+Lanes<std::int32_t> slope_of(const std::array<std::int8_t, kFree>& weights, const Eight<Sample>& samples) {
   Lanes<std::int32_t> sum{};
 #pragma GCC unroll 25
   for (std::size_t i = 0; i < kFree; ++i) {
@@ -710,23 +729,18 @@ Log2Q8 coarse_motion(const State& state, const Kept& then, GridSize grid, std::s
   std::size_t count = 0;
   for (std::int32_t first = 0; first < patches_of(grid); first += kLanes) {
     const std::size_t e = idx(first / kLanes);
-    const Eight<std::int16_t> empty = rounded(state.empty.samples_q4[e]);
-    Eight<std::int16_t> both;  // NOLINT: of c
-    for (std::size_t s = 0; s < both.size(); ++s) {
-      both[s] = static_cast<std::int16_t>(state.last.samples.eights[e][s] + then.samples.eights[e][s] - 2 * empty[s]);
-    }
-    const Lanes<std::int32_t> both_a = slope_of(kSlope.a, both), both_b = slope_of(kSlope.b, both);
-    const Lanes<std::int32_t> empty_a = slope_of(kSlope.a, empty), empty_b = slope_of(kSlope.b, empty);
+    const Eight<std::uint16_t>& empty_q4 = state.empty.samples_q4[e];
+    const Lanes<std::int32_t> empty_a_q4 = slope_of(kSlope.a, empty_q4), empty_b_q4 = slope_of(kSlope.b, empty_q4);
     for (std::int32_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t k = idx(first + lane);
       if (!state.last.seen[k] || !then.seen[k]) continue;
       coarse::Patch& patch = patches[count++];
       patch.change = state.last.shading[k] - then.shading[k];
       patch.shading = state.last.shading[k] + then.shading[k];
-      patch.slope_x = side_x(lane) * both_a[idx(lane)];
-      patch.slope_y = side_y(lane) * both_b[idx(lane)];
-      patch.empty_x = side_x(lane) * empty_a[idx(lane)];
-      patch.empty_y = side_y(lane) * empty_b[idx(lane)];
+      patch.slope_x = side_x(lane) * (state.last.slope_a[k] + then.slope_a[k]);
+      patch.slope_y = side_y(lane) * (state.last.slope_b[k] + then.slope_b[k]);
+      patch.empty_x = side_x(lane) * ((empty_a_q4[idx(lane)] + 8) >> 4);
+      patch.empty_y = side_y(lane) * ((empty_b_q4[idx(lane)] + 8) >> 4);
       patch.x = state.layout[e].column[idx(lane)];
       patch.y = state.layout[e].row[idx(lane)];
     }
@@ -767,7 +781,10 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   std::size_t count = 0;
   for (std::int32_t first = 0; first < patches_of(grid); first += kLanes) {
     const std::size_t e = idx(first / kLanes);
-    const Moments change = moments_of(difference(last.samples.eights[e], then.samples.eights[e]));
+    const Eight<std::int16_t>&now = last.samples.eights[e], &before = then.samples.eights[e];
+    const Moments change = moments_of([&](std::size_t i, std::size_t lane) {
+      return static_cast<std::int16_t>(now[i * kLanes + lane] - before[i * kLanes + lane]);
+    });
     for (std::int32_t p = first; p < first + kLanes; ++p) {
       if (!last.seen[idx(p)] || !then.seen[idx(p)]) continue;
       const std::uint32_t a = last.relief[idx(p)], b = then.relief[idx(p)];
@@ -875,7 +892,10 @@ std::int32_t look(State& state, const Config& config, const LumaView& picture, c
     sample(state.picture, places[idx(first / kLanes)], samples);
     const Eight<std::int16_t> c = over_empty(samples, state.empty.samples_q4[idx(first / kLanes)]);
     const Lanes<std::uint32_t> relief = relief_of(c);
-    const Moments moments = moments_of(c);
+    const Moments moments = moments_of([&](std::size_t i, std::size_t lane) { return c[i * kLanes + lane]; });
+    const Lanes<std::int32_t> slope_a = slope_of(kSlope.a, c), slope_b = slope_of(kSlope.b, c);
+    std::copy_n(slope_a.begin(), kLanes, last.slope_a.begin() + first);
+    std::copy_n(slope_b.begin(), kLanes, last.slope_b.begin() + first);
     for (std::int32_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t p = idx(first + lane);
       last.seen[p] = state.in_view[p] && state.empty.learned[p] && !state.empty.marked[p];

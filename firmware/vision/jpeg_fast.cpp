@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "base/math.hpp"
+
 namespace holdfast::jpeg_fast {
 namespace {
 
@@ -75,10 +77,10 @@ void prepare(State& state, const Scan& scan) {
   if (!same(luma_dc, state.first[0].dc_size, state.first[0].dc)) {
     for (std::uint32_t i = 0; i < state.difference.size(); ++i) state.difference[i] = difference_entry(luma_dc, i);
   }
-  const auto luma = static_cast<std::size_t>(scan.across * scan.down);  // the blocks of chroma follow these
+  const std::size_t luma = idx(scan.across) * idx(scan.down);  // the blocks of chroma follow these
   const jpeg_dc::Block& last = scan.block[scan.blocks - 1];
   const bool alike = scan.blocks > luma && scan.block[luma].dc == last.dc && scan.block[luma].ac == last.ac;
-  const auto mcus = static_cast<std::size_t>(scan.mcus_across * scan.mcus_down);
+  const std::size_t mcus = idx(scan.mcus_across) * idx(scan.mcus_down);
   const auto bytes = static_cast<std::size_t>(scan.data.end - scan.data.at);
   state.pairs = alike && bytes * 8 <= mcus * scan.blocks * kSparse;
   std::array<Phase::After, jpeg_dc::kMaxBlocks> block;

@@ -94,7 +94,7 @@ struct Lane {
  private:
   // The block that follows; `pair`, 0 or kPair, is the way to the one after it. An address, because a branch here is
   // not predicted either: it takes up to a fifth from a sparse camera picture (measured).
-  [[gnu::always_inline]] const Phase::After& after(std::uint64_t pair) const {
+  [[nodiscard, gnu::always_inline]] const Phase::After& after(std::uint64_t pair) const {
     return *reinterpret_cast<const Phase::After*>(reinterpret_cast<const std::uint8_t*>(phase) + pair);
   }
 
