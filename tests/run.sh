@@ -9,7 +9,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 # shellcheck source=toolchain/packages.sh
 source toolchain/packages.sh
 
-parts=(packages format sim web coverage asan tsan rpi4 tidy system fuzz)
+parts=(packages format sim web system tidy coverage asan tsan rpi4 fuzz)
 short_parts=(packages format sim)
 declare -A what=(
   [packages]="install the Debian packages that are missing"
@@ -21,7 +21,7 @@ declare -A what=(
   [asan]="host build and tests by clang: memory, undefined behaviour and, in the firmware, integers that wrap or lose bits"
   [tsan]="tests of the worker threads with ThreadSanitizer"
   [rpi4]="aarch64 cross build, integer gate, tests and instruction counts under qemu-user"
-  [system]="the cards; holdfastd with a stock kernel on an emulated machine: start, slip, replug, a kill, an update"
+  [system]="the cards; holdfastd with a stock kernel on an emulated machine: start, slip, replug, a kill, an update; beside the parts that follow"
   [deb]="the host tool as a Debian package: lintian, and a fresh root that installs it and plays a scene"
   [deb13]="the same built in a root of Debian 13, without the device libraries"
   [deb_arm64]="the same cross-built for arm64, run under qemu-user with what it depends on"
@@ -248,7 +248,7 @@ part_sim() {
   run_ctest "sim physics" sim --label-regex '^physics$' || status=1
   return "$status"
 }
-# Begins here and goes on until end_tidy, with what the parts after it leave of the cores: the emulated machine takes one.
+# Begins here and goes on until end_tidy, with what the other parts leave of the cores.
 tidy_pid=''
 part_tidy() {
   local -a share=(--some)
@@ -388,7 +388,8 @@ part_rpi4() {
   return "$status"
 }
 
-part_system() {
+# What the emulated machine needs of the builds.
+build_for_system() {
   step "system sysroot" toolchain/sysroot.sh --newer || {
     count_one "system: sysroot" 1
     return 1
@@ -398,6 +399,8 @@ part_system() {
     count_one "system: film" 1
     return 1
   }
+}
+run_system() {
   local -a made=(flat card)
   ((all_scenarios == 0)) || made+=(pull)
   step "system image" tests/system/prepare.sh "${made[@]}" || {
@@ -429,6 +432,47 @@ part_system() {
   step "system scenarios" build/sim/bin/system_scenarios -v "${scenarios[@]}" || status=1
   grep -E '^TEST\(|^OK|^Errors' "$logs/system-scenarios.log" | sed 's/^/   /'
   count_one "system (build/sim/bin/system_scenarios)" "$status"
+}
+# run_system with counts of its own, which it writes down: the script's are beyond its reach when it goes on beside it.
+count_system() {
+  local passed=0 failed=0 skipped=0
+  local -a failures=() skips=()
+  run_system
+  {
+    echo "$passed $failed $skipped"
+    ((${#failures[@]} == 0)) || printf 'failed: %s\n' "${failures[@]}"
+    ((${#skips[@]} == 0)) || printf 'skipped: %s\n' "${skips[@]}"
+  } >"$logs/system.counts"
+}
+# The emulated machine keeps one core busy, for a third of the time of all parts. So it begins here and goes on until
+# end_system, when parts follow: those give way, because what waits for the machine waits for so many seconds.
+system_pid=''
+part_system() {
+  build_for_system || return 1
+  if [[ ${chosen[-1]} == system ]]; then
+    run_system
+    return
+  fi
+  rm -f "$logs/system.counts"
+  count_system >"$logs/system.log" 2>&1 </dev/null &
+  system_pid=$!
+  renice -n 10 -p $$ >/dev/null
+}
+end_system() {
+  wait "$system_pid"
+  system_pid=''
+  cat "$logs/system.log"
+  local good=0 bad=1 out=0 line
+  {
+    read -r good bad out
+    while IFS= read -r line; do
+      case $line in
+        'failed: '*) failures+=("${line#failed: }") ;;
+        *) skips+=("${line#skipped: }") ;;
+      esac
+    done
+  } <"$logs/system.counts" || failures+=("system: it ended without a result, see $logs/system.log")
+  passed=$((passed + good)) failed=$((failed + bad)) skipped=$((skipped + out))
 }
 
 # processor_seconds: of all that this script has started and seen the end of.
@@ -467,18 +511,22 @@ closing() {
   say "$passed passed, $failed failed, $skipped skipped"
 }
 
-trap '[[ -z $tidy_pid$ahead_pid ]] || kill $tidy_pid $ahead_pid; failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
+trap '[[ -z $tidy_pid$ahead_pid$system_pid ]] || kill $tidy_pid $ahead_pid $system_pid; failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
 
 mkdir -p "$logs"
 for part in "${chosen[@]}"; do
   heading "$part: ${what[$part]}"
   use_ccache
-  if [[ -n $ahead_pid && $part != web && $part != tidy ]]; then timed "builds" end_ahead; fi
+  if [[ -n $ahead_pid && $part != web ]]; then timed "builds" end_ahead; fi
   timed "$part" "part_$part"
 done
 if [[ -n $tidy_pid ]]; then
   heading "tidy: its end"
   timed "tidy's end" end_tidy
+fi
+if [[ -n $system_pid ]]; then
+  heading "system: its end"
+  timed "system's end" end_system
 fi
 closing
 ((failed == 0))
