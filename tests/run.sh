@@ -454,24 +454,29 @@ part_system() {
     return
   fi
   rm -f "$logs/system.counts"
+  # As a process group of its own, which an interrupt can end as a whole.
+  set -m
   count_system >"$logs/system.log" 2>&1 </dev/null &
+  set +m
   system_pid=$!
-  renice -n 10 -p $$ >/dev/null
+  renice -n 10 -p $$ >/dev/null 2>&1 || true
 }
 end_system() {
   wait "$system_pid"
   system_pid=''
   cat "$logs/system.log"
-  local good=0 bad=1 out=0 line
+  local good bad out line
   {
-    read -r good bad out
-    while IFS= read -r line; do
+    read -r good bad out && while IFS= read -r line; do
       case $line in
         'failed: '*) failures+=("${line#failed: }") ;;
         *) skips+=("${line#skipped: }") ;;
       esac
     done
-  } <"$logs/system.counts" || failures+=("system: it ended without a result, see $logs/system.log")
+  } <"$logs/system.counts" || {
+    good=0 bad=1 out=0
+    failures+=("system: it ended without a result, see $logs/system.log")
+  }
   passed=$((passed + good)) failed=$((failed + bad)) skipped=$((skipped + out))
 }
 
@@ -511,13 +516,15 @@ closing() {
   say "$passed passed, $failed failed, $skipped skipped"
 }
 
-trap '[[ -z $tidy_pid$ahead_pid$system_pid ]] || kill $tidy_pid $ahead_pid $system_pid; failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
+trap '[[ -z $tidy_pid$ahead_pid$system_pid ]] || kill $tidy_pid $ahead_pid ${system_pid:+-- -$system_pid}; failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
 
 mkdir -p "$logs"
 for part in "${chosen[@]}"; do
   heading "$part: ${what[$part]}"
   use_ccache
   if [[ -n $ahead_pid && $part != web ]]; then timed "builds" end_ahead; fi
+  # It has an emulated machine of its own, in the same folders.
+  if [[ $part == long && -n $system_pid ]]; then timed "system" end_system; fi
   timed "$part" "part_$part"
 done
 if [[ -n $tidy_pid ]]; then
@@ -526,7 +533,7 @@ if [[ -n $tidy_pid ]]; then
 fi
 if [[ -n $system_pid ]]; then
   heading "system: its end"
-  timed "system's end" end_system
+  timed "its end" end_system
 fi
 closing
 ((failed == 0))

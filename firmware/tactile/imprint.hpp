@@ -171,7 +171,7 @@ struct Kept {
   std::array<bool, kMaxPatches> seen{};
   std::array<std::uint32_t, kMaxPatches> relief{};             // kPairs * G; <= 2 * 17 * 8160^2 = 2.3e9
   std::array<std::int32_t, kMaxPatches> shading{};             // kFree * mean of c, 1/16 level; below 2^17
-  std::array<std::int32_t, kMaxPatches> slope_a{}, slope_b{};  // of c away from the dot, 1/800 level a step; below 2^19
+  std::array<std::int32_t, kMaxPatches> slope_a{}, slope_b{};  // of c away from the dot, 1/800 level a step; below 2^18
   std::array<std::int32_t, kMaxPatches> variance{};            // of c about its mean, 1/625 level^2; at most 2^25.4
   PatchSamples samples{};
 };

@@ -183,6 +183,8 @@ TEST(Checkpoint, RefusesWhatAnotherBuildMayHaveWritten) {
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = s.contents.first.grid = {16, 16}; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = -1; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = 64 + 1; }));
+  LONGS_EQUAL(1, spoiled([](checkpoint::Slot& s) { s.contents.empty.samples_q4.back().back() = 65280; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.samples_q4.back().back() = 65281; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
                 const std::int32_t far = PixelsQ8::kMax + 1;
                 static_assert(sizeof far == sizeof s.contents.rest.markers[3].x);
