@@ -33,8 +33,8 @@ usage() {
   cat <<'USAGE'
 usage: tests/run.sh [--all] [--only PART]... [--long] [--system] [--tidy]
 Installs what is missing (apt-get, with sudo when not root), builds, and runs the tests part by part: without options the
-parts packages, format and sim without its longest tests, about fourteen minutes of two cores on a machine that has installed and built nothing.
-  --all        every part in full, what continuous integration runs: 46 minutes
+parts packages, format and sim without its longest tests, about twelve minutes of two cores on a machine that has installed and built nothing.
+  --all        every part in full, what continuous integration runs: 40 minutes
   --only PART  just this part in full; may be given again. The parts, in order:
 USAGE
   local part
