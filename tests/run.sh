@@ -461,7 +461,7 @@ part_system() {
   system_pid=$!
   renice -n 10 -p $$ >/dev/null 2>&1 || true
 }
-end_system() {
+merge_system() {
   wait "$system_pid"
   system_pid=''
   cat "$logs/system.log"
@@ -478,6 +478,11 @@ end_system() {
     failures+=("system: it ended without a result, see $logs/system.log")
   }
   passed=$((passed + good)) failed=$((failed + bad)) skipped=$((skipped + out))
+}
+end_system() {
+  [[ -n $system_pid ]] || return 0
+  heading "system: its end"
+  timed "system end" merge_system
 }
 
 # processor_seconds: of all that this script has started and seen the end of.
@@ -516,24 +521,21 @@ closing() {
   say "$passed passed, $failed failed, $skipped skipped"
 }
 
-trap '[[ -z $tidy_pid$ahead_pid$system_pid ]] || kill $tidy_pid $ahead_pid ${system_pid:+-- -$system_pid}; failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
+trap '[[ -z $tidy_pid$ahead_pid$system_pid ]] || kill -- $tidy_pid $ahead_pid ${system_pid:+-$system_pid}; failures+=("interrupted") failed=$((failed + 1)); closing; exit 130' INT TERM
 
 mkdir -p "$logs"
 for part in "${chosen[@]}"; do
+  # It has an emulated machine of its own, in the same folders.
+  [[ $part != long ]] || end_system
   heading "$part: ${what[$part]}"
   use_ccache
   if [[ -n $ahead_pid && $part != web ]]; then timed "builds" end_ahead; fi
-  # It has an emulated machine of its own, in the same folders.
-  if [[ $part == long && -n $system_pid ]]; then timed "system" end_system; fi
   timed "$part" "part_$part"
 done
 if [[ -n $tidy_pid ]]; then
   heading "tidy: its end"
   timed "tidy's end" end_tidy
 fi
-if [[ -n $system_pid ]]; then
-  heading "system: its end"
-  timed "its end" end_system
-fi
+end_system
 closing
 ((failed == 0))

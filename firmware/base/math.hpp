@@ -16,8 +16,8 @@ namespace holdfast {
   return (numerator >= 0 ? numerator + half : numerator - half) / denominator;
 }
 
-// Largest r with r * r <= value. Range: any uint64. Newton's method from above, from at most a quarter
-// and 1 above it: at most six divisions.
+// Largest r with r * r <= value. Range: any uint64. Newton's method from above: the first guess is off
+// by a quarter and 1 at most, so six divisions do.
 [[nodiscard]] constexpr std::uint32_t isqrt(std::uint64_t value) {
   if (value == 0) return 0;
   const int half = (63 - std::countl_zero(value)) / 2;

@@ -110,6 +110,7 @@ template <typename Kept>
   if (contents.rest.grid.count() > kMaxMarkers || contents.pitch.raw() <= 0 || !in_range(contents.pitch)) return false;
   if (contents.empty.frames < 0 || contents.empty.frames > imprint::kEmptyMean) return false;
   if (contents.first.grid != contents.rest.grid) return false;
+  // 16 x luma in Q4.
   const auto is_luma = [](std::uint16_t sample_q4) { return sample_q4 <= 16 * 16 * 255; };
   for (const auto& eight : contents.empty.samples_q4) {
     if (!std::ranges::all_of(eight, is_luma)) return false;

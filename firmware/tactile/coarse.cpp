@@ -33,8 +33,8 @@ using Column = std::array<std::int32_t, kMostPatches>;
 constexpr std::size_t kTogether = 16;
 static_assert(kMostPatches % kTogether == 0);
 
-// Of `a` with two others. `n` is a whole number of kTogether, which leaves compilers no rest to do
-// one by one. Range: components below 2^27 (slopes of 2^19 times places of 2^8) make sums of 320 products below 2^62.4.
+// Of `a` with two others. `n` is a whole number of kTogether, which leaves compilers no rest to do one by one. Range:
+// components below 2^27 (slopes of 2^19 times places of 2^8) make sums of 320 products below 2^62.4.
 std::array<std::int64_t, 2> dots(const Column& a, const Column& b, const Column& c, std::size_t n) {
   std::int64_t with_b = 0, with_c = 0;
 #pragma GCC unroll 4

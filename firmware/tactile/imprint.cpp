@@ -187,9 +187,7 @@ Vectors box_row(const Reduced& to, const LumaView& picture, std::int32_t left, s
   std::fill_n(row.begin(), begin - left, sums[0]);
   std::copy_n(sums.begin(), width, row.begin() + (begin - left));
   std::fill(row.begin() + (end - left), row.end(), sums[idx(width - 1)]);
-  Vectors out;  // NOLINT
-  std::memcpy(&out, &row, sizeof out);
-  return out;
+  return std::bit_cast<Vectors>(row);
 }
 
 // The same of boxes of 2 x 2, away from the edges, whose upper half begins at `upper`.

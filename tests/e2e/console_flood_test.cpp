@@ -113,6 +113,18 @@ TEST_GROUP(ConsoleFlood) {
     const std::size_t begin = said.find(start);
     return answered ? said.substr(begin, said.find('\n', begin) - begin) : std::string();
   }
+  // Status frames that have come, each of them fine.
+  int fine_frames() {
+    int seen = 0, poor = 0;
+    for (const char byte : link.take()) {
+      const auto frame = receiver.push(static_cast<std::uint8_t>(byte));
+      if (!frame || !frame->ok()) continue;
+      ++seen;
+      if (frame->frame.state != DeviceState::kOk) ++poor;
+    }
+    LONGS_EQUAL(0, poor);
+    return seen;
+  }
   void clear() {
     std::string said;
     (void)console.send("tasks clear\r");
@@ -121,7 +133,7 @@ TEST_GROUP(ConsoleFlood) {
       said += console.take();
       return said.find("tasks clear\r\nOK\r\n") != std::string::npos;
     }));
-    (void)link.take();
+    (void)fine_frames();
   }
   // Of the task `frame`, and how many there were.
   std::pair<long, long> frame_p999_us() {
@@ -143,22 +155,15 @@ TEST_GROUP(ConsoleFlood) {
     CHECK(minor > 0 && major >= 0);
     return {minor, major};
   }
-  // So many status frames come and one more, each of them fine; `beside` is done between them.
+  // So many status frames come and one more; `beside` is done between them.
   bool frames_pass(int count, const std::function<void()>& beside) {
-    int seen = 0, poor = 0;
-    const bool all = until([&] {
+    int seen = 0;
+    return until([&] {
       beside();
       link.wait(5ms);
-      for (const char byte : link.take()) {
-        const auto frame = receiver.push(static_cast<std::uint8_t>(byte));
-        if (!frame || !frame->ok()) continue;
-        ++seen;
-        if (frame->frame.state != DeviceState::kOk) ++poor;
-      }
+      seen += fine_frames();
       return seen > count;  // the first may be of a frame before the tasks were cleared
     });
-    LONGS_EQUAL(0, poor);
-    return all;
   }
 };
 

@@ -321,23 +321,27 @@ else
 fi
 
 # ---- The ring.
+# Each serial number on stdin and its place, by another tool.
+places() {
+  python3 -c 'import hashlib, sys
+for serial in sys.stdin.read().split(): print(serial, int(hashlib.sha256(b"holdfast ring " + serial.encode()).hexdigest()[:7], 16) % 100)'
+}
+# serials N: of that many boards.
+serials() {
+  local k
+  for ((k = 1; k <= $1; k++)); do printf '10000000%08x\n' $((k * 2654435761 % 4294967296)); done
+}
 fresh
 place=$(on_board ring "$HOLDFAST_SERIAL")
-is "a place by another tool" "$place" "$(python3 -c 'import hashlib, sys; print(int(hashlib.sha256(b"holdfast ring " + sys.argv[1].encode()).hexdigest()[:7], 16) % 100)' "$HOLDFAST_SERIAL")"
+is "a place by another tool" "$HOLDFAST_SERIAL $place" "$(places <<<"$HOLDFAST_SERIAL")"
 offer second "$place"
 says "a ring that is not open yet" "release 2 is for $place of 100 boards, and this one is at place $place" fetch
 is "what was asked for of the bundle" "" "$(requests | grep raucb || true)"
 offer second $((place + 1))
 says "one wider" "is fetched" fetch
-# Twenty boards by both, and 4000 by the other tool: each place is as likely; four sigmas of 4000 * 0.3 * 0.7 are 116.
-ring_of() {
-  python3 -c 'import hashlib, sys
-for k in range(1, int(sys.argv[1]) + 1):
-    serial = "10000000%08x" % (k * 2654435761 % 4294967296)
-    print(serial, int(hashlib.sha256(b"holdfast ring " + serial.encode()).hexdigest()[:7], 16) % 100)' "$1"
-}
-is "twenty places by another tool" "$(ring_of 20)" "$(ring_of 20 | while read -r serial _; do echo "$serial $(on_board ring "$serial")"; done)"
-within=$(ring_of 4000 | awk '$2 < 30' | wc -l)
+# Twenty more by both, and 4000 by the other tool: each place is as likely; four sigmas of 4000 * 0.3 * 0.7 are 116.
+is "twenty places by another tool" "$(serials 20 | places)" "$(serials 20 | while read -r serial; do echo "$serial $(on_board ring "$serial")"; done)"
+within=$(serials 4000 | places | awk '$2 < 30' | wc -l)
 is "boards of 4000 within 30 of 100, 1200 on average" yes "$( ((within > 1084 && within < 1316)) && echo yes || echo "$within")"
 if [[ ! -e /proc/device-tree/serial-number ]]; then
   HOLDFAST_SERIAL='' says "a board without a serial number" "has no serial number" fetch
