@@ -224,8 +224,9 @@ Trial closing(std::uint64_t seed, int number, bool slips) {
   return trial;
 }
 
-// Reliefs on a ball, a face with raised letters or dots, and three bodies that show none.
-Trial turn(std::uint64_t seed, int number) {
+// Reliefs on a ball, a face with raised letters or dots, and three bodies that show none. Held: the same grasps, turned
+// there and back within what the grip holds.
+Trial turn(std::uint64_t seed, int number, bool slips) {
   constexpr std::array<std::string_view, 6> kBodies{"grain", "ridges", "logo", "sphere", "flat", "cylinder"};
   constexpr std::array<int, 3> kRates_deg_s{15, 40, 90};
   constexpr std::array<int, 3> kWithin{6, 4, 3};
@@ -249,18 +250,31 @@ Trial turn(std::uint64_t seed, int number) {
   light(scene, dice);
   const Grip grip = close_on(scene, dice, {5.0, 100.0});
   const double rate_deg_s = kRates_deg_s[rate];
-  const double turn_deg = 1.5 * grip.limit.turn_rad / kDegree + 0.6 * rate_deg_s;
   trial.group = fmt::format("{} deg/s, {}", kRates_deg_s[rate], rough || body == "logo" ? "relief" : "smooth");
-  trial.slips = true;
+  trial.slips = slips;
   trial.closed_s = grip.closed_s;
   trial.moved_s = grip.closed_s + dice.in({0.3, 0.6});
   trial.within_frames = kWithin[rate];
-  const double end_s = trial.moved_s + turn_deg / rate_deg_s;
   scene.trajectory.push_back({.t_s = trial.moved_s, .twist_deg = 0.0});
-  scene.trajectory.push_back(
-      {.t_s = end_s, .closing_mm = grip.way_mm, .twist_deg = dice.chance(0.5) ? turn_deg : -turn_deg});
+  const double sense = dice.chance(0.5) ? 1.0 : -1.0;
+  double end_s = trial.moved_s;
+  if (slips) {
+    const double turn_deg = 1.5 * grip.limit.turn_rad / kDegree + 0.6 * rate_deg_s;
+    end_s += turn_deg / rate_deg_s;
+    scene.trajectory.push_back({.t_s = end_s, .closing_mm = grip.way_mm, .twist_deg = sense * turn_deg});
+  } else {
+    // Half-slip of a ball is at 0.46 of the limit (Lubkin: c = 0.71 a). The ends of a strip let go sooner than the rim
+    // of the disc of its area.
+    const double turn_deg = grip.limit.turn_rad / kDegree * dice.in({0.05, body == "cylinder" ? 0.12 : 0.3});
+    const double way_s = turn_deg / rate_deg_s;
+    for (const double after_s : {way_s, way_s + 0.6})
+      scene.trajectory.push_back({.t_s = trial.moved_s + after_s, .twist_deg = sense * turn_deg});
+    scene.trajectory.push_back({.t_s = trial.moved_s + 2.0 * way_s + 0.6, .twist_deg = 0.0});
+    end_s += 2.0 * way_s + 1.0;
+    scene.trajectory.push_back({.t_s = end_s, .closing_mm = grip.way_mm, .twist_deg = 0.0});
+  }
   scene.duration_s = end_s;
-  finish(scene, dice, TrialKind::kTurn, body, number);
+  finish(scene, dice, slips ? TrialKind::kTurn : TrialKind::kTurnHeld, body, number);
   return trial;
 }
 
@@ -402,7 +416,9 @@ Trial make_trial(TrialKind kind, std::uint64_t seed, int number) {
     case TrialKind::kClosingSlip:
       return closing(seed, number, true);
     case TrialKind::kTurn:
-      return turn(seed, number);
+      return turn(seed, number, true);
+    case TrialKind::kTurnHeld:
+      return turn(seed, number, false);
     case TrialKind::kSlide:
       return slide(seed, number);
     case TrialKind::kShaken:

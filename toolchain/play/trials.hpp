@@ -8,6 +8,7 @@
 //                 and holds it still; half are then shaken within what the grip holds. Nothing slips
 //   closing_slip  the same grasps; 100 ms after the grip has closed the object is dragged away at 10 to 60 mm/s
 //   turn          a held object turns about the contact's normal at 15, 40 or 90 degrees a second
+//   turn_held     the same grasps, turned as fast, but by less than brings half-slip, and back 0.6 s later
 //   slide         a sphere slides at 2 to 100 mm/s under five reliefs
 //   shaken        a bonded sphere with relief is shaken at 1 to 6 Hz for 15 s
 //   smooth        trials of the paper's objects (learn/paper.hpp), all of them without relief
@@ -34,9 +35,19 @@
 
 namespace holdfast::tool {
 
-enum class TrialKind : std::uint8_t { kClosing, kClosingSlip, kTurn, kSlide, kShaken, kSmooth, kGrasp, kHand };
-inline constexpr std::array<std::string_view, 8> kTrialNames{"closing", "closing_slip", "turn",  "slide",
-                                                             "shaken",  "smooth",       "grasp", "hand"};
+enum class TrialKind : std::uint8_t {
+  kClosing,
+  kClosingSlip,
+  kTurn,
+  kSlide,
+  kShaken,
+  kSmooth,
+  kGrasp,
+  kHand,
+  kTurnHeld
+};
+inline constexpr std::array<std::string_view, 9> kTrialNames{"closing", "closing_slip", "turn", "slide",    "shaken",
+                                                             "smooth",  "grasp",        "hand", "turn_held"};
 
 struct Trial {
   scene::Scene scene;
