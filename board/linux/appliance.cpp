@@ -125,6 +125,8 @@ class Appliance {
   }
   [[nodiscard]] hal::Serial& host() { return host_ ? static_cast<hal::Serial&>(*host_) : standard_output_; }
 
+  [[nodiscard]] const std::string& empty_problem() const { return empty_.problem(); }
+
   const Options options;
   std::string problem;
 
@@ -298,6 +300,7 @@ std::optional<int> make(int argc, char** argv) {
     say(appliance->problem);
     return 1;
   }
+  if (!appliance->empty_problem().empty()) say(appliance->empty_problem());
   // A page that was swapped out would cost more than a frame. Without the right to it (LimitMEMLOCK of the unit) it
   // goes on all the same: boards have no swap.
   if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0) say("memory is not locked");

@@ -425,6 +425,7 @@ std::optional<int> make(int argc, char** argv) {
     say(desk->options.problem);
     return 1;
   }
+  if (!desk->empty.problem().empty()) say(desk->empty.problem());
   if (!desk->problem.empty()) {
     return fail(1, desk->problem, "a folder that is not there or not yours, or a file in its place",
                 "give another path");

@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <sched.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -23,8 +24,15 @@ std::optional<Tape> Tape::file(const std::filesystem::path& path, Full full, boo
     error = std::string(what) + " " + path.string() + ": " + std::strerror(errno);
     return std::nullopt;
   };
-  const int fd = ::open(path.c_str(), O_RDWR | O_CLOEXEC | (create ? O_CREAT : 0), 0600);
+  const int fd = ::open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK | (create ? O_CREAT : 0), 0600);
   if (fd < 0) return fail("cannot open");
+  struct stat there {};
+  if (::fstat(fd, &there) != 0 || !S_ISREG(there.st_mode) ||
+      (there.st_size != sizeof(Memory) && !(create && there.st_size == 0))) {
+    ::close(fd);
+    error = path.string() + ": is another file than a tape, and stays as it is";
+    return std::nullopt;
+  }
   if (::ftruncate(fd, sizeof(Memory)) != 0) {
     ::close(fd);
     return fail("cannot size");

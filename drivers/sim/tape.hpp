@@ -41,7 +41,7 @@ class Tape {
 
   // Memory that a child process inherits.
   [[nodiscard]] static std::optional<Tape> anonymous(Full full);
-  // A file that another process opens: made and cleared, or opened as it is.
+  // A file that another process opens: made, or opened as it is. One of another size, a link or a device is refused.
   [[nodiscard]] static std::optional<Tape> file(const std::filesystem::path& path, Full full, bool create,
                                                 std::string& error);
   Tape(Tape&& other) noexcept;

@@ -48,6 +48,35 @@ TEST(EmptyMark, DoesNotInheritTheOneOfAProcessBefore) {
   CHECK(!there());
 }
 
+// An option that was given a wrong path must not cost what is there.
+TEST(EmptyMark, LeavesAnotherFileAsItIs) {
+  std::ofstream(file) << "precious";
+  EmptyMark mark(file);
+  STRCMP_CONTAINS("is another file, and stays as it is", mark.problem().c_str());
+  STRCMP_CONTAINS("Next: ", mark.problem().c_str());
+  mark.tell(true, 1);
+  mark.tell(false, 2);
+  LONGS_EQUAL(8, std::filesystem::file_size(file));
+
+  std::filesystem::remove(file);
+  std::filesystem::create_symlink(dir.path() / "elsewhere", file);
+  EmptyMark linked(file);
+  CHECK(!linked.problem().empty());
+  linked.tell(true, 1);
+  linked.tell(false, 2);
+  CHECK(std::filesystem::is_symlink(file));
+  CHECK(!std::filesystem::exists(dir.path() / "elsewhere"));
+}
+
+TEST(EmptyMark, LeavesAFileThatCameMeanwhile) {
+  EmptyMark mark(file);
+  CHECK(mark.problem().empty());
+  std::ofstream(file) << "precious";
+  mark.tell(true, 1);
+  mark.tell(false, 2);
+  LONGS_EQUAL(8, std::filesystem::file_size(file));
+}
+
 TEST(EmptyMark, StaysYoungByFramesAlone) {
   EmptyMark mark(file);
   mark.tell(true, 100);

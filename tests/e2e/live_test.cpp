@@ -77,12 +77,15 @@ TEST(LiveTool, RecordsWhatItSeesAndDecides) {
 }
 
 TEST(LiveTool, EndsInOrderAndPutsTheRecordingInItsPlace) {
-  HostProcess running({kTool, "record", in("b.mcap"), "--play", kSlip});
-  CHECK(until([&] { return read_file(dir / ("b.mcap.tmp-" + std::to_string(running.pid()))).size() > 8; }));
-  running.send(SIGINT);
-  const Finished done = running.finish();
-  LONGS_EQUAL(0, done.status);
-  CHECK_TEXT(tool({"log", "info", in("b.mcap")}).status == 0, "a whole file");
+  for (const int signal : {SIGINT, SIGHUP}) {  // the second: its terminal is closed
+    HostProcess running({kTool, "record", in("b.mcap"), "--play", kSlip});
+    CHECK(until([&] { return read_file(dir / ("b.mcap.tmp-" + std::to_string(running.pid()))).size() > 8; }));
+    running.send(signal);
+    const Finished done = running.finish();
+    LONGS_EQUAL(0, done.status);
+    CHECK_TEXT(tool({"log", "info", in("b.mcap")}).status == 0, "a whole file");
+    std::filesystem::remove(dir / "b.mcap");
+  }
 }
 
 TEST(LiveTool, SaysWhatItCannotDo) {

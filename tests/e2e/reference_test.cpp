@@ -109,6 +109,15 @@ TEST(ReplayReference, AContactThatEndsIsLostUnlessSomebodyOpens) {
   const std::string opened = read_file(dir / "f.csv");
   LONGS_EQUAL(0, count(opened, "contact_lost"));
   CHECK(count(opened, "opening") > 0);
+  // Longer than opening_max_ms it ends by itself, as on the device: 400 ms are the frames 12 to 21.
+  std::ofstream(dir / "short.toml") << "opening_max_ms = 400\n";
+  const Finished held = run({"replay", in("e.mcap"), "--features", in("f.csv"), "--opening", "12-20", "--opening",
+                             "21-49", "--settings", in("short.toml")});
+  CHECK_TRUE(held.status == 0);
+  const std::string ended = read_file(dir / "f.csv");
+  LONGS_EQUAL(10, count(ended, "opening"));
+  LONGS_EQUAL(5, count(ended, "contact_lost"));
+  STRCMP_CONTAINS("--opening lasts longer than opening_max_ms (400 ms)", held.out.c_str());
   for (const char* wrong : {"x", "5", "9-5", "-1-4", "1-2-3", "1-"}) {
     const Finished done = run({"replay", in("e.mcap"), "--opening", wrong});
     CHECK_FALSE_TEXT(done.status == 0, wrong);

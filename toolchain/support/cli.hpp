@@ -30,8 +30,8 @@ struct Command {
 [[nodiscard]] int fail(const std::string& line);
 void note(const std::string& line);
 
-// After heed_interrupts() Ctrl-C ends a run between two frames, so that no temporary file stays behind; the second one
-// ends the program at once.
+// After heed_interrupts() Ctrl-C, SIGTERM or a closed terminal ends a run between two frames, so that no temporary file
+// stays behind; the second one ends the program at once.
 void heed_interrupts();
 [[nodiscard]] bool interrupted();
 [[nodiscard]] std::string interrupted_line();
