@@ -13,9 +13,11 @@
 #include <string_view>
 #include <vector>
 
+#include "params/params.hpp"
 #include "tests/fuzz/scene_check.hpp"
 #include "tests/support/folders.hpp"
 #include "tests/support/temp_dir.hpp"
+#include "vision/luma.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -385,6 +387,32 @@ TEST(SceneFile, ChecksSizes) {
   refused_edit("\"effects\": {}", R"("markers": {"rows": 16})", 12, {"too many markers", "144", "allowed 128"});
   refused_edit("\"effects\": {}", R"("effects": {"marker_missing": 64})", 12, {"than there are", "0 .. 63"});
   refused_edit("\"radius_mm\": 15", R"("shape": "disc", "radius_mm": 0.5)", 6, {"the rim is wider", "0 .. 0.5"});
+}
+
+// What no firmware plays is no good scene: its own limits are asked.
+TEST(SceneFile, ChecksTheFirmwaresLimits) {
+  for (const auto& [name, parameter] : {std::pair{"rows", "grid_rows"}, {"cols", "grid_cols"}}) {
+    const ParamInfo& limits = *find_param(parameter);
+    Json scene = bare();
+    for (const std::int32_t beyond : {limits.min - 1, limits.max + 1}) {
+      scene["markers"][name] = beyond;
+      refused(scene.dump(), 1,
+              {"('markers." + std::string(name) + "': " + std::to_string(beyond) + ")",
+               "allowed a whole number " + std::to_string(limits.min) + " .. " + std::to_string(limits.max)});
+    }
+    scene["markers"][name] = limits.min;
+    accepted(scene.dump());
+  }
+  const auto wide = [](const char* inject, int width) {
+    Json scene = bare();
+    scene["level"]["inject"] = inject;
+    scene["picture"]["width"] = width;
+    return scene.dump();
+  };
+  refused(wide("grey", kMaxLumaWidth + 1), 1,
+          {"('picture.width': 1641)", "allowed 64 .. 1640 px with inject \"grey\"", "or inject \"jpeg\""});
+  accepted(wide("grey", kMaxLumaWidth));
+  accepted(wide("jpeg", 3280));
 }
 
 TEST(SceneFile, RefusesKeysThatMeanNothing) {

@@ -5,6 +5,7 @@
 
 #include "drivers/sim/scene/file/scene_file.hpp"
 #include "drivers/sim/scene/file/words.hpp"
+#include "vision/luma.hpp"
 #include "vision/markers.hpp"
 
 namespace holdfast::scene::file {
@@ -89,6 +90,12 @@ class Checks {
     if (missing > count && read_.sound({"markers"})) {
       add("effects.marker_missing", "more dots are missing than there are", shown(missing), "0 .. " + shown(count),
           kTypo, "give a smaller number");
+    }
+    if (scene_.level.inject == Inject::kGrey && scene_.picture.width > kMaxLumaWidth &&
+        read_.sound({"level.inject", "picture.width"})) {
+      add("picture.width", "too large for the firmware's working picture", shown(scene_.picture.width),
+          "64 .. " + shown(kMaxLumaWidth) + R"( px with inject "grey")", "a width of inject \"jpeg\", which is reduced",
+          R"(give a smaller width, or inject "jpeg")");
     }
     const Object& object = scene_.object;
     const Shape& shape = object.shape;

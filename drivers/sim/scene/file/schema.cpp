@@ -257,8 +257,8 @@ constexpr auto kSceneFields = std::to_array<Field>({
     kThickness("gel.thickness_mm", "mm", 0.5, 1000, "of the layer, whose base does not move", unused<unless_layer>),
     kHalfSpace("gel.half_space", "a gel without end, instead of a thickness"),
 
-    of<&Scene::markers, &MarkerGrid::rows>("markers.rows", "", 2, 16, "of printed dots; rows x cols at most 128"),
-    of<&Scene::markers, &MarkerGrid::cols>("markers.cols", "", 2, 16, "of printed dots"),
+    of<&Scene::markers, &MarkerGrid::rows>("markers.rows", "", 3, 16, "of printed dots; rows x cols at most 128"),
+    of<&Scene::markers, &MarkerGrid::cols>("markers.cols", "", 3, 16, "of printed dots"),
     of<&Scene::markers, &MarkerGrid::pitch_mm>("markers.pitch_mm", "mm", 0.2, 20, "between dots"),
 
     object<&Object::name>("object.name", "", 1, 64, "for reports"),
