@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "drivers/common/ed25519.hpp"
+#include "drivers/common/input_file.hpp"
 #include "store/checkpoint.hpp"
 #include "store/models.hpp"
 #include "store/settings.hpp"
@@ -215,7 +216,8 @@ std::string read_settings(Settings& settings) {
 
 std::string read_code(const std::filesystem::path& path, std::string& code) {
   constexpr std::size_t kShortest = 6, kLongest = 64;
-  std::ifstream in(path);
+  std::ifstream in;
+  if (!drivers::open_file(path, in)) return "the code " + path.string() + " is no file";
   if (!in || !std::getline(in, code)) return "cannot read the code from " + path.string();
   while (!code.empty() && (code.back() == '\r' || code.back() == ' ')) code.pop_back();
   const bool plain = std::all_of(code.begin(), code.end(), [](char c) { return c > ' ' && c < 0x7F; });

@@ -5,6 +5,8 @@
 
 #include <fstream>
 
+#include "drivers/common/input_file.hpp"
+
 namespace holdfast::drivers {
 
 static_assert(crypto_sign_PUBLICKEYBYTES == Ed25519::kKeyBytes);
@@ -18,7 +20,8 @@ bool Ed25519::do_holds(std::span<const std::uint8_t> message,
 }
 
 std::string read_public_key(const std::filesystem::path& path, Ed25519::Key& key) {
-  std::ifstream in(path);
+  std::ifstream in;
+  if (!open_file(path, in)) return "the owner's key " + path.string() + " is no file";
   std::string line;
   if (!in || !std::getline(in, line)) return "cannot read the owner's key from " + path.string();
   while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();

@@ -24,7 +24,7 @@ class SystemCalls final : public FileCalls {
   [[nodiscard]] int open(const char* path, How how) override {
     const int flags = how == How::kReadWriteOrMake ? O_RDWR | O_CREAT
                       : how == How::kFolder        ? O_RDONLY | O_DIRECTORY
-                                                   : O_RDONLY;
+                                                   : O_RDONLY | O_NONBLOCK;
     return told([&] { return ::open(path, flags | O_CLOEXEC, 0600); });
   }
   void close(int fd) override { (void)::close(fd); }

@@ -20,6 +20,7 @@
 #include <system_error>
 #include <utility>
 
+#include "drivers/common/input_file.hpp"
 #include "drivers/sim/container.hpp"
 #include "drivers/sim/media.hpp"
 #include "vision/jpeg.hpp"
@@ -193,10 +194,9 @@ std::optional<Error> refuse_small(const fs::path& path, int width, int height) {
 // Reads an image as JPEG bytes or luma. `reduce` as in read_picture().
 std::optional<Error> load_image(const fs::path& path, int reduce, hal::PixelFormat jpeg_as, RecordedFrame& frame) {
   std::array<std::uint8_t, 3> head{};
-  std::ifstream file(path, std::ios::binary);
-  std::error_code ignored;
-  if (fs::is_directory(path, ignored)) {
-    return fail_line(path, "is a folder", "a picture was expected here", "give one image file");
+  std::ifstream file;
+  if (const std::string wrong = drivers::open_file(path, "give one image file", file); !wrong.empty()) {
+    return Error{wrong};
   }
   if (!file) {
     return fail_line(path, "cannot be read", "no such file, or no permission", "check the path");

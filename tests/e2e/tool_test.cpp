@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The program `holdfast` as a user meets it: right words and no files when something is wrong, right files when not.
 // Inputs are rendered grasps of known truth, written by OpenCV and libjpeg.
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -237,6 +238,69 @@ TEST(Tool, RefusesWhatIsNoRecording) {
 }
 
 // A tool that was copied without its module still plays what takes none.
+// To open a pipe waits for whoever writes into it: nobody does.
+TEST(Tool, WaitsForNoPipe) {
+  for (const char* name : {"pipe", "pipe.json"}) LONGS_EQUAL(0, ::mkfifo(in(name).c_str(), 0600));
+  const std::string pipe = in("pipe"), gel = in("gel.avi"),
+                    model = holdfast::test::source("toolchain/model/slip_v2.tree");
+  write_gel_video(dir / "gel.avi", "MJPG", 3);
+  write_file(dir / "robot.toml", "hold_ms = 444\n");
+  succeed({"settings", "compile", in("robot.toml"), "-o", in("robot.settings")});
+  write_file(dir / "labels.csv",
+             "clip,slip_start,slip_end,onset_recorded,silent_intervals,empty_intervals\ngel.avi,,,0,,\n");
+  for (const Words& arguments : {
+           Words{"replay", pipe},
+           {"replay", gel, "--right", pipe},
+           {"replay", gel, "--reference", pipe},
+           {"replay", gel, "--model", pipe},
+           {"replay", gel, "--settings", pipe},
+           {"sim", in("pipe.json")},
+           {"scene", "check", in("pipe.json")},
+           {"calibrate", pipe},
+           {"calibrate", in("pipe.json")},
+           {"calibrate", gel, "--reference", pipe},
+           {"evaluate", pipe, "--json", in("x")},
+           {"evaluate", "--recorded", pipe},
+           {"evaluate", "--recorded", in("labels.csv"), "--model", pipe},
+           {"dataset", "--recordings", pipe, "--out", in("x")},
+           {"train", pipe, "--set", "paper"},
+           {"fuse", pipe, "--markers", model, "--model", in("x")},
+           {"fuse", in("labels.csv"), "--markers", pipe, "--model", in("x")},
+           {"compile", pipe},
+           {"compile", model, "--check", "--header", pipe},
+           {"model", "seal", pipe, "-o", in("x")},
+           {"model", "show", pipe},
+           {"settings", "compile", pipe, "-o", in("x")},
+           {"settings", "compile", in("robot.toml"), "-o", in("x"), "--sign", pipe},
+           {"settings", "show", pipe},
+           {"settings", "show", in("robot.settings"), "--owner-key", pipe},
+           {"trials", "closing", "--model", pipe},
+           {"trade", "show", pipe},
+           {"trade", "firmware", "--films", "0", "--recordings", pipe},
+           {"log", "info", pipe},
+           {"log", "export", pipe, "--csv", in("x")},
+           {"live", "--play", pipe, "--port", "0"},
+           {"live", "--play", in("pipe.json"), "--port", "0"},
+           {"record", in("x"), "--play", pipe},
+       }) {
+    const std::string named = std::ranges::find(arguments, pipe) != arguments.end() ? pipe : in("pipe.json");
+    check_line(ask(arguments), joined(arguments), named, "pipe");
+    CHECK_FALSE_TEXT(fs::exists(dir / "x"), joined(arguments).c_str());
+  }
+}
+
+// A board goes on with what is compiled in; on the desk nothing starts.
+TEST(Tool, TheFirmwareWaitsForNoPipe) {
+  const std::string pipe = in("pipe");
+  LONGS_EQUAL(0, ::mkfifo(pipe.c_str(), 0600));
+  for (const char* option : {"--code-file", "--owner-key", "--play"}) {
+    const Finished done = test::run({holdfast::test::kFirmware, option, pipe});
+    CHECK_TEXT(done.in_time, option);
+    CHECK_TEXT(done.status > 0 && done.status < 128, (option + done.err).c_str());
+    STRCMP_CONTAINS_TEXT(pipe.c_str(), done.err.c_str(), option);
+  }
+}
+
 TEST(Tool, SaysWhatIsMissingForAPicture) {
   fs::copy_file(kTool, dir / "alone");
   write_frames(dir / "png", 1);
@@ -289,7 +353,7 @@ TEST(Tool, RefusesAReferenceThatIsNone) {
   }
   refuse("", "--reference", "empty");
   refuse(in("absent.png"), in("absent.png"), "no such file");
-  refuse(dir.path().string(), dir.path().string(), "is a folder");
+  refuse(dir.path().string(), dir.path().string(), "is no file");
   refuse(in("gel.avi"), in("gel.avi"), "not an image");
   const auto image = [&](const char* name, const cv::Mat& picture) {
     test::write_picture(in(name), picture);

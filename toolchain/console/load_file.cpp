@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "base/crc32.hpp"
+#include "drivers/common/input_file.hpp"
 #include "drivers/common/trouble.hpp"
 #include "store/models.hpp"
 #include "store/sealed.hpp"
@@ -38,7 +39,9 @@ std::vector<std::string> load_lines(std::span<const std::uint8_t> bytes) {
 }
 
 std::string load(Device& device, const std::string& path, std::vector<std::string>& report) {
-  std::ifstream in(path, std::ios::binary);
+  constexpr std::string_view kGive = "give what holdfast settings compile or holdfast model seal wrote";
+  std::ifstream in;
+  if (std::string wrong = drivers::open_file(path, kGive, in); !wrong.empty()) return wrong;
   std::vector<char> text(std::max(settings::kMostBytes, models::kMostBytes) + 1);
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(text.data()),
@@ -48,7 +51,7 @@ std::string load(Device& device, const std::string& path, std::vector<std::strin
   if (in.bad() || sealed::read(bytes, kind, nullptr, record) != sealed::Refusal::kNone ||
       record.bytes != bytes.size()) {
     return trouble(path + ": is nothing that a device loads", "no such file, a bad copy, or another one was meant",
-                   "give what holdfast settings compile or holdfast model seal wrote");
+                   kGive);
   }
   for (const std::string& line : load_lines(bytes)) {
     const Answer answer = device.say(line);

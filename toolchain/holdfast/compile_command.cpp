@@ -13,6 +13,7 @@
 #include <optional>
 #include <string>
 
+#include "drivers/common/input_file.hpp"
 #include "slip/model_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/support/atomic_file.hpp"
@@ -55,8 +56,9 @@ std::string collision(const CompileOptions& options) {
 }
 
 bool holds(const std::string& path, const std::string& bytes) {
-  std::ifstream in(path, std::ios::binary);
-  return in && std::equal(bytes.begin(), bytes.end(), std::istreambuf_iterator<char>(in), {});
+  std::ifstream in;
+  return drivers::open_file(path, in) && in &&
+         std::equal(bytes.begin(), bytes.end(), std::istreambuf_iterator<char>(in), {});
 }
 
 // Every byte is written before the first file appears. Empty, or an error line.

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "drivers/common/input_file.hpp"
 #include "drivers/common/trouble.hpp"
 #include "toolchain/console/device.hpp"
 #include "toolchain/console/find.hpp"
@@ -106,11 +107,12 @@ int report_of(const std::string& error, const std::vector<std::string>& report) 
 }
 
 std::string unlock_by(Device& device, const std::string& path) {
-  std::ifstream in(path);
+  constexpr std::string_view kGive = "give the file that holdfastd was given as --code-file";
+  std::ifstream in;
+  if (std::string wrong = drivers::open_file(path, kGive, in); !wrong.empty()) return wrong;
   std::string code;
   if (!in || !std::getline(in, code)) {
-    return trouble(path + ": the code cannot be read", "no such file, or no right to read it",
-                   "give the file that holdfastd was given as --code-file");
+    return trouble(path + ": the code cannot be read", "no such file, or no right to read it", kGive);
   }
   while (!code.empty() && (code.back() == '\r' || code.back() == ' ')) code.pop_back();
   const Answer answer = device.say("unlock " + code);

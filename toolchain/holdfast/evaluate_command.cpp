@@ -15,6 +15,7 @@
 #include <thread>
 #include <tuple>
 
+#include "drivers/common/input_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/evaluate_recorded.hpp"
 #include "toolchain/learn/evaluate.hpp"
@@ -76,14 +77,10 @@ using GraspKey = std::tuple<learn::Source, std::string, std::string, std::string
 
 // Appends one file's trials. Empty, or an error line.
 std::string load(const std::string& path, learn::Samples& all, std::map<GraspKey, std::string>& seen) {
-  std::ifstream in(path, std::ios::binary);
-  std::error_code ignored;
-  if (!in || fs::is_directory(path, ignored)) {
-    return fmt::format(
-        "{}: cannot be read. Likely cause: no such file, or no right to read it. Next: make samples with holdfast "
-        "dataset",
-        path);
-  }
+  constexpr std::string_view kMake = "make samples with holdfast dataset";
+  std::ifstream in;
+  if (std::string wrong = drivers::open_file(path, kMake, in); !wrong.empty()) return wrong;
+  if (!in) return trouble(path + ": cannot be read", "no such file, or no right to read it", kMake);
   learn::Samples some;
   if (auto error = learn::read_csv(in, path, some)) return *error;
   for (const learn::Trial& trial : some.trials) {

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/common/input_file.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/fuse.hpp"
 #include "toolchain/learn/samples.hpp"
@@ -74,14 +75,10 @@ int fuse(const FuseOptions& options) {
   if (const std::string error = read_model(options.markers, markers); !error.empty()) return fail(error);
   learn::Samples samples;
   for (const std::string& path : options.recordings) {
-    std::ifstream in(path, std::ios::binary);
-    std::error_code ignored;
-    if (!in || fs::is_directory(path, ignored)) {
-      return fail(fmt::format(
-          "{}: cannot be read. Likely cause: no such file, or no right to read it. Next: make samples with holdfast "
-          "dataset --recordings",
-          path));
-    }
+    constexpr std::string_view kMake = "make samples with holdfast dataset --recordings";
+    std::ifstream in;
+    if (const std::string wrong = drivers::open_file(path, kMake, in); !wrong.empty()) return fail(wrong);
+    if (!in) return fail(trouble(path + ": cannot be read", "no such file, or no right to read it", kMake));
     learn::Samples some;
     if (const auto error = learn::read_csv(in, path, some)) return fail(*error);
     learn::append(samples, std::move(some));

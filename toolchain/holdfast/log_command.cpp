@@ -29,8 +29,8 @@ double seconds(std::uint64_t ns) {
 
 std::string unreadable(const std::string& path) {
   return fmt::format(
-      "{}: cannot be read. Likely cause: no such file, an empty one, or no right to read it. Next: give what --mcap "
-      "wrote",
+      "{}: cannot be read. Likely cause: no such file, an empty one, a folder, a pipe, or no right to read it. Next: "
+      "give what --mcap wrote",
       path);
 }
 

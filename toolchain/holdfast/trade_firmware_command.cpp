@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "drivers/common/input_file.hpp"
 #include "drivers/sim/scene/math/random.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/dataset.hpp"
@@ -122,25 +123,18 @@ int trade_show(const TradeShowOptions& options) {
   if (!outputs.error().empty()) return fail(outputs.error());
   std::vector<trade::Line> lines;
   for (const std::string& path : options.tables) {
-    std::ifstream in(path, std::ios::binary);
-    std::error_code ignored;
-    if (!in || std::filesystem::is_directory(path, ignored)) {
-      return fail(fmt::format(
-          "{}: cannot be read. Likely cause: no such file, a folder, or no right to read it. Next: give what holdfast "
-          "trade firmware --csv wrote",
-          path));
-    }
+    constexpr std::string_view kGive = "give what holdfast trade firmware --csv wrote";
+    std::ifstream in;
+    if (const std::string wrong = drivers::open_file(path, kGive, in); !wrong.empty()) return fail(wrong);
+    if (!in) return fail(trouble(path + ": cannot be read", "no such file, or no right to read it", kGive));
     if (const auto error = trade::read_csv(in, path, lines)) return fail(*error);
   }
   if (const auto error = trade::put_together(lines)) return fail(*error);
   if (!options.counts.empty()) {
-    std::ifstream in(options.counts);
-    if (!in) {
-      return fail(fmt::format(
-          "{}: cannot be read. Likely cause: no such file, or no right to read it. Next: count the instructions with "
-          "tests/bench/count_settings.sh",
-          options.counts));
-    }
+    constexpr std::string_view kCount = "count the instructions with tests/bench/count_settings.sh";
+    std::ifstream in;
+    if (const std::string wrong = drivers::open_file(options.counts, kCount, in); !wrong.empty()) return fail(wrong);
+    if (!in) return fail(trouble(options.counts + ": cannot be read", "no such file, or no right to read it", kCount));
     if (const auto error = trade::read_counts(in, options.counts, lines)) return fail(*error);
   }
   return put_out(lines, true, outputs);

@@ -25,6 +25,7 @@
 
 #include "base/crc32.hpp"
 #include "base/math.hpp"
+#include "drivers/common/input_file.hpp"
 #include "slip/decision.hpp"
 #include "slip/model.hpp"
 #include "toolchain/holdfast/commands.hpp"
@@ -80,9 +81,10 @@ struct Data {
 
 Error read(const std::vector<std::string>& paths, Data& data) {
   for (const std::string& path : paths) {
-    std::ifstream in(path, std::ios::binary);
-    std::error_code ignored;
-    if (std::filesystem::is_directory(path, ignored)) in.setstate(std::ios::badbit);
+    std::ifstream in;
+    if (std::string wrong = drivers::open_file(path, "make samples with holdfast dataset", in); !wrong.empty()) {
+      return wrong;
+    }
     std::string bytes;
     if (in) bytes.assign(std::istreambuf_iterator<char>(in), {});
     std::istringstream text(bytes);

@@ -8,6 +8,7 @@
 #include <system_error>
 #include <utility>
 
+#include "drivers/common/input_file.hpp"
 #include "toolchain/learn/number_text.hpp"
 
 namespace holdfast::learn {
@@ -171,12 +172,15 @@ std::string label_error(const ClipLabels& clip, std::string_view what, std::stri
 }
 
 std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLabels>& clips) {
-  std::error_code ignored;
-  std::ifstream in(file, std::ios::binary);
-  if (!in || fs::is_directory(file, ignored)) {
+  std::ifstream in;
+  if (std::string wrong = drivers::open_file(file, "give the labels.csv that lies beside the clips", in);
+      !wrong.empty()) {
+    return wrong;
+  }
+  if (!in) {
     return fmt::format(
-        "{}: cannot be read as a label file. Likely cause: no such file, a folder, or no right to read it. Next: give "
-        "the labels.csv that lies beside the clips",
+        "{}: cannot be read as a label file. Likely cause: no such file, or no right to read it. Next: give the "
+        "labels.csv that lies beside the clips",
         file.string());
   }
   std::vector<std::string> header;

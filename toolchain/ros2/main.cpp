@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/common/input_file.hpp"
 #include "drivers/common/trouble.hpp"
 #include "toolchain/console/port.hpp"
 #include "toolchain/console/signals.hpp"
@@ -210,7 +211,11 @@ int bridge(Dds& dds, const Options& options, Signals& signals) {
 
 // In the time of the recording, with stamps of now.
 int play(Dds& dds, const Options& options, Signals& signals) {
-  std::ifstream in(options.mcap, std::ios::binary);
+  std::ifstream in;
+  if (const std::string wrong = drivers::open_file(options.mcap, "give what holdfast replay --mcap wrote", in);
+      !wrong.empty()) {
+    return tool::fail(wrong);
+  }
   const std::vector<std::uint8_t> bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
   const auto write = [&](auto message) {
     if (!message) return false;

@@ -14,6 +14,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "drivers/common/input_file.hpp"
 #include "store/sealed.hpp"
 
 namespace holdfast::tool {
@@ -47,7 +48,9 @@ OwnerKey::~OwnerKey() {
 }
 
 std::string OwnerKey::read(const std::string& path) {
-  std::ifstream in(path);
+  constexpr std::string_view kGive = "give the owner.key that holdfast settings keygen made";
+  std::ifstream in;
+  if (std::string wrong = drivers::open_file(path, kGive, in); !wrong.empty()) return wrong;
   Line line{};
   in.read(line.data(), line.size());
   Seed seed{};
@@ -65,9 +68,7 @@ std::string OwnerKey::read(const std::string& path) {
   sodium_memzero(line.data(), line.size());
   sodium_memzero(seed.data(), seed.size());
   if (good) return {};
-  return path +
-         ": is no key to sign with. Likely cause: no such file, no right to read it, or another one. Next: give the "
-         "owner.key that holdfast settings keygen made";
+  return trouble(path + ": is no key to sign with", "no such file, no right to read it, or another one", kGive);
 }
 
 void OwnerKey::sign(std::span<std::uint8_t> record) const {

@@ -10,6 +10,7 @@
 #include <memory>
 
 #include "drivers/common/ed25519.hpp"
+#include "drivers/common/input_file.hpp"
 #include "drivers/common/trouble.hpp"
 #include "toolchain/sealed/owner_key.hpp"
 #include "toolchain/support/atomic_file.hpp"
@@ -35,7 +36,8 @@ void add_seal_options(CLI::App& command, SealOptions& options) {
 }
 
 std::string read_small_file(const std::string& path, const char* what, const char* wanted, std::string& bytes) {
-  std::ifstream in(path, std::ios::binary);
+  std::ifstream in;
+  if (std::string wrong = drivers::open_file(path, fmt::format("give {}", wanted), in); !wrong.empty()) return wrong;
   bytes.resize(kMostText);
   in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   bytes.resize(static_cast<std::size_t>(std::max<std::streamsize>(in.gcount(), 0)));

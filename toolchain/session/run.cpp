@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/math.hpp"
+#include "drivers/common/input_file.hpp"
 #include "params/modes.hpp"
 #include "slip/model_file.hpp"
 #include "toolchain/learn/calibrate.hpp"
@@ -55,9 +56,12 @@ std::string parse_grid(const std::string& text, Params& params, bool& auto_grid)
 constexpr std::streamsize kMostModelBytes = 1 << 20;
 
 std::string read_model_file(const std::string& path, std::string& bytes) {
-  std::ifstream in(path, std::ios::binary);
-  std::error_code ignored;
-  if (in && !std::filesystem::is_directory(path, ignored)) {
+  std::ifstream in;
+  if (std::string wrong = drivers::open_file(path, "give a model text or what holdfast compile --binary wrote", in);
+      !wrong.empty()) {
+    return wrong;
+  }
+  if (in) {
     bytes.resize(kMostModelBytes);
     in.read(bytes.data(), kMostModelBytes);
     bytes.resize(static_cast<std::size_t>(in.gcount()));

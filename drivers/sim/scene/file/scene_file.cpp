@@ -6,6 +6,7 @@
 #include <cstring>
 #include <fstream>
 
+#include "drivers/common/input_file.hpp"
 #include "drivers/sim/scene/file/checks.hpp"
 #include "drivers/sim/scene/file/schema.hpp"
 #include "drivers/sim/scene/file/words.hpp"
@@ -132,12 +133,13 @@ SceneResult read_scene_file(const std::filesystem::path& path) {
                             ". Next: " + next);
     return result;
   };
-  std::error_code status;
-  if (std::filesystem::exists(path, status) && !std::filesystem::is_regular_file(path, status)) {
-    return refused("is no file", "a folder or a device was given", "give a scene file (tests/scenes)");
-  }
   errno = 0;
-  std::ifstream file(path, std::ios::binary);
+  std::ifstream file;
+  if (const std::string wrong = drivers::open_file(path, "give a scene file (tests/scenes)", file); !wrong.empty()) {
+    SceneResult result;
+    result.errors.push_back(json::shown_file(wrong));
+    return result;
+  }
   if (!file) return refused("cannot be read", std::strerror(errno), "check the name and its permissions");
   std::string text(kMostSceneBytes + 1, '\0');
   file.read(text.data(), static_cast<std::streamsize>(text.size()));
