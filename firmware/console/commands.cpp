@@ -1040,8 +1040,13 @@ Answer tell(Console& console, const Words& words, std::int32_t /*step*/) {
     if (words.count == 3 && !is_number(words[2], argument)) return error(Error::kArguments);
     const auto result = console.daemon().obey({.command = row.command, .argument = argument});
     if (result == command_frame::Outcome::kDone) return kDone;
-    console.detail() << command_frame::kResults[static_cast<std::size_t>(result)].meaning;
-    return error(result == command_frame::Outcome::kArgument ? Error::kArguments : Error::kRefused);
+    const command_frame::ResultInfo& why = command_frame::kResults[static_cast<std::size_t>(result)];
+    if (result == command_frame::Outcome::kArgument) {
+      console.detail() << why.meaning;
+      return error(Error::kArguments);
+    }
+    console.explain({why.meaning, why.cause, why.next});
+    return error(Error::kRefused);
   }
   return error(Error::kArguments);
 }

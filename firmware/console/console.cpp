@@ -274,7 +274,7 @@ void Console::take_text() {
 void Console::end_line(LineEditor::Event event) {
   at_prompt_ = false;
   detail_.clear();
-  why_ = nullptr;
+  why_ = {};
   if (event == LineEditor::Event::kTooLong) return fail(Error::kTooLong);
   if (event == LineEditor::Event::kDamaged) return fail(Error::kDamaged);
   begin(editor_.line());
@@ -326,6 +326,7 @@ void Console::finish(Answer answer) {
 
 void Console::fail(Error error) {
   const ErrorInfo& row = info(error);
+  const Why why = why_.what.empty() ? Why{row.what, row.cause, row.next} : why_;
   out_.put("ERR ");
   out_.integer(static_cast<std::int64_t>(error));
   out_.put(" ");
@@ -335,11 +336,11 @@ void Console::fail(Error error) {
     out_.put(detail_.view());
     out_.put(": ");
   }
-  out_.put(why_ == nullptr ? row.what : why_->what);
+  out_.put(why.what);
   out_.put(". Likely cause: ");
-  out_.put(why_ == nullptr ? row.cause : why_->cause);
+  out_.put(why.cause);
   out_.put(". Next: ");
-  out_.put(why_ == nullptr ? row.next : why_->next);
+  out_.put(why.next);
   out_.put("\r\n");
 }
 
@@ -588,13 +589,9 @@ Error Console::store_loaded() {
   if (loading_.kind() == sealed::Kind::kSettings) return begun(settings_, settings_.put(record, settings::fits));
   const SlotStore::Put put = models_.put(record, models::good);
   if (put != SlotStore::Put::kNotGood) return begun(models_, put);
-  return explain(
-      model_file::info(models::refusal_of(record.subspan(sealed::kPayloadAt, record.size() - sealed::kAround))));
-}
-
-// Why a model is none for this firmware, in the words of who looked at it.
-Error Console::explain(const model_file::RefusalInfo& why) {
-  why_ = &why;
+  const model_file::RefusalInfo& why =
+      model_file::info(models::refusal_of(record.subspan(sealed::kPayloadAt, record.size() - sealed::kAround)));
+  explain({why.what, why.cause, why.next});
   return Error::kNotThisModel;
 }
 

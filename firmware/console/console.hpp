@@ -121,6 +121,11 @@ class Console {
   [[nodiscard]] Micros started() const { return started_; }
   // More about the error that the command returns.
   [[nodiscard]] Text<200>& detail() { return detail_; }
+  // In place of an error's own words.
+  struct Why {
+    std::string_view what, cause, next;
+  };
+  void explain(const Why& why) { why_ = why; }
   [[nodiscard]] const Params& params() const { return params_; }
   [[nodiscard]] Error change(const Params& params);
   // The parameters, what `load` put together, and that the compiled-in tree is to decide: kNone when the writing has
@@ -178,7 +183,6 @@ class Console {
   void hold(supervisor::Source source, bool lost);
   [[nodiscard]] Error store_own(SlotStore& slots, std::span<std::uint8_t> record, std::size_t payload);
   [[nodiscard]] Error begun(SlotStore& slots, SlotStore::Put put);
-  [[nodiscard]] Error explain(const model_file::RefusalInfo& why);
   [[nodiscard]] bool idle() const { return running_ == nullptr; }
 
   hal::Serial& port_;
@@ -202,7 +206,7 @@ class Console {
   Words words_;
   std::int32_t step_ = 0;
   Text<200> detail_;
-  const model_file::RefusalInfo* why_ = nullptr;  // in place of the error's own words
+  Why why_;  // empty: the error's own words
 
   Params params_{};
   SlotStore settings_;

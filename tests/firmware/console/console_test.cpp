@@ -1301,6 +1301,9 @@ TEST(Console, SpeaksForTheRobot) {
   CHECK_FALSE(desk.daemon->is_opening());
   check_ok("tell arm");
   check_error("tell grip 1", Error::kRefused);  // no gripper
+  // In the words of the result, not in those of every refusal.
+  check_says("tell grip 1", "no gripper is set up. Likely cause: the parameter `gripper` is 0. Next: set it");
+  check_error("tell nonsense", Error::kArguments);  // and nothing of it in the next answer
   check_error("tell arm 7", Error::kArguments);
   check_error("tell arm x", Error::kArguments);
   check_error("tell nonsense", Error::kArguments);
