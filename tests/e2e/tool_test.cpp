@@ -399,7 +399,7 @@ TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
     refused({"replay", in("gel"), "--model", path}, path, said);
   };
   refuse(in("absent.tree"), "no such file");
-  refuse(in("gel"), "cannot be read as a model");
+  refuse(in("gel"), "is no file. Likely cause: a folder,");
   write_file(dir / "m.tree", "");
   refuse(in("m.tree"), "has 0 bytes");
   write_file(dir / "m.tree", model.substr(0, model.size() - 20));
@@ -607,7 +607,35 @@ TEST(Tool, ATableCanGoToStandardOutput) {
   const Finished full = test::run(
       {"sh", "-c", "exec \"$@\" > /dev/full", "sh", kTool, "sim", quick, "--inject", "markers", "--features", "-"});
   LONGS_EQUAL(1, full.status);
-  STRCMP_CONTAINS("could not be written to its end", full.err.c_str());
+  check_line(full, "sim --features -", "-", "could not be written to its end");
+}
+
+// Help, tables and summaries alike, be they larger than a buffer or not.
+TEST(Tool, SaysThatStandardOutputIsFull) {
+  for (const Words& arguments : {
+           Words{"--version"},
+           {"replay", "--help"},
+           {"scene", "list", holdfast::test::source("tests/scenes")},
+           {"scene", "describe", kScene},
+           {"trade", "settings"},
+           {"trials", "closing", "--scene", "1"},
+       }) {
+    Words command{"sh", "-c", "exec \"$@\" > /dev/full", "sh", kTool};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    const Finished full = test::run(command);
+    LONGS_EQUAL_TEXT(1, full.status, joined(arguments).c_str());
+    check_line(full, joined(arguments), "standard output", "Next: free some space");
+  }
+  const Finished both = test::run({"sh", "-c", "exec \"$@\" > /dev/full 2>&1", "sh", kTool, "replay", "--help"});
+  LONGS_EQUAL(1, both.status);
+}
+
+TEST(Tool, SaysThatNoFrameCame) {
+  write_file(dir / "off.json",
+             R"({"schema_version": 1, "name": "off", "duration_s": 1, "level": {"inject": "grey"},)"
+             R"( "trajectory": [{"t_s": 0}], "faults": [{"t_s": 0, "fault": "off", "frames": 100}]})");
+  refused({"sim", in("off.json")}, "scene off: no frame came",
+          "keep the camera off the whole time. Next: let 'faults'");
 }
 
 TEST(Tool, FeaturesHaveARowForEachFrame) {

@@ -231,7 +231,7 @@ int run(int argc, char** argv, const char* version) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return error.get_exit_code() == 0 ? app.exit(error) : fail(usage_error(app, error));
+    return error.get_exit_code() == 0 ? printed(app.exit(error)) : fail(usage_error(app, error));
   }
   heed_interrupts();
   int status = 0;
@@ -259,8 +259,7 @@ int run(int argc, char** argv, const char* version) {
   } else {
     status = trade_sim(trade_options);
   }
-  if (std::fflush(stdout) == 0) return status;
-  return fail("the summary could not be printed. Likely cause: the disk behind stdout is full. Next: free some space");
+  return printed(status);
 }
 
 }  // namespace
@@ -271,6 +270,7 @@ int command_line(int argc, char** argv, const char* version) {
   } catch (const sim::MediaMissing& error) {
     return fail(error.what());
   } catch (const std::exception& error) {
+    if (std::ferror(stdout) != 0) return printed(1);  // fmt throws where a text is larger than the buffer
     return fail(std::string(error.what()) + ". Likely cause: out of memory, or a fault of the tool. Next: report it");
   }
 }

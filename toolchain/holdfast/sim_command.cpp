@@ -173,8 +173,9 @@ int sim_grasp(const SimOptions& options) {
 
   const Summary summary = session.summary();
   if (summary.accepted == 0) {
-    return fail(fmt::format("scene {}: none of {} frames could be used: {}", scene.name, summary.frames,
-                            explain(summary.last_rejection, session.app())));
+    return fail(fmt::format("scene {}: {}", scene.name,
+                            explain_none(summary, session.app(), "its faults keep the camera off the whole time",
+                                         "let 'faults' end sooner, or make 'duration_s' longer")));
   }
   std::string left_out;
   for (const std::string_view what : scene::omissions(scene.level.contact)) {

@@ -209,8 +209,9 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
 
   const Summary summary = session.summary();
   if (summary.accepted == 0) {
-    return fmt::format("{}: none of {} frames could be used: {}", options.input, summary.frames,
-                       explain(summary.last_rejection, session.app()));
+    return fmt::format("{}: {}", options.input,
+                       explain_none(summary, session.app(), "the recording breaks off before its first whole frame",
+                                    "play it in a video player; record it again"));
   }
   return conclude(session, about);
 }

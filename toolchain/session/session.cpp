@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/math.hpp"
+#include "drivers/common/trouble.hpp"
 #include "drivers/sim/media.hpp"
 #include "params/modes.hpp"
 #include "toolchain/log/csv_log.hpp"
@@ -92,6 +93,11 @@ std::string explain(Reason reason, const App& app) {
     what += fmt::format(" (found {})", app.state().tracker.dots.count);
   }
   return fmt::format("{}. Likely cause: {}. Next: {}", what, row.cause, row.next);
+}
+
+std::string explain_none(const Summary& summary, const App& app, std::string_view cause, std::string_view next) {
+  if (summary.frames == 0) return trouble("no frame came", cause, next);
+  return fmt::format("none of {} frames could be used: {}", summary.frames, explain(summary.last_rejection, app));
 }
 
 Session::Session(SessionInfo info, OutputPaths paths)

@@ -176,6 +176,10 @@ class Session {
 // "what: cause; next" of the firmware's table, for messages. `found`: lattice seen, for grid reasons.
 [[nodiscard]] std::string explain(Reason reason, const App& app);
 
+// Why no frame was accepted; `cause` and `next` are for a session in which none came at all.
+[[nodiscard]] std::string explain_none(const Summary& summary, const App& app, std::string_view cause,
+                                       std::string_view next);
+
 // "OK", "9x7", ...
 [[nodiscard]] std::string grid_text(GridSize grid);
 

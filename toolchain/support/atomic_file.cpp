@@ -66,6 +66,7 @@ std::string AtomicFile::commit() {
     const std::string text = printed_->str();
     if (std::fwrite(text.data(), 1, text.size(), stdout) == text.size() && std::fflush(stdout) == 0) return {};
     fail("could not be written to its end", "who reads it went away, or the disk is full", "look at what reads it");
+    std::clearerr(stdout);  // said here, and not again at the command's end
     return error_;
   }
   stream_.close();

@@ -45,7 +45,14 @@ std::string not_empty(const std::string& text) {
 }
 
 void note(const std::string& line) {
-  fmt::print(stderr, "holdfast: {}\n", printable(line));
+  // Not fmt's: it throws where stderr is full, and what should be said of that is lost anyway.
+  (void)std::fputs(fmt::format("holdfast: {}\n", printable(line)).c_str(), stderr);
+}
+
+int printed(int status) {
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
+  return fail(trouble("standard output could not be written to its end", "the disk behind it is full",
+                      "free some space and run again"));
 }
 
 int fail(const std::string& line) {

@@ -30,6 +30,9 @@ struct Command {
 [[nodiscard]] int fail(const std::string& line);
 void note(const std::string& line);
 
+// `status`, if all that was printed came out; else fail(). For the end of a command, whatever it printed with.
+[[nodiscard]] int printed(int status);
+
 // After heed_interrupts() Ctrl-C, SIGTERM or a closed terminal ends a run between two frames, so that no temporary file
 // stays behind; the second one ends the program at once.
 void heed_interrupts();
