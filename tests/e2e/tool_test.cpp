@@ -237,7 +237,6 @@ TEST(Tool, RefusesWhatIsNoRecording) {
   refused({"replay", in("secret/0.png")}, in("secret/0.png"), "ermission");
 }
 
-// A tool that was copied without its module still plays what takes none.
 // To open a pipe waits for whoever writes into it: nobody does.
 TEST(Tool, WaitsForNoPipe) {
   for (const char* name : {"pipe", "pipe.json"}) LONGS_EQUAL(0, ::mkfifo(in(name).c_str(), 0600));
@@ -301,6 +300,7 @@ TEST(Tool, TheFirmwareWaitsForNoPipe) {
   }
 }
 
+// A tool that was copied without its module still plays what takes none.
 TEST(Tool, SaysWhatIsMissingForAPicture) {
   fs::copy_file(kTool, dir / "alone");
   write_frames(dir / "png", 1);
@@ -353,7 +353,7 @@ TEST(Tool, RefusesAReferenceThatIsNone) {
   }
   refuse("", "--reference", "empty");
   refuse(in("absent.png"), in("absent.png"), "no such file");
-  refuse(dir.path().string(), dir.path().string(), "is no file");
+  refuse(dir.path().string(), dir.path().string(), "is no file. Likely cause: a folder,");
   refuse(in("gel.avi"), in("gel.avi"), "not an image");
   const auto image = [&](const char* name, const cv::Mat& picture) {
     test::write_picture(in(name), picture);
