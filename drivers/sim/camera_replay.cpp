@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "drivers/sim/camera_replay.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace holdfast::sim {
@@ -15,6 +17,9 @@ CameraReplay::CameraReplay(Recording recording, Clock& clock) : recording_(std::
 
 bool CameraReplay::do_start() {
   start_ = clock_.now();
+  newest_.reset();
+  given_at_ = start_;
+  nominal_ = period_ = std::chrono::microseconds{std::llround(1e6 / recording_.info().time_base_fps)};
   pending_ = false;
   return !std::exchange(played_, true) || recording_.rewind();
 }
@@ -24,17 +29,22 @@ hal::Capture CameraReplay::do_next(hal::Frame& frame, std::chrono::microseconds 
     if (recording_.next(frame_) != Read::kFrame) return hal::Capture::kGone;
     pending_ = true;
   }
-  const std::chrono::microseconds due = start_ + frame_.time;
-  if (due - clock_.now() < kLongestGap) {
-    if (due > clock_.now() + timeout) {
-      clock_.advance(timeout);
-      return hal::Capture::kTimeout;
-    }
-    clock_.advance_to(due);
+  const std::chrono::microseconds stamp = start_ + frame_.time;
+  const bool forward = (!newest_ || stamp > *newest_) && stamp - clock_.now() < kLongestGap;
+  const std::chrono::microseconds due = forward ? stamp : given_at_ + period_;
+  if (due > clock_.now() + timeout) {
+    clock_.advance(timeout);
+    return hal::Capture::kTimeout;
+  }
+  clock_.advance_to(due);
+  given_at_ = clock_.now();
+  if (forward) {
+    if (newest_) period_ = std::min(nominal_, stamp - *newest_);
+    newest_ = stamp;
   }
   pending_ = false;
   frame = as_frame(frame_);
-  frame.timestamp = due;
+  frame.timestamp = stamp;
   return hal::Capture::kFrame;
 }
 

@@ -331,9 +331,15 @@ class PictureSource final : public Recording::Source {
   Read skip() override { return position_ < pictures_->size() ? (++position_, Read::kFrame) : Read::kEnd; }
   [[nodiscard]] long frames() const override { return static_cast<long>(pictures_->size()); }
   [[nodiscard]] double fps() const override {
-    if (pictures_->size() < 2) return 0;
-    return static_cast<double>(pictures_->size() - 1) * 1e6 /
-           static_cast<double>((pictures_->back().time - pictures_->front().time).count());
+    std::vector<Micros> steps;  // forward; the median of them, since one gap or another clock's stamp says nothing
+    for (std::size_t i = 1; i < pictures_->size(); ++i) {
+      const Micros step = (*pictures_)[i].time - (*pictures_)[i - 1].time;
+      if (step > Micros{0}) steps.push_back(step);
+    }
+    if (steps.empty()) return 0;
+    const auto middle = steps.begin() + std::ssize(steps) / 2;
+    std::ranges::nth_element(steps, middle);
+    return 1e6 / static_cast<double>(middle->count());
   }
 
  private:

@@ -122,7 +122,7 @@ inline constexpr std::array<ReasonInfo, 50> kReasons{{
     {Reason::kMarkersLost, "markers_lost", "too many markers are lost", "gel torn or dirty, or object off the gel",
      "release, clean the gel, and learn the reference again"},
     {Reason::kPictureTooSmall, "picture_too_small", "the picture is too small to hold the markers",
-     "not a GelSight recording, or scaled down too far", "use a picture of at least 64x48 pixels"},
+     "not a GelSight recording, or scaled down too far", "use a picture of at least 320x240 pixels"},
     {Reason::kPictureTooLarge, "picture_too_large", "the picture is larger than the fixed memory",
      "a faster mode is needed for this camera", "use mode fast or balanced"},
     {Reason::kDotsOverflow, "dots_overflow", "too many blobs in the picture",

@@ -99,6 +99,18 @@ TEST(Hand, ReplaysTwoRecordings) {
   STRCMP_EQUAL("", hand.rows[1][hand.column("right_age_ms")].c_str());
   STRCMP_EQUAL("0", hand.rows[1][hand.column("grip_ok")].c_str());
   STRCMP_EQUAL("1", hand.rows[2][hand.column("grip_ok")].c_str());
+
+  // The last place where the recordings meet, and one frame further, on either side.
+  const auto placed = [&](int offset) {
+    return replay({left, "--reference", "first", "--right", right, "--right-reference", "first", "--offset",
+                   std::to_string(offset)});
+  };
+  for (const int offset : {-(frames - 1), frames - 3}) LONGS_EQUAL(0, placed(offset).status);
+  for (const int offset : {-frames, frames - 2}) {
+    const test::Finished apart = placed(offset);
+    LONGS_EQUAL(1, apart.status);
+    CHECK_TEXT(apart.err.find("no frame in common") != std::string::npos, apart.err.c_str());
+  }
 }
 
 TEST(Hand, TellsWhatIsMissing) {

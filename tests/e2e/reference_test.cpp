@@ -118,6 +118,10 @@ TEST(ReplayReference, AContactThatEndsIsLostUnlessSomebodyOpens) {
   LONGS_EQUAL(10, count(ended, "opening"));
   LONGS_EQUAL(5, count(ended, "contact_lost"));
   STRCMP_CONTAINS("--opening lasts longer than opening_max_ms (400 ms)", held.out.c_str());
+  const Finished behind = run({"replay", in("e.mcap"), "--opening", "50-60", "--opening", "51-60"});
+  CHECK_TRUE(behind.status == 0);
+  STRCMP_CONTAINS("--opening 51-60 lies behind the last frame, 50", behind.out.c_str());
+  CHECK(behind.out.find("--opening 50-60") == std::string::npos);
   for (const char* wrong : {"x", "5", "9-5", "-1-4", "1-2-3", "1-"}) {
     const Finished done = run({"replay", in("e.mcap"), "--opening", wrong});
     CHECK_FALSE_TEXT(done.status == 0, wrong);

@@ -84,6 +84,17 @@ TEST(ReplayTime, StampsThatDoNotMoveForwardAreRejected) {
   for (std::size_t i = 0; i < expected.size(); ++i) CHECK(told[i].quality == expected[i]);
 }
 
+// Of stamps that never are of use again time goes on, and the device says so as of a camera that is silent.
+TEST(ReplayTime, StampsOfAnotherClockToTheEndAreAFault) {
+  for (const Micros base : {Micros{2h}, Micros{-2h}, Micros{80ms}}) {
+    const Micros step = base == 80ms ? 0ms : 40ms;  // the last one stands still
+    const std::vector<Told> told = told_of(
+        {0ms, 40ms, 80ms, base, base + step, base + 2 * step, base + 3 * step, base + 4 * step, base + 5 * step});
+    CHECK(told[2].state == DeviceState::kOk);
+    CHECK(told.back().state == DeviceState::kFault);
+  }
+}
+
 TEST(ReplayTime, AGapIsTimeInWhichNoFrameCame) {
   const std::vector<Told> told = told_of({0ms, 40ms, 80ms, 480ms, 520ms});
   // 80 ms and the frame at 480: steps of 100 ms without a frame. Silent for more than 150 ms: FAULT.

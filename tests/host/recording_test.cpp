@@ -592,13 +592,14 @@ TEST(CameraReplay, TimesOutInVirtualTimeWhenTheNextFrameIsFar) {
   LONGS_EQUAL(1, camera.current().index);
 }
 
-// As a live camera whose driver stamps wrongly: the frame comes now, and says another time.
-TEST(CameraReplay, AStampOfAnotherTimeComesAtOnce) {
-  const std::vector<std::chrono::microseconds> times{0s, 40ms, 20ms, 5h, -3h, 80ms};
+// As a live camera whose driver stamps wrongly: the frame comes a frame's time later, and says another time.
+TEST(CameraReplay, AStampOfAnotherTimeComesWhenAFrameIsDue) {
+  const std::vector<std::chrono::microseconds> times{0s, 40ms, 20ms, 5h, -3h, 80ms, 80ms, 200ms};
   sim::CameraReplay camera(stamped(dir / "log", times), clock);
   clock.advance_to(5s);
   CHECK(camera.start());
-  const std::vector<std::chrono::microseconds> now{5s, 5s + 40ms, 5s + 40ms, 5s + 40ms, 5s + 40ms, 5s + 80ms};
+  const std::vector<std::chrono::microseconds> now{5s,         5s + 40ms,  5s + 80ms,  5s + 120ms,
+                                                   5s + 160ms, 5s + 160ms, 5s + 200ms, 5s + 200ms};
   for (std::size_t i = 0; i < times.size(); ++i) {
     hal::Frame frame;
     CHECK(camera.next(frame, 100ms) == hal::Capture::kFrame);

@@ -52,7 +52,7 @@ export const WIRE = {
     {"number":34,"name":"grid_mismatch","what":"the lattice found has another size than configured","cause":"wrong --grid, or rows cut off by the picture's edge","next":"give the printed grid as COLSxROWS, or --grid auto"},
     {"number":35,"name":"grid_ambiguous","what":"the lattice is larger than configured","cause":"the gel has more rows or columns than --grid says","next":"give the printed grid as COLSxROWS, or --grid auto"},
     {"number":36,"name":"markers_lost","what":"too many markers are lost","cause":"gel torn or dirty, or object off the gel","next":"release, clean the gel, and learn the reference again"},
-    {"number":37,"name":"picture_too_small","what":"the picture is too small to hold the markers","cause":"not a GelSight recording, or scaled down too far","next":"use a picture of at least 64x48 pixels"},
+    {"number":37,"name":"picture_too_small","what":"the picture is too small to hold the markers","cause":"not a GelSight recording, or scaled down too far","next":"use a picture of at least 320x240 pixels"},
     {"number":38,"name":"picture_too_large","what":"the picture is larger than the fixed memory","cause":"a faster mode is needed for this camera","next":"use mode fast or balanced"},
     {"number":39,"name":"dots_overflow","what":"too many blobs in the picture","cause":"heavy noise, dirt, or a texture instead of a gel","next":"clean the gel; check exposure and gain"},
     {"number":40,"name":"exposure","what":"the picture is too dark or too bright","cause":"light off, lens covered, or exposure and gain not as set","next":"check the sensor's light; set manual exposure"},

@@ -95,6 +95,10 @@ struct Right {
   int offset = 0;
 };
 
+bool overlap(long left_frames, const Right& right) {
+  return right.offset < std::ssize(right.track.frames) && -right.offset < left_frames;
+}
+
 std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Conclude& conclude,
                 const Right* right = nullptr) {
   SessionInfo info{};
@@ -213,6 +217,17 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
                        explain_none(summary, session.app(), "the recording breaks off before its first whole frame",
                                     "play it in a video player; record it again"));
   }
+  if (right != nullptr && !overlap(summary.frames, *right)) {
+    return fmt::format(
+        "--offset {}: the recordings have no frame in common (left {} frames, right {}). Likely cause: a typing error, "
+        "or the sign. Next: leave it out, and it is found by how the markers move",
+        right->offset, summary.frames, right->track.frames.size());
+  }
+  for (const Opening& one : openings) {
+    if (one.from < summary.frames) continue;
+    session.note(fmt::format("--opening {}-{} lies behind the last frame, {}: nothing opened. Next: count from 0",
+                             one.from, one.to, summary.frames - 1));
+  }
   return conclude(session, about);
 }
 
@@ -244,7 +259,8 @@ std::string play_right(const ReplayOptions& options, Right& right, std::string& 
   std::vector<std::string> opening;
   opening.reserve(openings.size());
   for (const Opening& one : openings) {
-    opening.push_back(fmt::format("{}-{}", std::max(0L, one.from + right.offset), std::max(0L, one.to + right.offset)));
+    if (one.to + right.offset < 0) continue;  // over before the right recording begins
+    opening.push_back(fmt::format("{}-{}", std::max(0L, one.from + right.offset), one.to + right.offset));
   }
   return play(options.right, options.right_reference, right.track, opening);
 }

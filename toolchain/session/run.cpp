@@ -271,7 +271,8 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                summary.slip_frames.front(), summary.slip_times_s.front());
   }
   if (summary.saturations > 0)
-    fmt::print(out, "note      {} values were clamped to their range\n", summary.saturations);
+    fmt::print(out, "note      {} times a displacement or feature was beyond its number format and clamped\n",
+               summary.saturations);
   for (const auto& [name, path] : options.paths.named()) {
     if (!path->empty() && *path != "-") fmt::print(out, "written   {}: {}\n", name, path->string());
   }

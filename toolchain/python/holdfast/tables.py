@@ -196,7 +196,7 @@ REASONS = {
     34: ("grid_mismatch", "the lattice found has another size than configured", "wrong --grid, or rows cut off by the picture's edge", "give the printed grid as COLSxROWS, or --grid auto"),
     35: ("grid_ambiguous", "the lattice is larger than configured", "the gel has more rows or columns than --grid says", "give the printed grid as COLSxROWS, or --grid auto"),
     36: ("markers_lost", "too many markers are lost", "gel torn or dirty, or object off the gel", "release, clean the gel, and learn the reference again"),
-    37: ("picture_too_small", "the picture is too small to hold the markers", "not a GelSight recording, or scaled down too far", "use a picture of at least 64x48 pixels"),
+    37: ("picture_too_small", "the picture is too small to hold the markers", "not a GelSight recording, or scaled down too far", "use a picture of at least 320x240 pixels"),
     38: ("picture_too_large", "the picture is larger than the fixed memory", "a faster mode is needed for this camera", "use mode fast or balanced"),
     39: ("dots_overflow", "too many blobs in the picture", "heavy noise, dirt, or a texture instead of a gel", "clean the gel; check exposure and gain"),
     40: ("exposure", "the picture is too dark or too bright", "light off, lens covered, or exposure and gain not as set", "check the sensor's light; set manual exposure"),
