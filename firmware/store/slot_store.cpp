@@ -24,7 +24,10 @@ SlotStore::SlotStore(sealed::Kind kind, Good good, hal::Store* store, const hal:
     other_ = 1 - k;
   }
   if (sequence_ != 0) slots_[1 - other_].state = State::kNewest;
-  if (slots_[0].state == State::kEmpty && slots_[1].state != State::kEmpty) slots_[0].state = State::kErased;
+  if (slots_[0].state == State::kEmpty && slots_[1].state == State::kEmpty) return;
+  for (Slot& slot : slots_) {
+    if (slot.state == State::kEmpty) slot.state = State::kErased;
+  }
 }
 
 SlotStore::Slot SlotStore::look_at(std::size_t slot, Good good, std::span<const std::uint8_t>& payload) const {
@@ -54,7 +57,8 @@ SlotStore::Put SlotStore::put(std::span<const std::uint8_t> record, Good good) {
   if (refusal_ != sealed::Refusal::kNone) return Put::kRefused;
   if (!follows(read.sequence, newest_)) return Put::kOld;
   if (!good(read.payload)) return Put::kNotGood;
-  writing_both_ = slots_[1 - other_].damaged();
+  const Slot& kept = slots_[1 - other_];
+  writing_both_ = kept.state == State::kEmpty || kept.damaged();
   if (!store_->begin(other_, record, writing_both_)) return Put::kNoPlace;
   writing_ = true;
   writing_sequence_ = read.sequence;
@@ -89,7 +93,7 @@ std::string_view words(const SlotStore::Slot& slot) {
       "whole, the newest",
       "whole, and older",
       "unknown: reading or writing it failed",
-      "erased: the second slot is never written before this one",
+      "erased: zeros, and whoever saves first writes both",
       "",
       "whole, but this firmware cannot use it: its values contradict each other, or are of another version"};
   if (slot.state == SlotStore::State::kRefused) return sealed::info(slot.refusal).what;

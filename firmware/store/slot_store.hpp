@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The two slots of a store, and which of them is in force: that with the newer sequence of those that are whole, the
 // owner's, and good. A new record goes into the other one, so that until it is durable, and whenever its writing ends
-// half way, the one in force is what the next start finds.
+// half way, the one in force is what the next start finds. The first record goes into both: from then on zeros in a
+// slot are damage, and no erased record passes for one that never was.
 //
 // The larger sequence is the newer. Behind 2^32 - 1 a device in development mode goes on with 1, and then 1 is the
 // newer one of these two (and 2^32 - 1 is refused behind 1). A device with an owner never takes a smaller number for a
@@ -35,7 +36,7 @@ class SlotStore {
     kNewest,   // in force
     kOlder,    // whole, the owner's and good
     kUnknown,  // it could not be read, or writing it failed
-    kErased,   // zeros in the first slot beside something in the second one, which is never written before the first
+    kErased,   // zeros beside something in the other slot
     kRefused,  // `refusal` says why
     kNotGood,  // whole and the owner's, and nothing that this firmware can use
   };
@@ -71,7 +72,7 @@ class SlotStore {
   [[nodiscard]] bool development() const { return owner_ == nullptr; }
 
   // A record of exactly these bytes. `good`: stricter than what a start looks at, where one has to be found. Where no
-  // slot holds anything that can be used and one is damaged, both are written. Range: any bytes.
+  // slot holds anything that can be used, both are written. Range: any bytes.
   [[nodiscard]] Put put(std::span<const std::uint8_t> record, Good good);
   [[nodiscard]] sealed::Refusal refusal() const { return refusal_; }
   // The next number for a record of the device's own; 0: this device takes signed ones only.

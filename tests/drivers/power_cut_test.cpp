@@ -359,9 +359,9 @@ TEST(PowerCut, AStartThatFailsReadsWhatItCan) {
   CHECK(process.read().empty());
   // Nobody knows what lies there.
   CHECK(process.found() == settings::Found::kLost);
-  for (const bool second : {false, true}) {
+  for (const int slot : {7, 8}) {  // its bytes, behind the close of the folder
     PowerDisk unread(disk);
-    unread.fails_at = second ? 8 : 7;  // a slot's bytes, behind the close of the folder
-    CHECK(Process(unread, kSettings).found() == (second ? settings::Found::kEither : settings::Found::kLost));
+    unread.fails_at = slot;
+    CHECK(Process(unread, kSettings).found() == settings::Found::kEither);
   }
 }

@@ -662,7 +662,7 @@ struct Card {
   explicit Card(std::size_t slot_bytes) { slots.fill(std::vector<std::uint8_t>(slot_bytes)); }
 
   void put(sealed::Kind kind, std::span<const std::uint8_t> payload) {
-    (void)sealed::write(kind, 1, payload, slots[0]);
+    for (std::vector<std::uint8_t>& slot : slots) (void)sealed::write(kind, 1, payload, slot);  // as the first save
   }
   // A bit of every record that is there; once, until it is written anew.
   void damage() {

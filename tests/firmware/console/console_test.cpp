@@ -179,6 +179,10 @@ TEST_GROUP(Console) {
   void lay(std::size_t slot, const std::vector<std::uint8_t>& bytes) {
     std::copy(bytes.begin(), bytes.end(), desk.stored.slot(slot).begin());
   }
+  // What a first save leaves.
+  void lay_both(const std::vector<std::uint8_t>& bytes) {
+    for (const std::size_t slot : {0U, 1U}) lay(slot, bytes);
+  }
   void lay_model(std::size_t slot, std::uint32_t sequence, bool as_owner) {
     std::vector<std::uint8_t> bytes = model_record(sequence, kLoaded);
     if (as_owner) sealed::put_signature(bytes, std::array<std::uint8_t, sealed::kSignatureBytes>{0x5A});
@@ -686,7 +690,7 @@ TEST(Console, DecidesByTheModelThatWasLoaded) {
   const auto decisions = [](const model::Tree* tree, const std::vector<std::uint8_t>& stored) {
     test::ConsoleDesk other;
     other.tree = tree;
-    std::copy(stored.begin(), stored.end(), other.stored_models.slot(0).begin());
+    for (const std::size_t slot : {0U, 1U}) std::ranges::copy(stored, other.stored_models.slot(slot).begin());
     other.film(30, 30);
     other.start();
     std::vector<Seen> seen;
@@ -856,12 +860,6 @@ TEST(Console, KnowsAFirstStartFromALoss) {
   check_says("stored json", R"("slot":1,"number":null,"is":"unknown: reading or writing it failed")");
   desk.stored.set_unreadable(false);
 
-  lay(1, record(7, {}));
-  restart();
-  check_held();
-  check_says("stored", "erased: the second slot is never written before this one");
-  std::ranges::fill(desk.stored.slot(1), std::uint8_t{0});
-
   desk.place.settings = nullptr;
   restart();
   check_fine();
@@ -870,11 +868,28 @@ TEST(Console, KnowsAFirstStartFromALoss) {
   CHECK(desk.say("log").find("settings ") == std::string::npos);
 }
 
+// The first save writes both slots: zeros beside a record, in either of them, are no first start.
+TEST(Console, KnowsAnErasedRecord) {
+  start();
+  (void)desk.unlock();
+  check_ok("set hold_ms 300");
+  check_ok("save");
+  const std::vector<std::uint8_t> saved(desk.stored.slot(0).begin(), desk.stored.slot(0).end());
+  for (const std::size_t slot : {0U, 1U}) {
+    std::ranges::fill(desk.stored.slot(slot), std::uint8_t{0});
+    restart();
+    check_held();
+    check_says("stored", "erased: zeros, and whoever saves first writes both");
+    LONGS_EQUAL(300, desk.console->params().hold_ms);
+    lay_both(saved);
+  }
+}
+
 // A value that this firmware does not know, or does not allow, was meant all the same.
 TEST(Console, HoldsFaultWhenPartOfItsSettingsIsLost) {
   std::vector<std::uint8_t> bytes(8 + sealed::kAround);
   (void)sealed::write(sealed::Kind::kSettings, 7, std::vector<std::uint8_t>(8), bytes);
-  lay(0, bytes);
+  lay_both(bytes);
   start();
   check_held();
   check_says("version json", R"("settings_from":"what was stored, without values that this firmware does not know")");
@@ -1000,7 +1015,7 @@ TEST(Console, LeavesSafetyToItsOwner) {
   Params strict;
   strict.latch = 1;
   strict.force_step = 9;
-  lay(0, signed_record(7, strict));
+  lay_both(signed_record(7, strict));
   start();
   (void)desk.unlock();
   for (const char* const line : {"set fault_markers_pct 1", "set hold_ms 0", "set opening_max_ms 60000", "set latch 0",
@@ -1024,7 +1039,7 @@ TEST(Console, LeavesSafetyToItsOwner) {
 TEST(Console, SavesBehindTheLastNumber) {
   Params params;
   params.hold_ms = 300;
-  lay(0, record(0xFFFFFFFF, params));
+  lay_both(record(0xFFFFFFFF, params));
   start();
   (void)desk.unlock();
   LONGS_EQUAL(300, desk.console->params().hold_ms);
