@@ -83,7 +83,8 @@ void add_settings(CLI::App& cli, Settings& settings);
 // A status to leave with: 0 help was asked for, 2 the command line is wrong.
 [[nodiscard]] std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv);
 
-// From now on SIGTERM and SIGINT ask the process to end, and a reader that has gone is no reason to let go.
+// From now on SIGTERM, SIGINT and SIGHUP ask the process to end, and neither a reader that has gone nor a file that may
+// not grow is a reason to let go.
 void heed_signals();
 [[nodiscard]] bool asked_to_end();
 

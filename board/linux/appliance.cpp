@@ -268,7 +268,7 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_flag("--lower", asked_to_lower,
                "drive the outputs of a holdfastd that is gone LOW, and end; of the other options --gpio counts");
   cli.footer(
-      "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
+      "SIGTERM, SIGINT and SIGHUP end it in order: GRIP_OK goes LOW.\n\nExample:\n"
       "  holdfastd --sensor 2BNN4ZE7 --link /dev/ttyAMA0 --keep /run/holdfast/reference --set gripper=1 "
       "--gripper /dev/serial/by-id/usb-FTDI_USB-RS485_Cable_FT1234-if00-port0");
   if (const std::optional<int> status = parse_command_line(cli, argc, argv)) return status;

@@ -401,7 +401,7 @@ std::optional<int> make(int argc, char** argv) {
   cli.add_option("--code-file", options.code_file, "the code that unlocks the console; without it `desk`");
   add_settings(cli, options.settings);
   cli.footer(
-      "SIGTERM and SIGINT end it in order: GRIP_OK goes LOW.\n\nExample:\n"
+      "SIGTERM, SIGINT and SIGHUP end it in order: GRIP_OK goes LOW.\n\nExample:\n"
       "  holdfastd --real-time --keep /tmp/grasp.keep --link /tmp/holdfast.link --set gripper=1\n"
       "  holdfastd --real-time --host /tmp/holdfast.console, and beside it: holdfast console /tmp/holdfast.console\n"
       "  holdfastd --play grasp.avi --link /tmp/holdfast.link");

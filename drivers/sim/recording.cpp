@@ -568,6 +568,11 @@ SourceResult open_source(const fs::path& path, const RecordingOptions& options) 
   auto file = std::make_unique<MappedFile>(path);
   if (file->bytes().empty()) return fail_line(path, "cannot be read", "no permission", "check its permissions");
   if (options.pictures) return open_pictures(path, std::move(file), options.pictures);
+  constexpr std::array<std::uint8_t, 8> kMcap{0x89, 'M', 'C', 'A', 'P', '0', '\r', '\n'};
+  if (file->bytes().size() >= kMcap.size() && std::ranges::equal(file->bytes().first(kMcap.size()), kMcap)) {
+    return fail_line(path, "is an MCAP log, which is not played here", "a file that holdfast record or --mcap wrote",
+                     "holdfast replay, or holdfast live --play, reads it");
+  }
   if (starts_like_jpeg(file->bytes()) || has_extension(path, {".mjpg", ".mjpeg"})) {
     if (!find_jpeg(file->bytes(), 0)) {
       return fail_line(path, "holds no frames", "there is no JPEG picture in it: not an MJPEG stream",

@@ -201,7 +201,7 @@ TEST_GROUP(Process) {
   void learn(Receiver & receiver) {
     start(kept("--empty"));
     CHECK(receiver.look_until([&] { return receiver.surely_fine(); }, now() + kWellAgain));
-    process->send(SIGTERM);
+    process->send(SIGHUP);  // in order, as SIGTERM
     const test::Finished learned = process->finish();
     LONGS_EQUAL(0, learned.status);
     STRCMP_CONTAINS("REFERENCE", learned.out.c_str());  // those who come after it must not say so

@@ -610,6 +610,16 @@ TEST(Tool, ATableCanGoToStandardOutput) {
   check_line(full, "sim --features -", "-", "could not be written to its end");
 }
 
+// A limit of the shell on the size of files, where the system's own answer is to end the program.
+TEST(Tool, SaysThatAFileMayNotGrow) {
+  fs::create_directory(dir / "out");
+  const Finished limited =
+      test::run({"sh", "-c", "ulimit -f 16; exec \"$@\"", "sh", kTool, "sim", kScene, "--mcap", in("out/a.mcap")});
+  LONGS_EQUAL(1, limited.status);
+  check_line(limited, "--mcap", in("out/a.mcap"), "or ulimit -f forbids it; free some space and run again");
+  CHECK(fs::is_empty(dir / "out"));
+}
+
 // Help, tables and summaries alike, be they larger than a buffer or not.
 TEST(Tool, SaysThatStandardOutputIsFull) {
   for (const Words& arguments : {

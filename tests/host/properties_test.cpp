@@ -144,20 +144,20 @@ Real entropy_of(const std::vector<int>& counts) {
 // measured 1.1 up to 63 markers (entropy_test.cpp), 1.12 up to 128.
 constexpr Real kEntropyQ24 = 1.12L;
 
-struct Shape {
+struct FieldShape {
   int n = 0;
   Real shift = 0, reach = 0, spread = 0, residual = 0, dilation = 0, turn = 0;  // um; turn: um per half pitch
   Real lengths = 0, squares = 0;
   std::vector<int> octaves = std::vector<int>(kHistogramBins);
 };
 
-Shape shape_of(GridSize grid, const Field& field, int pitch_um) {
+FieldShape shape_of(GridSize grid, const Field& field, int pitch_um) {
   struct Row {
     Real gx, gy, dx, dy;
   };
   std::vector<Row> rows;
   std::vector<Real> lengths;
-  Shape out;
+  FieldShape out;
   for (std::size_t i = 0; i < field.size(); ++i) {
     if (!field[i].valid) continue;
     const std::size_t row = i / grid.cols;
@@ -205,7 +205,7 @@ Shape shape_of(GridSize grid, const Field& field, int pitch_um) {
 }
 
 // Roots of D are cut at 1/16 um each, so the sum is short by up to n/16; the quotient is cut as well.
-void check_evenness(const std::string& what, const Shape& shape, ShareQ10 got) {
+void check_evenness(const std::string& what, const FieldShape& shape, ShareQ10 got) {
   if (shape.squares == 0.0L) {
     within(what, 1024.0L, got.raw(), 0.0L);
     return;
@@ -220,7 +220,7 @@ void check_evenness(const std::string& what, const Shape& shape, ShareQ10 got) {
 // mean, 1 of the shift's floor, turn / 2 of the rounded centre and |g| / 32 of the rounded turn: with |g| <= 254 half
 // pitches. The root of the mean square is off by no more than the largest of those (triangle inequality), and cut off
 // once.
-Real residual_bound_q4(GridSize grid, const Shape& shape) {
+Real residual_bound_q4(GridSize grid, const FieldShape& shape) {
   const Real reach = 2.0L * static_cast<Real>(std::max(grid.cols, grid.rows));
   return 1.0L + std::sqrt(2.0L) * (1.5L + std::abs(shape.turn) / 2.0L + reach / 32.0L);
 }
@@ -450,7 +450,7 @@ TEST(Properties, ShapeAndFlowAreWithinTheirBounds) {
     struct Past {
       std::int64_t at_us;
       Field field;
-      Shape shape;
+      FieldShape shape;
     };
     std::vector<Past> kept;
     std::int64_t now_us = 0;
@@ -468,7 +468,7 @@ TEST(Properties, ShapeAndFlowAreWithinTheirBounds) {
       Saturations saturations;
       const FieldFeatures got =
           field_features::update(state, config, as_firmware(grid, field), Micros{now_us}, saturations);
-      const Shape shape = shape_of(grid, field, config.pitch_um);
+      const FieldShape shape = shape_of(grid, field, config.pitch_um);
       const Real n = std::max<Real>(static_cast<Real>(shape.n), 1.0L);
 
       // In 1/16 um: the root of the sums is cut before it is divided by n, the mean rounded.
@@ -495,7 +495,7 @@ TEST(Properties, ShapeAndFlowAreWithinTheirBounds) {
       if (const Past* const earlier = lag_before(now_us)) {
         const Real lag_s = static_cast<Real>(now_us - earlier->at_us) * 1e-6L;
         const Field flow = difference(field, earlier->field);
-        const Shape moved = shape_of(grid, flow, config.pitch_um);
+        const FieldShape moved = shape_of(grid, flow, config.pitch_um);
         const Real per_q4 = 1.0L / (16.0L * lag_s);
         const Real before_q4 = earlier->shape.n > 0 ? residual_bound_q4(grid, earlier->shape) : 0.0L;
         within("residual rate", (shape.residual - earlier->shape.residual) / lag_s, got.residual_rate.raw(),

@@ -409,6 +409,8 @@ TEST(Recording, RefusesWhatIsNoRecordingInOneLine) {
   check_refused(Recording::open(dir / "empty.avi"), dir / "empty.avi", "0 bytes");
   write_file(dir / "notes.txt", "hello\nworld\n");
   check_refused(Recording::open(dir / "notes.txt"), dir / "notes.txt", "not a video");
+  write_file(dir / "log.mcap", "\x89MCAP0\r\n" + jpeg(1));
+  check_refused(Recording::open(dir / "log.mcap"), dir / "log.mcap", "an MCAP log");
   write_file(dir / "noise.mjpg", std::string(10000, 'x'));
   check_refused(Recording::open(dir / "noise.mjpg"), dir / "noise.mjpg", "no frames");
   write_file(dir / "cut.mjpg", jpeg(1).substr(0, 3000));

@@ -372,6 +372,7 @@ class Fleet(unittest.TestCase):
         self.assertRegex(refused("--plain", "HF0001"), "is no board.*Likely cause.*Next: ")
         self.assertRegex(refused("--plain", "HF/1=/dev/null"), "is no board")
         self.assertRegex(refused("--plain", "#=/dev/null"), "is no board")
+        self.assertRegex(refused("--plain", "A=/dev/null", "A=/dev/zero"), "'A' is there twice")
 
 
 if __name__ == "__main__":

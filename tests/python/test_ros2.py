@@ -268,6 +268,18 @@ def lines_of(text):
 
 
 class Messages(unittest.TestCase):
+    def test_a_domain_that_is_none_is_refused(self):
+        for domain in ("abc", "7x", "233", "-1", "99999999999"):
+            tried = subprocess.run(
+                [BIN / "holdfast-ros2", "--link", "/dev/null"],
+                env={**os.environ, "ROS_DOMAIN_ID": domain},
+                capture_output=True,
+                text=True,
+                timeout=60,
+            )
+            self.assertEqual(tried.returncode, 1)
+            self.assertRegex(tried.stderr, f"ROS_DOMAIN_ID is '{domain}'.*Likely cause.*Next: ")
+
     def test_the_msg_files_are_the_schemas_of_the_logs(self):
         with tempfile.TemporaryDirectory() as work:
             replay = [BIN / "holdfast", "replay", SOURCE / "tests/data/slip.mjpg", "--mcap", f"{work}/mcap"]

@@ -87,7 +87,7 @@ void Client::lost(int why, std::uint64_t now_ms) {
   said_ = reason;
   tool::note(
       trouble(serial_ + ": not connected to " + config_.host + ":" + std::to_string(config_.port) + ": " + reason,
-              "the broker or the network is down, or the certificates do not fit",
+              "the broker or the network is down, another client has this serial, or the certificates do not fit",
               "it is tried again; what changes meanwhile waits in the queue"));
 }
 

@@ -14,6 +14,7 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -143,6 +144,7 @@ void turn(std::vector<std::unique_ptr<Board>>& boards, int signals, int wait_ms)
 int run(const Options& options) {
   console_tool::Signals signals;
   std::vector<std::unique_ptr<Board>> boards;
+  std::set<std::string> serials;
   for (const std::string& one : options.boards) {
     const std::size_t equals = one.find('=');
     const std::string serial = one.substr(0, equals);
@@ -150,6 +152,10 @@ int run(const Options& options) {
       return tool::fail(trouble("'" + one + "' is no board",
                                 "a typing error, or a serial with other signs than A-Z a-z 0-9 - _ .",
                                 "give SERIAL=PORT, as HF0012=/dev/ttyUSB0"));
+    }
+    if (!serials.insert(serial).second) {  // the broker would end each of two clients of one name for the other
+      return tool::fail(trouble("'" + serial + "' is there twice", "a typing error: each board has a serial of its own",
+                                "give each serial once"));
     }
     boards.push_back(std::make_unique<Board>(options, serial, one.substr(equals + 1)));
     if (!boards.back()->client().problem().empty()) return tool::fail(boards.back()->client().problem());

@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
@@ -17,6 +18,8 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
+#include <system_error>
 #include <vector>
 
 #include "drivers/common/input_file.hpp"
@@ -41,6 +44,7 @@ constexpr milliseconds kSilent{1000}, kDiagnoseEvery{1000}, kOpenEvery{1000};
 // An answer comes within a turn of the board; the same frame again within a second is executed once (LINK.md).
 constexpr milliseconds kAnswerWithin{100};
 constexpr int kMostTries = 5;
+constexpr std::uint32_t kLastDomain = 232;  // the ports of a higher one are none
 constexpr std::size_t kMostCommands = 10;
 constexpr std::uint8_t kNoAnswer = 255;
 
@@ -259,8 +263,13 @@ int play(Dds& dds, const Options& options, Signals& signals) {
 int start(int argc, char** argv) {
   try {
     Options options;
-    if (const char* domain = std::getenv("ROS_DOMAIN_ID"); domain != nullptr) {
-      options.domain = static_cast<std::uint32_t>(std::strtoul(domain, nullptr, 10));
+    if (const char* domain = std::getenv("ROS_DOMAIN_ID"); domain != nullptr && *domain != '\0') {
+      const std::string_view text(domain);
+      const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), options.domain);
+      if (wrong != std::errc{} || end != text.data() + text.size() || options.domain > kLastDomain) {
+        return tool::fail(trouble("ROS_DOMAIN_ID is '" + std::string(text) + "'", "a typing error",
+                                  "set it to a number from 0 to 232, or unset it"));
+      }
     }
     CLI::App app{"A board's link, or a recording, on DDS as ROS 2 has it, without ROS", "holdfast-ros2"};
     auto* link = app.add_option("--link", options.link, "the serial port of the board");
@@ -273,7 +282,7 @@ int start(int argc, char** argv) {
                  "take commands from /holdfast/command: anybody in the domain can send them")
         ->needs(link);
     app.add_option("--domain", options.domain, "the DDS domain; without it ROS_DOMAIN_ID, or 0")
-        ->check(CLI::Range(0, 232));
+        ->check(CLI::Range(0U, kLastDomain));
     app.add_option("--hardware", options.hardware, "the board's name in the diagnostics")->capture_default_str();
     app.footer("Example:\n  holdfast-ros2 --link /dev/ttyUSB0 --commands");
     CLI11_PARSE(app, argc, argv);

@@ -71,7 +71,8 @@ std::string AtomicFile::commit() {
   }
   stream_.close();
   if (!stream_) {
-    fail("could not be written to its end", "the disk is full, or was taken away", "free some space and run again");
+    fail("could not be written to its end", "the disk is full, was taken away, or ulimit -f forbids it",
+         "free some space and run again");
     return error_;
   }
   std::error_code ec;

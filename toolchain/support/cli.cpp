@@ -66,6 +66,9 @@ void heed_interrupts() {
   once.sa_flags = static_cast<int>(SA_RESETHAND);
   ::sigaction(SIGINT, &once, nullptr);
   ::sigaction(SIGTERM, &once, nullptr);
+  struct sigaction never {};
+  never.sa_handler = SIG_IGN;
+  ::sigaction(SIGXFSZ, &never, nullptr);  // a file that may not grow is an error of the write
   // A terminal that is closed; nohup ignores it, and goes on.
   struct sigaction before {};
   if (::sigaction(SIGHUP, nullptr, &before) == 0 && before.sa_handler != SIG_IGN) ::sigaction(SIGHUP, &once, nullptr);

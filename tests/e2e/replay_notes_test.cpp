@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// What replay says of pictures in which a compression can pass for a motion.
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "drivers/sim/scene/picture/jpeg_encode.hpp"
+#include "tests/support/host_process.hpp"
+#include "tests/support/picture_clip.hpp"
+#include "tests/support/temp_dir.hpp"
+// last: it redefines new
+#include <CppUTest/TestHarness.h>
+
+using namespace holdfast;
+
+TEST_GROUP(ReplayNotes) {
+  test::TempDir dir;
+  test::ScenePictures drawn = test::film(test::press_scene(0.4), scene::cropped_320x240());
+
+  // A gel that nothing touches: cut to so many columns, each pixel `times` as wide and high, JPEG of this quality.
+  std::string said_of(int columns, int times, int quality) {
+    const std::filesystem::path clip = dir / "clip.mjpg";
+    std::ofstream out(clip, std::ios::binary);
+    for (const LumaView& view : drawn.views) {
+      const int width = columns * times, height = view.height * times;
+      std::vector<std::uint8_t> pixels;
+      for (int y = 0; y < height; ++y) {
+        for (int x = 0; x < width; ++x) pixels.push_back(view.data[y / times * view.stride + x / times]);
+      }
+      const std::vector<std::uint8_t> jpeg =
+          scene::encode_jpeg(pixels, width, height, scene::JpegInput::kGrey, quality);
+      out.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
+    }
+    out.close();
+    const test::Finished run = test::run({test::kTool, "replay", clip.string(), "--reference", "first"});
+    STRCMP_EQUAL("", run.err.c_str());
+    return run.out;
+  }
+};
+
+TEST(ReplayNotes, OfASmallPicture) {
+  STRCMP_CONTAINS("The pictures are 316 x 240: below 320 x 240", said_of(316, 1, 95).c_str());
+  CHECK(said_of(320, 1, 95).find("The pictures") == std::string::npos);
+}
+
+// libjpeg's number of the quality, read back from the quantisation.
+TEST(ReplayNotes, OfAStrongCompression) {
+  for (const auto& [times, quality] : std::vector<std::pair<int, int>>{{1, 84}, {1, 40}, {2, 69}, {2, 30}}) {
+    const std::string said = "JPEG of quality " + std::to_string(quality) + " of 100";
+    STRCMP_CONTAINS(said.c_str(), said_of(320, times, quality).c_str());
+  }
+  for (const auto& [times, quality] : std::vector<std::pair<int, int>>{{1, 86}, {1, 95}, {2, 71}}) {
+    CHECK(said_of(320, times, quality).find("JPEG of quality") == std::string::npos);
+  }
+}
