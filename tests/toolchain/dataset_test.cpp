@@ -252,6 +252,17 @@ TEST(Dataset, TheSameBytesTwiceAndFromShards) {
   CHECK(whole.size() > 100'000);
   CHECK(whole == make("again.csv", {"--seed", "9"}));
   CHECK(whole != make("other.csv", {"--seed", "10"}));
+  CHECK(whole != make("soft.csv", {"--seed", "9", "--shear-modulus-mpa", "0.03"}));
+  // At rest the mean velocity is the markers' noise.
+  const auto still = [&](const char* noise_um) {
+    std::istringstream quiet(make("quiet.csv", {"--seed", "9", "--marker-noise-um", noise_um}));
+    Samples samples;
+    STRCMP_EQUAL("", learn::read_csv(quiet, "quiet.csv", samples).value_or("").c_str());
+    return std::ranges::all_of(samples.rows,
+                               [](const Row& row) { return row.frame < 11 || row.t_s > 0.5 || row.x[0] == 0; });
+  };
+  CHECK(still("0"));
+  CHECK(!still("2"));
   std::string merged;
   for (int shard = 1; shard <= 3; ++shard) {
     const std::string piece = make("piece.csv", {"--seed", "9", "--shard", std::to_string(shard) + "/3"});
@@ -262,6 +273,23 @@ TEST(Dataset, TheSameBytesTwiceAndFromShards) {
   Samples samples;
   STRCMP_EQUAL("", learn::read_csv(in, "whole.csv", samples).value_or("").c_str());
   LONGS_EQUAL(24, samples.trials.size());
+}
+
+// The script that makes the committed models takes ten minutes and the recordings: here its options alone.
+TEST(Dataset, TheModelsScriptGivesOptionsThatThereAre) {
+  const std::string script = read_file(test::source("toolchain/model/train.sh"));
+  std::string command;
+  int options = 0;
+  std::istringstream words(script.substr(script.find("\npart()")));
+  for (std::string word; words >> word;) {
+    if (word == "part") command = "dataset";
+    if (word == "train" || word == "fuse" || word == "compile") command = word;
+    if (!word.starts_with("--")) continue;
+    const Finished help = test::run({kTool, command, "--help"});
+    CHECK_TEXT(help.out.find("  " + word) != std::string::npos, (command + " " + word).c_str());
+    ++options;
+  }
+  CHECK(options > 20);
 }
 
 TEST(Dataset, WhatCannotBeMadeIsSaidAndNothingIsWritten) {
@@ -284,6 +312,9 @@ TEST(Dataset, WhatCannotBeMadeIsSaidAndNothingIsWritten) {
   refused({"--shard", "5/4"}, "5/4");
   refused({"--shard", "1/4x"}, "1/4x");
   refused({"--inject", "features"}, "features");
+  refused({"--marker-noise-um", "6.1"}, "6.1");
+  refused({"--marker-noise-um", "nan"}, "nan");
+  refused({"--shear-modulus-mpa", "0"}, "0");
   refused({"--repeats", "0"}, "0");
   refused({"--recordings", "labels.csv", "--seed", "2"}, "--seed");
   refused({"--recordings", dir / "labels.csv"}, "labels.csv");
