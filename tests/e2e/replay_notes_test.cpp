@@ -23,6 +23,11 @@ TEST_GROUP(ReplayNotes) {
 
   // A gel that nothing touches: cut to so many columns, each pixel `times` as wide and high, JPEG of this quality.
   std::string said_of(int columns, int times, int quality) {
+    const test::Finished run = replay(columns, times, quality);
+    STRCMP_EQUAL("", run.err.c_str());
+    return run.out;
+  }
+  test::Finished replay(int columns, int times, int quality) {
     const std::filesystem::path clip = dir / "clip.mjpg";
     std::ofstream out(clip, std::ios::binary);
     for (const LumaView& view : drawn.views) {
@@ -36,9 +41,7 @@ TEST_GROUP(ReplayNotes) {
       out.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
     }
     out.close();
-    const test::Finished run = test::run({test::kTool, "replay", clip.string(), "--reference", "first"});
-    STRCMP_EQUAL("", run.err.c_str());
-    return run.out;
+    return test::run({test::kTool, "replay", clip.string(), "--reference", "first"});
   }
 };
 
@@ -56,4 +59,15 @@ TEST(ReplayNotes, OfAStrongCompression) {
   for (const auto& [times, quality] : std::vector<std::pair<int, int>>{{1, 86}, {1, 95}, {2, 71}}) {
     CHECK(said_of(320, times, quality).find("JPEG of quality") == std::string::npos);
   }
+}
+
+// The markers in the middle are painted over. "Another size than configured" would be the wrong word.
+TEST(ReplayNotes, OfALatticeWithGaps) {
+  const LumaView& view = drawn.views[0];
+  for (int y = 60; y < 180; ++y) {
+    for (int x = 100; x < 220; ++x) drawn.pixels[0][static_cast<std::size_t>(y * view.stride + x)] = drawn.pixels[0][0];
+  }
+  const test::Finished run = replay(320, 1, 95);
+  LONGS_EQUAL(1, run.status);
+  STRCMP_CONTAINS("a lattice of 9x7 is there, with too many gaps", run.err.c_str());
 }

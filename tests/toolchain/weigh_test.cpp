@@ -195,6 +195,11 @@ TEST(Weigh, TheCommandMeasuresTheGelsStiffness) {
     const Finished normal =
         calibrate({path, "--weight", grams(truth.normal_n, 1.0), "--as", "normal", "-o", dir / "gel.toml"});
     LONGS_EQUAL_TEXT(0, normal.status, normal.err.c_str());
+    // Three times as much, or as little, is the weight of no gel that was reported.
+    constexpr const char* kNote = "30 to 115 are reported";
+    CHECK_TEXT(normal.out.find(kNote) == std::string::npos, normal.out.c_str());
+    const Finished wrong = calibrate({path, "--weight", grams(truth.shear_n, 0.5 / (kpa > 50 ? 3.0 : 0.3))});
+    STRCMP_CONTAINS(kNote, wrong.out.c_str());
     const std::string settings = read_file(dir / "gel.toml");
     STRCMP_CONTAINS(("shear_scale = " + std::to_string(scale)).c_str(), settings.c_str());
     const std::size_t at = settings.find("normal_scale = ");

@@ -313,6 +313,15 @@ int weigh(const CalibrateOptions& options, const Params& params, bool auto_grid)
   fmt::print("reading   {:.3f} N on a gel of 35 kPa, deviation {:.1f} mN in the {} frames from {} to {}\n",
              found.reading_mn * 1e-3, found.spread_mn, found.frames, found.first, found.last);
   fmt::print("setting   {} = {}\n", scale.name, found.scale_permille);
+  constexpr double kScaledKpa = 35, kSoftestKpa = 30, kStiffestKpa = 115;  // toolchain/README.md, forces
+  constexpr double kOwnError = 1.2;                                        // of a reading of normal load: 15 %
+  const double kpa = kScaledKpa * found.scale_permille / 1000.0;
+  if (kpa * kOwnError < kSoftestKpa || kpa > kStiffestKpa * kOwnError) {
+    fmt::print(
+        "note      this says a gel of {:.0f} kPa, and {:g} to {:g} are reported. Likely cause: the weight or its share "
+        "is another, or something pressed on the gel at the start. Next: weigh again\n",
+        kpa, kSoftestKpa, kStiffestKpa);
+  }
   if (2 * found.within < found.frames) {
     fmt::print(
         "note      the contact is not known to lie within the lattice, and the scale takes its error along: an "

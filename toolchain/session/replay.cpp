@@ -45,8 +45,7 @@ std::string explain_reference(Reason reason, const App& app, const Params& param
   if (reason == Reason::kGridMismatch && found.cols == params.grid_cols && found.rows == params.grid_rows) {
     return fmt::format(
         "a lattice of {} is there, with too many gaps or in more than one place. Likely cause: a noisy picture, or "
-        "dots "
-        "beside the markers. Next: give another frame or an image with --reference",
+        "dots beside the markers. Next: give another frame or an image with --reference",
         grid_text(found));
   }
   if (reason != Reason::kJpegDamaged) return explain(reason, app);
