@@ -83,7 +83,7 @@ hal::Store::State SlotStore::settle() {
   slots_[other_] = {.state = State::kNewest, .sequence = sequence_};
   other_ = 1 - other_;
   if (writing_both_) slots_[other_].sequence = sequence_;
-  if (slots_[other_].sequence != 0) slots_[other_].state = State::kOlder;
+  slots_[other_].state = State::kOlder;
   return state;
 }
 

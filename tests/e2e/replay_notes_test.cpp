@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "drivers/sim/scene/picture/jpeg_encode.hpp"
+#include "tests/support/folders.hpp"
 #include "tests/support/host_process.hpp"
 #include "tests/support/picture_clip.hpp"
 #include "tests/support/temp_dir.hpp"
