@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "drivers/common/ed25519.hpp"
+#include "drivers/common/end_signals.hpp"
 #include "drivers/common/input_file.hpp"
 #include "store/checkpoint.hpp"
 #include "store/models.hpp"
@@ -240,18 +241,10 @@ std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv) {
 }
 
 void heed_signals() {
-  struct sigaction action {};
-  action.sa_handler = [](int) { told_to_end = 1; };
-  ::sigaction(SIGTERM, &action, nullptr);
-  ::sigaction(SIGINT, &action, nullptr);
-  // A terminal that is closed; nohup ignores it, and the firmware goes on.
-  struct sigaction before {};
-  if (::sigaction(SIGHUP, nullptr, &before) == 0 && before.sa_handler != SIG_IGN) {
-    ::sigaction(SIGHUP, &action, nullptr);
-  }
-  action.sa_handler = SIG_IGN;
-  ::sigaction(SIGPIPE, &action, nullptr);
-  ::sigaction(SIGXFSZ, &action, nullptr);  // a file that may not grow is an error of the write
+  heed_end_signals([](int) { told_to_end = 1; });
+  struct sigaction never {};
+  never.sa_handler = SIG_IGN;
+  ::sigaction(SIGPIPE, &never, nullptr);
 }
 
 bool asked_to_end() {

@@ -11,6 +11,10 @@ namespace {
 // A stamp further ahead is no gap but another clock's: a camera would have delivered the frame now.
 constexpr std::chrono::hours kLongestGap{1};
 
+std::chrono::microseconds nominal_period(const Recording& recording) {
+  return std::chrono::microseconds{std::llround(1e6 / recording.info().time_base_fps)};
+}
+
 }  // namespace
 
 CameraReplay::CameraReplay(Recording recording, Clock& clock) : recording_(std::move(recording)), clock_(clock) {}
@@ -19,7 +23,7 @@ bool CameraReplay::do_start() {
   start_ = clock_.now();
   newest_.reset();
   given_at_ = start_;
-  nominal_ = period_ = std::chrono::microseconds{std::llround(1e6 / recording_.info().time_base_fps)};
+  period_ = nominal_period(recording_);
   pending_ = false;
   return !std::exchange(played_, true) || recording_.rewind();
 }
@@ -39,7 +43,7 @@ hal::Capture CameraReplay::do_next(hal::Frame& frame, std::chrono::microseconds 
   clock_.advance_to(due);
   given_at_ = clock_.now();
   if (forward) {
-    if (newest_) period_ = std::min(nominal_, stamp - *newest_);
+    if (newest_) period_ = std::min(nominal_period(recording_), stamp - *newest_);
     newest_ = stamp;
   }
   pending_ = false;

@@ -41,7 +41,6 @@ class CameraReplay final : public hal::Camera {
   std::chrono::microseconds start_{};
   std::optional<std::chrono::microseconds> newest_;  // stamp that went forward
   std::chrono::microseconds given_at_{};             // when the frame before was
-  std::chrono::microseconds nominal_{};
   std::chrono::microseconds period_{};  // between the last two frames that went forward; the nominal one at most
   bool pending_ = false;                // frame_ is read but its time has not come
   bool played_ = false;                 // a second start() plays from the beginning

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Makes a slip model as the committed one from nothing: the samples, the tree of the markers, the imprint's threshold above it, the
-# header of both. About ten minutes on two cores.
+# Makes a slip model from nothing, as the committed one was made: the samples, the tree of the markers, the imprint's
+# threshold above it, the header of both. About ten minutes on two cores.
 #   toolchain/model/train.sh WORK_FOLDER LABELS_CSV...     of recorded clips (holdfast evaluate --help has the columns)
 # The threshold is read off all of them; the tree of the markers learns from the first alone (slip_v2 was made when there
-# was no other), beside simulated grasps; it is of an earlier simulator, and comes out different.
+# was no other), beside simulated grasps. The committed slip_v2 is of an earlier simulator: this one gives another tree.
 # Writes WORK_FOLDER/*.csv, toolchain/model/slip_v2.tree, slip_v6.tree and firmware/slip/slip_tree.gen.hpp.
 set -euo pipefail
 top=$(cd "$(dirname "$0")/../.." && pwd)

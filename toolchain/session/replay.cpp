@@ -203,7 +203,7 @@ std::string run(const ReplayOptions& options, const ReplayWatch& watch, const Co
   if (const Status s = session.app().start(info.params, info.auto_grid); !s.ok()) {
     return fmt::format("{}: {}", options.input, explain(s.reason, session.app()));
   }
-  const int quality = rest.format == hal::PixelFormat::kMjpeg ? jpeg_quality(rest.bytes) : 100;
+  const int quality = about.mjpeg && names_a_frame(named) ? jpeg_quality(rest.bytes) : 100;
   if (quality < (about.width < kFineWidth ? kFineQuality : about.width < 2 * kFineWidth ? kCoarseQuality : 0)) {
     session.note(fmt::format(
         "The pictures of {} x {} are JPEG of quality {} of 100: what so strong a compression changes can pass "

@@ -7,6 +7,7 @@
 #include <csignal>
 #include <cstdio>
 
+#include "drivers/common/end_signals.hpp"
 #include "drivers/common/trouble.hpp"
 #include "toolchain/support/printable.hpp"
 
@@ -61,17 +62,7 @@ int fail(const std::string& line) {
 }
 
 void heed_interrupts() {
-  struct sigaction once {};
-  once.sa_handler = [](int) { stop_asked = 1; };
-  once.sa_flags = static_cast<int>(SA_RESETHAND);
-  ::sigaction(SIGINT, &once, nullptr);
-  ::sigaction(SIGTERM, &once, nullptr);
-  struct sigaction never {};
-  never.sa_handler = SIG_IGN;
-  ::sigaction(SIGXFSZ, &never, nullptr);  // a file that may not grow is an error of the write
-  // A terminal that is closed; nohup ignores it, and goes on.
-  struct sigaction before {};
-  if (::sigaction(SIGHUP, nullptr, &before) == 0 && before.sa_handler != SIG_IGN) ::sigaction(SIGHUP, &once, nullptr);
+  heed_end_signals([](int) { stop_asked = 1; }, static_cast<int>(SA_RESETHAND));
 }
 
 bool interrupted() {
