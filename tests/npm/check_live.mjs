@@ -156,6 +156,8 @@ const last = Number(await page.locator("#scrub").getAttribute("max"));
 for (let at = 1; at < last; ++at) {
   await scrub(page, at);
   if ((await text(page, "shot-note")).includes("arrows of")) continue;
+  // A status frame that tells of an overdue picture, a second after the last field: the recording holds pictures only.
+  if ((await text(page, "gel-note")) === "no markers in this frame") continue;
   const [, frame] = (await text(page, "when")).match(/^frame (\d+) /);
   shown.push({ frame: Number(frame), state: await text(page, "state"), ...(await drawn(page)) });
 }
