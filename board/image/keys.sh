@@ -27,6 +27,10 @@ case $what in
   --revoke) (($# == 3)) || usage ;;
   *) usage ;;
 esac
+if [[ -z $what && -e $dir/ca.key.pem && ! -e $dir/keyring.pem ]]; then
+  complain "$dir has an authority, and no keyring" "making them was broken off" "board/image/keys.sh $dir --new-signer makes what is missing"
+  exit 1
+fi
 if [[ -z $what && -e $dir/ca.key.pem ]]; then
   complain "$dir/ca.key.pem is there" "an authority was made before" "use it, or name another folder: boards that trust it take no other"
   exit 1
@@ -151,6 +155,7 @@ case $what in
     ask CA "the authority's key" old
     ask SIGNER "the new signer's key" new
     new_signer
+    [[ -e $dir/keyring.pem ]] || new_keyring # making them was broken off
     say "keys: $dir/signer.key.pem is a new one; the signer before is as good as it was. Next: --revoke, if it is not to be"
     ;;
   --revoke)

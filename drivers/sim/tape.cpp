@@ -33,7 +33,9 @@ std::optional<Tape> Tape::file(const std::filesystem::path& path, Full full, boo
     error = path.string() + ": is another file than a tape, and stays as it is";
     return std::nullopt;
   }
-  if (::ftruncate(fd, sizeof(Memory)) != 0) {
+  // Its blocks, too: a store into a page that finds no room on a full disk would be a SIGBUS.
+  errno = ::posix_fallocate(fd, 0, sizeof(Memory));
+  if (errno != 0) {
     ::close(fd);
     return fail("cannot size");
   }

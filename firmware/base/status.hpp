@@ -170,8 +170,9 @@ inline constexpr std::array<ReasonInfo, 50> kReasons{{
      "something pressed on the gel while its rest position was being learned",
      "open the gripper and wait; if the gel is empty all the same, send TARE once more"},
     {Reason::kConfig, "config", "settings or the model are lost, damaged or out of range",
-     "the power was cut while they were written, the card wears, or they are of another version",
-     "say stored at the console: it shows each record; then load or save them again, or say stored accept"},
+     "the power was cut while they were written, the card wears, or they are of another version or another owner",
+     "say stored at the console: it shows each record; then load or save them again, or say stored accept; with an "
+     "owner, load what the owner signed"},
     {Reason::kModel, "model", "the slip model does not fit", "built for another feature set",
      "compile the model again for this firmware"},
     {Reason::kGripperSilent, "gripper_silent", "the gripper does not answer",

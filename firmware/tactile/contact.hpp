@@ -50,10 +50,12 @@ struct Contact {
 enum class Phase : std::uint8_t { kEmpty = 0, kTouching = 1, kHeld = 2 };
 inline constexpr std::array<std::string_view, 3> kPhaseNames{"EMPTY", "TOUCHING", "HELD"};
 
+// Growth in the imprint's lag that is more than noise: an eighth of an octave, as the compiled model has it.
+inline constexpr std::int32_t kGrows_q8 = 31;
+
 [[nodiscard]] constexpr Phase phase_of(const Contact& contact, Log2Q8 growth) {
-  constexpr std::int32_t kGrows = 31;  // an eighth of an octave in the imprint's lag, as the compiled model has it
   if (!contact.touching) return Phase::kEmpty;
-  return growth.raw() > kGrows ? Phase::kTouching : Phase::kHeld;
+  return growth.raw() > kGrows_q8 ? Phase::kTouching : Phase::kHeld;
 }
 
 inline void forget(State& state) {

@@ -47,6 +47,10 @@ refuses "the authority's passphrase for the signer's key" "Could not read|maybe 
   openssl pkey -in "$keys/signer.key.pem" -passin "$HOLDFAST_CA_PASS" -noout
 refuses "a second authority over the first" "is there" board/image/keys.sh "$keys"
 refuses "no passphrase" "no passphrase" env -u HOLDFAST_SIGNER_PASS setsid -w board/image/keys.sh "$work/none"
+refuses "a passphrase that is nowhere" "openssl made no key" env HOLDFAST_SIGNER_PASS=env:NOWHERE board/image/keys.sh "$work/half"
+refuses "an authority that was broken off" "and no keyring" board/image/keys.sh "$work/half"
+says "what is missing" "is a new one" board/image/keys.sh "$work/half" --new-signer
+is "its keyring" "it is" "$([[ -s $work/half/keyring.pem ]] && echo it is)"
 is "the signer's certificate" "no CA" "$(openssl x509 -in "$keys/signer.cert.pem" -noout -ext basicConstraints | grep -q CA:FALSE && echo no CA)"
 
 # The authority's key is kept apart: bundles need the signer's alone.

@@ -27,7 +27,7 @@ constexpr int kLeastFrames = 4;             // shorter is no rest
 constexpr int kMostFrames = 10;             // averaged, as the device does
 constexpr std::size_t kMostIntervals = 48;  // compared with each other
 constexpr double kStill = 0.013;            // of the pitch: 0.4 px of 31, 8 sigma of rest noise
-constexpr double kSameLight = 2;            // levels of mean luma
+constexpr double kSameLight = 0.1;          // of the mean luma: light that flickers or settles
 // A picture of the gel as it would be at this mean luma: light scales the relief.
 constexpr double kLuma = 128;
 
@@ -200,7 +200,7 @@ class Rests {
 
   [[nodiscard]] bool continues(const MarkerField& field, double luma, double pitch) const {
     if (!now_ || now_->frames >= kMostFrames || now_->grid != field.grid) return false;
-    if (std::abs(luma - now_->luma) >= kSameLight) return false;
+    if (std::abs(luma - now_->luma) >= kSameLight * now_->luma) return false;
     const double most = kStill * pitch * 256;
     for (std::size_t i = 0; i < idx(field.grid.count()); ++i) {
       const Marker& before = now_->begins.markers[i];

@@ -125,6 +125,55 @@ TEST(Classifier, WhatNearlySlipsForALagIsSlip) {
   CHECK_TRUE(by_model > 100 && by_lasting > 500 && by_falling > 20);
 }
 
+// A flat box that slides at 5 and at 100 mm/s, as the firmware measured it, behind a contact that has settled; each
+// bound.
+TEST(Classifier, AShadingThatGrowsUnderASlideIsSlip) {
+  using namespace std::chrono_literals;
+  struct Frame {
+    int motion;
+    int growth;
+    int turnover = 0;
+    int dilation_ppm_s = 0;
+    int flow_residual_um_s = 0;
+  };
+  constexpr Frame kMade{1000, 98}, kStill{1000, 31};
+  const auto last_slips = [](const std::vector<Frame>& frames, bool raised = false) {
+    classifier::State state;
+    Verdict verdict{};
+    Micros now = 1s;
+    for (const Frame& frame : frames) {
+      Features seen;
+      seen.contact = Count::from_raw(1);
+      seen.rates_valid = true;
+      seen.imprint.patches = Count::from_raw(40);
+      seen.imprint.motion = Log2Q8::from_raw(frame.motion);
+      seen.imprint.growth = Log2Q8::from_raw(frame.growth);
+      seen.imprint.turnover = ShareQ10::from_raw(frame.turnover);
+      seen.field.dilation_rate = StrainPpmPerSec::from_raw(frame.dilation_ppm_s);
+      seen.field.flow_residual = MicrometresPerSec::from_raw(frame.flow_residual_um_s);
+      verdict = classifier::judge(state, {}, seen, now += 40ms, raised);
+    }
+    return verdict == Verdict::kSlipNow;
+  };
+  const auto settled = [&](const Frame& frame) { return last_slips({kMade, kStill, kStill, kStill, frame}); };
+  CHECK_TRUE(settled({1944, 118, 500, -9992, 1091}));
+  CHECK_TRUE(settled({2078, 170, 977, 23'533, 682}));
+  CHECK_TRUE(settled({2012, 98, 732, 48'000, 2212}));
+  const std::int32_t twice = slip_tree::kFirst[0].threshold + 256;
+  CHECK_TRUE(settled({twice + 1, 65, 412}));
+  CHECK_FALSE(settled({twice, 65, 412}));
+  CHECK_FALSE(settled({twice + 1, 65, 411}));
+  CHECK_TRUE(settled({2000, 98, 700, 50'000, 1000}));
+  CHECK_FALSE(settled({2000, 98, 700, 50'001, 1000}));
+  CHECK_FALSE(last_slips({kMade, kStill, kStill, {2000, 98, 700}}));
+  CHECK_FALSE(last_slips({kMade, kStill, kStill, {1000, 32}, {2000, 98, 700}}));
+  CHECK_TRUE(last_slips({kMade, kStill, kStill, kStill, {1000, 32}, {2000, 98, 700}}));  // it has settled once
+  CHECK_FALSE(last_slips({kMade, kStill, kStill, kStill, {2000, 98, 700}}, true));
+  // Spread by something that presses, 160 and 200 ms ago.
+  CHECK_FALSE(last_slips({{1000, 0, 0, 1}, kStill, kStill, kStill, {2000, 98, 700}}));
+  CHECK_TRUE(last_slips({{1000, 0, 0, 1}, kStill, kStill, kStill, kStill, {2000, 98, 700}}));
+}
+
 // Frames of simulated closings, as the firmware measured them. What moves on behind a press, or moves again, slips.
 TEST(Classifier, WhatIsOfAPressIsNoSlip) {
   using namespace std::chrono_literals;
