@@ -17,6 +17,19 @@ std::int32_t raw_of(const FeatureSet& set, int i, const Features& features) {
   return set[i].read(features);
 }
 
+// Of an object with relief in contact.
+Features in_contact(int motion, int growth, int dilation_ppm_s, int flow_residual_um_s) {
+  Features seen;
+  seen.contact = Count::from_raw(1);
+  seen.rates_valid = true;
+  seen.imprint.patches = Count::from_raw(40);
+  seen.imprint.motion = Log2Q8::from_raw(motion);
+  seen.imprint.growth = Log2Q8::from_raw(growth);
+  seen.field.dilation_rate = StrainPpmPerSec::from_raw(dilation_ppm_s);
+  seen.field.flow_residual = MicrometresPerSec::from_raw(flow_residual_um_s);
+  return seen;
+}
+
 }  // namespace
 
 TEST_GROUP(Classifier) {
@@ -142,15 +155,8 @@ TEST(Classifier, AShadingThatGrowsUnderASlideIsSlip) {
     Verdict verdict{};
     Micros now = 1s;
     for (const Frame& frame : frames) {
-      Features seen;
-      seen.contact = Count::from_raw(1);
-      seen.rates_valid = true;
-      seen.imprint.patches = Count::from_raw(40);
-      seen.imprint.motion = Log2Q8::from_raw(frame.motion);
-      seen.imprint.growth = Log2Q8::from_raw(frame.growth);
+      Features seen = in_contact(frame.motion, frame.growth, frame.dilation_ppm_s, frame.flow_residual_um_s);
       seen.imprint.turnover = ShareQ10::from_raw(frame.turnover);
-      seen.field.dilation_rate = StrainPpmPerSec::from_raw(frame.dilation_ppm_s);
-      seen.field.flow_residual = MicrometresPerSec::from_raw(frame.flow_residual_um_s);
       verdict = classifier::judge(state, {}, seen, now += 40ms, raised);
     }
     return verdict == Verdict::kSlipNow;
@@ -190,14 +196,7 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
     std::vector<bool> slips;
     Micros now = 1s;
     for (const Frame& frame : frames) {
-      Features seen;
-      seen.contact = Count::from_raw(1);
-      seen.rates_valid = true;
-      seen.imprint.patches = Count::from_raw(40);
-      seen.imprint.motion = Log2Q8::from_raw(frame.motion);
-      seen.imprint.growth = Log2Q8::from_raw(frame.growth);
-      seen.field.dilation_rate = StrainPpmPerSec::from_raw(frame.dilation_ppm_s);
-      seen.field.flow_residual = MicrometresPerSec::from_raw(frame.flow_residual_um_s);
+      Features seen = in_contact(frame.motion, frame.growth, frame.dilation_ppm_s, frame.flow_residual_um_s);
       seen.field.flow_along = ShareQ10::from_raw(frame.flow_along_q10);
       seen.field.flow_shift = MicrometresPerSec::from_raw(frame.flow_shift_um_s);
       slips.push_back(classifier::judge(state, {}, seen, now += period, raised) == Verdict::kSlipNow);
