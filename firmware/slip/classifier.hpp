@@ -162,7 +162,7 @@ struct State {
 // raised. The price: of 400 closings of seeds 7 and 11 one more alarms, of 300 of seed 12, on which nothing was chosen,
 // one; of 200 recordings 52 alarms in whole trials instead of 51, and none more in silence or at a touch. Chosen on
 // these (2026-11-28); by either alone 5 more alarms, one of them at a touch. Range: any features; the model is asked
-// twice at most.
+// twice at most; where `now` steps back growth is of a press until the clock is past the last spread again.
 [[nodiscard]] constexpr Features less_growth_of_a_slide(State& state, const Config& config, const Features& features,
                                                         Micros now, bool raised) {
   constexpr Micros kSettles{80'000};
