@@ -298,13 +298,14 @@ TEST_GROUP(EvaluateRecorded) {
 TEST(EvaluateRecorded, AlarmsAreThoseOfReplay) {
   // A ball that comes, goes and comes again, in pictures; empty until 0.4 s and after 0.9 s.
   LONGS_EQUAL(31, test::write_clip(test::press_scene(1.2, 0.4, 0.9), dir / "ball__exp_num_1__camera_0"));
+  fs::copy(dir / "ball__exp_num_1__camera_0", dir / "ball__exp_num_2__camera_0");
   test::write_file(dir / "right.tree", kRightwards);
   std::string header = kHeader;
   header.insert(header.size() - 1, ",note");
   test::write_file(dir / "labels.csv",
                    header +
                        "ball__exp_num_1__camera_0,10,23,,,0,12-20:high,0-8;25-30,high,\"rolls, then rests\"\n"
-                       "ball__exp_num_1__camera_0,0,23,12,20,1,2-5:high,25-30,medium,\n");
+                       "ball__exp_num_2__camera_0,0,23,12,20,1,2-5:high,25-30,medium,\n");
   const std::string model = (dir / "right.tree").string();
   const Finished run = test::run({kTool, "evaluate", "--recorded", (dir / "labels.csv").string(), "--model", model,
                                   "--json", (dir / "out.json").string(), "--out", (dir / "out").string()});
@@ -316,11 +317,10 @@ TEST(EvaluateRecorded, AlarmsAreThoseOfReplay) {
   STRCMP_EQUAL("4", clips[0]["reference"].get<std::string>().c_str());
   STRCMP_EQUAL("29", clips[1]["reference"].get<std::string>().c_str());
   const std::string clip = (dir / "ball__exp_num_1__camera_0").string();
-  std::vector<int> expected = replayed_alarms(clip, "4", model);
+  const std::vector<int> expected = replayed_alarms(clip, "4", model);
   CHECK(!expected.empty());
-  const std::vector<int> second = replayed_alarms(clip, "29", model);
-  expected.insert(expected.end(), second.begin(), second.end());
   CHECK(expected == evaluated_alarms(report, "ball__exp_num_1__camera_0"));
+  CHECK(replayed_alarms(clip, "29", model) == evaluated_alarms(report, "ball__exp_num_2__camera_0"));
   LONGS_EQUAL(4, report["tables"]["silence"].size());  // ours, the paper's, imprint alone, motion start
   LONGS_EQUAL(1, report["tables"]["silence"][0]["onsets"].get<int>());
   CHECK(fs::exists(dir / "out" / "trials.csv"));
@@ -363,12 +363,45 @@ TEST(EvaluateRecorded, WhatCannotBeIsRefusedInOneLine) {
   refuses("5,2,,,0,,,high", "'5-2' is no interval");
   refuses("x,,,,0,,,high", "'x-' is no interval");
   refuses("0,11,,,0,,,high", "interval 0-11 ends after the last frame 10");
+  refuses("0,9,,,0,2-11:low,,high", "interval 2-11 ends after the last frame 10");
+  // Its middle is to be the reference, so that the clip cannot even be replayed.
+  refuses("0,9,,,0,,20-30,high",
+          "labels.csv:2: interval 20-30 ends after the last frame 10 of gel__exp_num_1__camera_0");
+  refuses("0,9,3,6,1,6-8:high,,high", "silent interval 6-8 overlaps the slip 3-6");
+  refuses("0,9,3,6,1,,0-3,high", "empty interval 0-3 overlaps the slip 3-6");
   STRCMP_CONTAINS("cannot be read as a label file", refused({"--recorded", (dir / "none.csv").string()}).c_str());
   STRCMP_CONTAINS("neither or both", refused({}).c_str());
   STRCMP_CONTAINS("neither or both", refused({"data.csv", "--recorded", labels}).c_str());
   test::write_file(dir / "labels.csv", kHeader + std::string("gel__exp_num_1__camera_0,,,,,0,,0-10,high\n"));
   STRCMP_CONTAINS("none.tree", refused({"--recorded", labels, "--model", (dir / "none.tree").string()}).c_str());
   STRCMP_CONTAINS("more than one", refused({"--recorded", labels, "--model", "a", "b"}).c_str());
+}
+
+TEST(EvaluateRecorded, ARecordingIsScoredOnce) {
+  const std::string left = "gel__exp_num_1__camera_0", right = "gel__exp_num_1__camera_2";
+  (void)test::write_clip(test::press_scene(0.4), dir / left);
+  fs::copy(dir / left, dir / right);
+  const std::string row = ",,,,,0,,0-10,high\n";
+  test::write_file(dir / "labels.csv", kHeader + left + row);
+  test::write_file(dir / "labels_v2.csv", kHeader + right + row + left + row);
+  const std::string first = (dir / "labels.csv").string(), second = (dir / "labels_v2.csv").string();
+  for (const std::vector<std::string>& more : {std::vector<std::string>{}, {"--pairs"}}) {
+    std::vector<std::string> arguments{"--recorded", first, second};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    STRCMP_CONTAINS((second + ":3: " + left + " is labelled in " + first + ":2 too and would count twice").c_str(),
+                    refused(arguments).c_str());
+  }
+  STRCMP_CONTAINS((first + ":2: " + left + " is labelled in " + first + ":2").c_str(),
+                  refused({"--recorded", first, first}).c_str());
+}
+
+TEST(EvaluateRecorded, PairsRefuseAnIntervalBeyondTheEnd) {
+  (void)test::write_clip(test::press_scene(0.4), dir / "gel__exp_num_1__camera_0");
+  fs::copy(dir / "gel__exp_num_1__camera_0", dir / "gel__exp_num_1__camera_2");
+  test::write_file(dir / "labels.csv", kHeader + std::string("gel__exp_num_1__camera_0,,,,,0,,0-10,high\n"
+                                                             "gel__exp_num_1__camera_2,,,,,0,,20-30,high\n"));
+  STRCMP_CONTAINS("labels.csv:3: interval 20-30 ends after the last frame 10",
+                  refused({"--recorded", (dir / "labels.csv").string(), "--pairs"}).c_str());
 }
 
 TEST(EvaluateRecorded, AClipThatCannotBeReplayedIsSaid) {

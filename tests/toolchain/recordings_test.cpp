@@ -76,7 +76,7 @@ TEST(Recordings, RowsAreAsTheLabelFileSays) {
   const auto error = studio.read(
       "note,clip,empty_intervals,silent_intervals,slip_start,slip_end,onset_recorded\r\n"
       "\"turned, not lost; "
-      "\"\"odd\"\"\",mug__exp_num_12__camera_9,0-8;24-30,10-12:high;13-14:low;15-19:medium,18,20,1\r\n",
+      "\"\"odd\"\"\",mug__exp_num_12__camera_9,0-8;24-30,10-12:high;13-14:low;15-17:medium,18,20,1\r\n",
       samples);
   STRCMP_EQUAL("", error.value_or("").c_str());
   STRCMP_EQUAL("eeeeeeeeeohhhoohhhsssoooeeeeeee", spelled(samples).c_str());
@@ -140,6 +140,7 @@ TEST(Recordings, TheRestPositionIsTheOneThatTheFileSays) {
 
 TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
   const Studio studio;
+  fs::copy(studio.dir / kClip, studio.dir / "second");
   const std::string clip = kClip;
   const std::string header = kLabelsHeader;
   studio.refuses("", "no clips");
@@ -158,17 +159,33 @@ TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
   studio.refuses(header + clip + ",,,0,8-2:high,,\n", "'8-2'");
   studio.refuses(header + clip + ",,,0,,8,\n", "'8'");
   studio.refuses(header + clip + ",5,31,1,,,\n", "labels.csv:2: interval 5-31 ends after the last frame 30");
-  studio.refuses(header + clip + ",5,7,1,,,\n" + clip + ",5,31,1,,,\n", "labels.csv:3:");
+  studio.refuses(header + clip + ",5,7,1,,,\nsecond,5,31,1,,,\n", "labels.csv:3:");
+  studio.refuses(header + clip + ",5,7,1,0-5:low,,\n",
+                 "labels.csv:2: silent interval 0-5 overlaps the slip 5-7 of mug__exp_num_12__camera_9");
+  studio.refuses(header + clip + ",5,7,1,0-4:high;7-9:high,,\n", "silent interval 7-9 overlaps the slip 5-7");
+  studio.refuses(header + clip + ",5,7,1,,6-6,\n", "labels.csv:2: empty interval 6-6 overlaps the slip 5-7");
   write_file(studio.dir / "text.avi", "no film");
   Samples samples;
   const auto broken = studio.read(header + "text,,,0,,,\n", samples);
   CHECK(broken && broken->find("text.avi") != std::string::npos);
 }
 
+// Twice the same frames would be twice the minutes, the onsets and the weight.
+TEST(Recordings, ARecordingIsLabelledOnce) {
+  const Studio studio;
+  const std::string clip = kClip;
+  const std::string labels = (studio.dir / "labels.csv").string();
+  studio.refuses(kLabelsHeader + clip + ",,,0,,,\n\n" + clip + ",5,7,1,,,\n",
+                 (labels + ":4: " + clip + " is labelled in " + labels + ":2 too").c_str());
+  fs::create_directory_symlink(studio.dir / clip, studio.dir / "same");
+  studio.refuses(kLabelsHeader + clip + ",,,0,,,\nsame,5,7,1,,,\n", "labels.csv:3: same is labelled in");
+}
+
 TEST(Recordings, ItStopsWhenAsked) {
   const Studio studio;
   Samples samples;
-  write_file(studio.dir / "labels.csv", kLabelsHeader + std::string(kClip) + ",,,0,,,\n" + kClip + ",,,0,,,\n");
+  fs::copy(studio.dir / kClip, studio.dir / "second");
+  write_file(studio.dir / "labels.csv", kLabelsHeader + std::string(kClip) + ",,,0,,,\nsecond,,,0,,,\n");
   int asked = 0;
   const auto error = learn::read_recordings(studio.dir / "labels.csv", Params{}, samples, [&](int done, int all) {
     LONGS_EQUAL(++asked, done);

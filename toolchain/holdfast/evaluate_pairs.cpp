@@ -177,9 +177,12 @@ std::string evaluate_pairs(const RecordedOptions& options, learn::ReportFacts& f
   if (interrupted()) return interrupted_line();
   for (const Pair& pair : pairs) {
     if (!pair.error.empty()) facts.warnings.push_back("not replayed: " + pair.error);
-    for (std::size_t i = 0; i < 2 && pair.error.empty(); ++i) {
+    for (std::size_t i = 0; i < 2; ++i) {
       const auto frames = static_cast<long>(pair.tracks[i].frames.size());
-      if (auto error = learn::check_length(pair.labels[i], frames)) return *error;
+      if (auto error =
+              pair.error.empty() ? learn::check_length(pair.labels[i], frames) : learn::check_length(pair.labels[i])) {
+        return *error;
+      }
     }
   }
 

@@ -343,16 +343,16 @@ void each_of(std::size_t count, int jobs, const std::function<void(long, long)>&
 
 std::string evaluate_recorded(const RecordedOptions& options, learn::ReportFacts& facts,
                               std::vector<learn::Table>& tables, const std::function<void(long, long)>& progress) {
-  std::vector<Clip> clips;
+  std::vector<ClipLabels> labels;
   for (const std::string& file : options.labels) {
-    std::vector<ClipLabels> labels;
     if (auto error = learn::read_labels(file, labels)) return *error;
-    const fs::path path = fs::absolute(file);
+  }
+  std::vector<Clip> clips;
+  for (ClipLabels& clip : labels) {
+    const fs::path path = fs::absolute(clip.file);
     const std::string folder = (path.parent_path().filename() / path.filename()).string();
-    for (ClipLabels& clip : labels) {
-      learn::Rest rest = learn::rest_of(clip, options.empty);
-      clips.push_back({std::move(clip), folder, std::move(rest), {}, {}});
-    }
+    learn::Rest rest = learn::rest_of(clip, options.empty);
+    clips.push_back({std::move(clip), folder, std::move(rest), {}, {}});
   }
   // A wrong model or option is wrong for every clip.
   CommonOptions common;
@@ -368,8 +368,9 @@ std::string evaluate_recorded(const RecordedOptions& options, learn::ReportFacts
   if (interrupted()) return interrupted_line();
   for (const Clip& clip : clips) {
     const auto frames = static_cast<long>(clip.ours.slip.size());
-    if (frames == 0) continue;
-    if (auto error = learn::check_length(clip.labels, frames)) return *error;
+    if (auto error = frames > 0 ? learn::check_length(clip.labels, frames) : learn::check_length(clip.labels)) {
+      return *error;
+    }
   }
 
   const std::vector<Detector> detectors = detectors_of(clips);

@@ -5,11 +5,15 @@
 
 #include <algorithm>
 #include <fstream>
+#include <map>
 #include <system_error>
 #include <utility>
+#include <variant>
 
 #include "drivers/common/input_file.hpp"
+#include "drivers/sim/recording.hpp"
 #include "toolchain/learn/number_text.hpp"
+#include "toolchain/log/recording_file.hpp"
 
 namespace holdfast::learn {
 namespace {
@@ -117,7 +121,7 @@ class LabelRow {
     for (const std::string& text = cell("empty_intervals"); const std::string_view part : parts_of(text)) {
       if (Error bad = interval(part, clip_.empty.emplace_back())) return bad;
     }
-    return {};
+    return quiet_in_slip();
   }
 
  private:
@@ -152,10 +156,36 @@ class LabelRow {
                  "write the first and the last frame, counted from 0");
   }
 
+  // A frame cannot count as slip and as silence at once.
+  [[nodiscard]] Error quiet_in_slip() const {
+    if (!clip_.slip) return {};
+    const Frames& slip = *clip_.slip;
+    const auto check = [&](const Frames& quiet, std::string_view kind) -> Error {
+      if (quiet.to < slip.from || quiet.from > slip.to) return {};
+      return error(fmt::format("{} interval {}-{} overlaps the slip {}-{} of {}", kind, quiet.from, quiet.to, slip.from,
+                               slip.to, clip_.name),
+                   "a typing error in one of the two", "let the interval end before the slip or begin after it");
+    };
+    for (const Frames& one : clip_.silent) {
+      if (Error bad = check(one, "silent")) return bad;
+    }
+    for (const Frames& one : clip_.empty) {
+      if (Error bad = check(one, "empty")) return bad;
+    }
+    return {};
+  }
+
   const std::vector<std::string>& header_;
   const std::vector<std::string>& cells_;
   ClipLabels& clip_;
 };
+
+// A recording by whatever name or link it was found.
+std::string place_of(const ClipLabels& clip) {
+  std::error_code failed;
+  const fs::path place = fs::canonical(clip.path, failed);
+  return failed ? clip.path.string() : place.string();
+}
 
 }  // namespace
 
@@ -188,6 +218,8 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
   clip.file = file;
   std::string text;
   const std::size_t before = clips.size();
+  std::map<std::string, std::size_t> seen;  // recording: its place in `clips`
+  for (std::size_t c = 0; c < before; ++c) seen.emplace(place_of(clips[c]), c);
   while (std::getline(in, text)) {
     ++clip.line;
     if (clip.line == 1 && text.starts_with(kByteOrderMark)) text.erase(0, kByteOrderMark.size());
@@ -197,6 +229,15 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
     if (!header.empty()) {
       ClipLabels& next = clips.emplace_back(clip);
       if (Error bad = LabelRow(header, cells, next).read()) return bad;
+      const auto [at, is_new] = seen.emplace(place_of(next), clips.size() - 1);
+      if (!is_new) {
+        const ClipLabels& first = clips[at->second];
+        return label_error(next,
+                           fmt::format("{} is labelled in {}:{} too and would count twice", next.name,
+                                       first.file.string(), first.line),
+                           "a line was copied, or two versions of one label file are given",
+                           "label each recording once, or give only one of the files");
+      }
       continue;
     }
     header = cells;
@@ -226,6 +267,15 @@ std::optional<std::string> check_length(const ClipLabels& clip, long frames) {
         "frames counted from 1, or another cut of the clip", "count the clip's frames from 0");
   }
   return {};
+}
+
+std::optional<std::string> check_length(const ClipLabels& clip) {
+  auto opened = log::open_recording(clip.path);
+  auto* const recording = std::get_if<sim::Recording>(&opened);
+  if (recording == nullptr) return {};
+  const auto last = recording->at("last");
+  const auto* const frame = std::get_if<sim::RecordedFrame>(&last);
+  return frame == nullptr ? std::nullopt : check_length(clip, frame->index + 1);
 }
 
 std::optional<fs::path> empty_picture(const ClipLabels& clip) {

@@ -79,11 +79,14 @@ struct ClipLabels {
   [[nodiscard]] bool is_silent(long frame) const;  // of high or medium confidence
 };
 
-// All clips of a label file, in its order. Nothing, or an error line.
+// Appends all clips of a label file, in its order. A recording may be labelled once, the clips that are there already
+// included, and no silent or empty interval may overlap its slip. Nothing, or an error line.
 [[nodiscard]] std::optional<std::string> read_labels(const std::filesystem::path& file, std::vector<ClipLabels>& clips);
 
 // Whether the labels end within the clip, which has so many frames. Nothing, or an error line.
 [[nodiscard]] std::optional<std::string> check_length(const ClipLabels& clip, long frames);
+// The same for a clip that was not replayed. Nothing where its frames cannot be counted.
+[[nodiscard]] std::optional<std::string> check_length(const ClipLabels& clip);
 
 // empty_CAMERA.png beside the label file, CAMERA being what follows the last "__" of the clip's name: a picture of that
 // camera's empty gel. Nothing when there is no such file.
