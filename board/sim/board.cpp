@@ -29,6 +29,7 @@
 #include "drivers/common/empty_mark.hpp"
 #include "drivers/common/jpeg_turbo.hpp"
 #include "drivers/common/monotonic_clock.hpp"
+#include "drivers/common/number_range.hpp"
 #include "drivers/common/watchdog_thread.hpp"
 #include "drivers/linux/camera_v4l2.hpp"
 #include "drivers/sim/camera_paced.hpp"
@@ -365,7 +366,7 @@ std::optional<int> make(int argc, char** argv) {
                                        "on an object that is held");
   cli.add_option("--fps", options.fps, "frames per second, 1 to 100")
       ->needs(real_time)
-      ->check(CLI::Range(1.0, 100.0))
+      ->check(number_from_to(1.0, 100.0))
       ->capture_default_str();
   auto* const held =
       cli.add_flag("--held", options.held, "the object is held from the first frame on")->needs(real_time);
@@ -387,7 +388,7 @@ std::optional<int> make(int argc, char** argv) {
       ->excludes(real_time)
       ->excludes("--play");
   cli.add_option("--seconds", options.seconds, "end after so many seconds of the board's time")
-      ->check(CLI::Range(0.001, 1e7));
+      ->check(number_from_to(0.001, 1e7));
   cli.add_option("--tape", options.tape, "show the output lines in this file (drivers/sim/tape.hpp)");
   cli.add_option("--keep", options.keep, "keep the reference in this file, and go on with what it holds");
   cli.add_option("--empty-file", options.empty_file, empty_file_help());

@@ -292,6 +292,18 @@ TEST(Process, AFullFileSystemKeepsNothingAndEverythingElseGoesOn) {
   LONGS_EQUAL(1, std::ranges::count(finished.err, '\n'));
 }
 
+TEST(Process, ANumberThatIsNoneIsRefused) {
+  const std::string nan = "nan";
+  for (const std::vector<std::string>& words :
+       {std::vector<std::string>{"--seconds", nan}, {"--real-time", "--seconds", "1", "--fps", nan}}) {
+    std::vector<std::string> command{test::kFirmware};
+    command.insert(command.end(), words.begin(), words.end());
+    const test::Finished finished = test::run(command);
+    CHECK(finished.status != 0);
+    STRCMP_CONTAINS("'nan' is no number from ", finished.err.c_str());
+  }
+}
+
 TEST(Process, ACheckpointThatIsCutUnderItIsWrittenAnew) {
   CHECK_TEXT(tape.has_value(), error.c_str());
   Receiver receiver(*tape);

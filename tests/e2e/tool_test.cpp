@@ -580,6 +580,8 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
   refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
+  refuse({"trade", "sim", kScene, "--reference-cell", "nan"}, "'nan' is no number from 0.2 to 1",
+         "holdfast trade sim --help");
   refuse({"trade", "firmware", "--shard", "3/2"}, "'3/2'", "1/4, 2/4");
   refuse({"trade", "firmware", "--shard", "1/2", "--modes", in("x")}, "a piece has no table of modes", "trade show");
   refuse({"trade", "firmware", "--films", "7"}, "--films", "holdfast trade firmware --help");

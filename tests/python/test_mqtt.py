@@ -373,6 +373,7 @@ class Fleet(unittest.TestCase):
         self.assertRegex(refused("--plain", "HF/1=/dev/null"), "is no board")
         self.assertRegex(refused("--plain", "#=/dev/null"), "is no board")
         self.assertRegex(refused("--plain", "A=/dev/null", "A=/dev/zero"), "'A' is there twice")
+        self.assertRegex(refused("--plain", "--every", "nan", "HF0001=/dev/null"), "'nan' is no number from 0.1 to 86400")
 
 
 if __name__ == "__main__":

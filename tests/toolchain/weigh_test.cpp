@@ -233,4 +233,14 @@ TEST(Weigh, TheCommandKeepsWhatItCannotRead) {
   CHECK(calibrate({path, "--as", "normal"}).status != 0);
   CHECK(calibrate({path, "--weight", "100", "--as", "mass"}).status != 0);
   CHECK(calibrate({path, "--weight", "0"}).status != 0);
+  for (const char* const none : {"nan", "-nan", "inf", "0.5", "1x"}) {
+    for (const std::vector<std::string>& words :
+         {std::vector<std::string>{"--weight", none}, {"--weight", "100", "--share", none}}) {
+      std::vector<std::string> all{path};
+      all.insert(all.end(), words.begin(), words.end());
+      const Finished refused = calibrate(all);
+      CHECK_TEXT(refused.status != 0, none);
+      STRCMP_CONTAINS(("'" + std::string(none) + "' is no number from 1 to ").c_str(), refused.err.c_str());
+    }
+  }
 }

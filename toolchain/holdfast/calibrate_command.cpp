@@ -406,7 +406,7 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
       ->check(number_from_to(0.1, 1000));
   CLI::Option* const weight =
       command->add_option("--weight", options->weight_g, "grams that hang on the gel or stand on it in INPUT")
-          ->check(CLI::Range(1.0, 5000.0));
+          ->check(number_from_to(1.0, 5000.0));
   command->add_option("--as", options->as, "what the weight is to this gel: shear or normal")
       ->needs(weight)
       ->check(CLI::IsMember({"shear", "normal"}))
@@ -415,7 +415,7 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
       ->add_option("--share", options->share_pct,
                    "percent of the weight that this gel carries; 50 as shear (two like fingers), 100 as normal")
       ->needs(weight)
-      ->check(CLI::Range(1.0, 100.0));
+      ->check(number_from_to(1.0, 100.0));
   command->add_option("-o,--output", options->output, "settings to write the scale into, TOML; others in it stay")
       ->needs(weight)
       ->check(not_empty);

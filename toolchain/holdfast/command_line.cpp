@@ -160,7 +160,7 @@ int run(int argc, char** argv, const char* version) {
       ->add_option("--reference-cell", trade_options.reference_cell_mm,
                    "cell of the finest grid, mm; time goes as its "
                    "fourth power")
-      ->check(CLI::Range(0.2, 1.0))
+      ->check(number_from_to(0.2, 1.0))
       ->capture_default_str();
   trade_sim_command->add_option("--repeats", trade_options.repeats, "of the timing")
       ->check(CLI::Range(1, 100))

@@ -193,7 +193,7 @@ int start(int argc, char** argv) {
         ->check(CLI::Range(1, 1'000'000))
         ->capture_default_str();
     app.add_option("--every", options.every_s, "seconds between the counters")
-        ->check(CLI::Range(0.1, 86400.0))
+        ->check(number_from_to(0.1, 86400.0))
         ->capture_default_str();
     app.add_flag("--console", options.console,
                  "PORT is the console's: say `watch on`, which makes it send status frames");

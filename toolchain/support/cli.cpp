@@ -31,16 +31,6 @@ std::string parse_shard(const std::string& text, int& shard, int& shards) {
       text);
 }
 
-std::function<std::string(const std::string&)> number_from_to(double least, double most) {
-  return [least, most](const std::string& text) {
-    double value = 0.0;
-    const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (wrong == std::errc{} && end == text.data() + text.size() && value >= least && value <= most)
-      return std::string{};
-    return fmt::format("'{}' is no number from {:g} to {:g}", text, least, most);
-  };
-}
-
 std::string not_empty(const std::string& text) {
   return text.empty() ? "the name is empty" : "";
 }

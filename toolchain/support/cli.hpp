@@ -5,6 +5,8 @@
 #include <functional>
 #include <string>
 
+#include "drivers/common/number_range.hpp"  // number_from_to(), for every number with a fraction
+
 namespace CLI {
 class App;
 }
@@ -19,9 +21,6 @@ struct Command {
 
 // A check for names of files: a shell variable that is not set must not quietly mean "none". Empty, or what is wrong.
 [[nodiscard]] std::string not_empty(const std::string& text);
-
-// A check for numbers, "nan" among those refused: CLI11's own range check lets it pass.
-[[nodiscard]] std::function<std::string(const std::string&)> number_from_to(double least, double most);
 
 // `I/N`: piece I of N, counted from 1. Empty, or an error line.
 [[nodiscard]] std::string parse_shard(const std::string& text, int& shard, int& shards);
