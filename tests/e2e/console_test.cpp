@@ -105,10 +105,10 @@ TEST_GROUP(ConsoleTool) {
     words.insert(words.end(), {"--code-file", at("code")});
     return tool(std::move(words));
   }
-  // What a recorder has written so far is under another name, in pieces of some 50 rows.
+  // What a recorder has written so far is under another name: some 50 rows.
   bool rows_of(const std::string& name) const {
     const auto grows = [&](const fs::directory_entry& entry) {
-      return entry.path().filename().string().starts_with(name + ".tmp") && entry.file_size() > 0;
+      return entry.path().filename().string().starts_with(name + ".tmp") && entry.file_size() > 8'000;
     };
     return std::any_of(fs::directory_iterator(dir.path()), fs::directory_iterator(), grows);
   }
@@ -538,6 +538,24 @@ TEST(ConsoleTool, RecordsMarkers) {
   CHECK(markers <= static_cast<std::uint64_t>(frames) / 5 + 2);
 }
 
+// A file that may not grow is to a program what a full disk is.
+TEST(ConsoleTool, KeepsTheRowsThatADiskTook) {
+  // dash: in blocks of 512 bytes
+  const Finished cut = HostProcess({"sh", "-c", "ulimit -f 8; exec \"$@\"", "sh", kTool, "console", at("port"),
+                                    "--record", at("log.csv"), "--seconds", "50"})
+                           .finish(30s);
+  LONGS_EQUAL(1, cut.status);  // long before its time
+  const std::string table = read_file(at("log.csv"));
+  CHECK(table.size() <= 4096);
+  (void)check_time_runs(table, 5);
+  const std::string frames = std::to_string(std::ranges::count(table, '\n') - 1);
+  STRCMP_CONTAINS(("log.csv: the recording ended early, because a write failed; its first " + frames +
+                   " frames are kept. Likely cause: the disk is full")
+                      .c_str(),
+                  cut.err.c_str());
+  STRCMP_CONTAINS(". Next: free some space", cut.err.c_str());
+}
+
 TEST(ConsoleTool, RefusesWhatCannotBeRecorded) {
   test::check_says(tool({"--record", at("log.txt")}).err.substr(0, tool({"--record", at("log.txt")}).err.size() - 1),
                    {"is neither .csv nor .mcap"});
@@ -646,7 +664,7 @@ TEST(ConsoleTool, GoesOnWhenThePortIsBack) {
     }
     return sum;
   };
-  CHECK(until([&, before = bytes()] { return bytes() > before; }));
+  CHECK(until([&, before = bytes()] { return bytes() > before + 8'000; }));
   recorder.send(SIGINT);
   LONGS_EQUAL(0, recorder.finish().status);
   CHECK(check_time_runs(read_file(at("log.csv")), 50) > 0.1);  // the time it was away is in it

@@ -88,6 +88,41 @@ TEST(LiveTool, EndsInOrderAndPutsTheRecordingInItsPlace) {
   }
 }
 
+// A file that may not grow is to a program what a full disk is: said at once, and what came before is a whole file.
+TEST(LiveTool, KeepsWhatADiskTookAndSaysSoAtOnce) {
+  const auto limited = [&](const Words& words) {
+    Words command{"sh", "-c", "ulimit -f 4000; exec \"$@\"", "sh", kTool};  // dash: 2 MB
+    command.insert(command.end(), words.begin(), words.end());
+    return command;
+  };
+  const auto kept = [&](const std::string& err, const std::string& name) {
+    STRCMP_CONTAINS((name + ": the recording ended early, because a write failed; its first ").c_str(), err.c_str());
+    STRCMP_CONTAINS("Likely cause: the disk is full", err.c_str());
+    STRCMP_CONTAINS("Next: free some space", err.c_str());
+    const Finished info = tool({"log", "info", in(name), "--json"});
+    LONGS_EQUAL_TEXT(0, info.status, info.err.c_str());
+    long frames = 0;
+    const auto log = nlohmann::json::parse(info.out);
+    for (const auto& channel : log["channels"]) {
+      if (channel["topic"] == "/holdfast/slip") frames = channel["messages"].get<long>();
+    }
+    CHECK(frames > 0);
+    STRCMP_CONTAINS(("first " + std::to_string(frames) + " frames are kept").c_str(), err.c_str());
+    CHECK(read_file(dir / name).find("sphere_slip.json") != std::string::npos);  // what it is of
+    CHECK(std::filesystem::file_size(dir / name) <= 4000 * 512);
+  };
+  const Finished cut = HostProcess(limited({"record", in("a.mcap"), "--play", kSlip})).finish();
+  LONGS_EQUAL(1, cut.status);  // by itself
+  kept(cut.err, "a.mcap");
+
+  HostProcess page(limited({"live", "--record", in("b.mcap"), "--play", kSlip, "--port", "0"}));
+  CHECK(page.err_says("b.mcap: the recording ended early"));
+  page.send(SIGINT);
+  const Finished looked = page.finish();
+  LONGS_EQUAL(1, looked.status);
+  kept(looked.err, "b.mcap");
+}
+
 TEST(LiveTool, SaysWhatItCannotDo) {
   STRCMP_CONTAINS("absent.avi: ", tool({"live", "--play", in("absent.avi")}).err.c_str());
   STRCMP_CONTAINS("none/a.mcap: cannot be written",

@@ -3,9 +3,12 @@
 // (tests/fuzz/mcap_check.hpp). The official reader, which checks the sums, has its say in tests/npm/check_logs.sh.
 #include "toolchain/log/mcap_reader.hpp"
 
+#include <algorithm>
 #include <map>
 #include <numeric>
+#include <ostream>
 #include <random>
+#include <streambuf>
 
 #include "tests/fuzz/mcap_check.hpp"
 
@@ -156,6 +159,90 @@ TEST(Mcap, LosesOnlyTheChunkThatIsDamaged) {
   LONGS_EQUAL(2, std::get<1>(seen[1]));
   STRCMP_EQUAL("a chunk whose check sum is not that of its bytes", file.faults.front().what.c_str());
   CHECK_EQUAL(chunks[1].at, file.faults.front().at);
+}
+
+namespace {
+
+// A disk of so many bytes.
+class SmallDisk : public std::streambuf {
+ public:
+  explicit SmallDisk(std::size_t room) : room_(room) {}
+  void cut(std::uint64_t length) {
+    CHECK(length <= bytes.size());
+    bytes.resize(length);
+  }
+  McapBytes bytes;
+
+ protected:
+  std::streamsize xsputn(const char* data, std::streamsize count) override {
+    const std::size_t taken = std::min(static_cast<std::size_t>(count), room_ - bytes.size());
+    bytes.insert(bytes.end(), data, data + taken);
+    return static_cast<std::streamsize>(taken);
+  }
+  int_type overflow(int_type) override { return traits_type::eof(); }
+
+ private:
+  std::size_t room_;
+};
+
+}  // namespace
+
+TEST(Mcap, EndsWholeOnADiskThatIsFull) {
+  constexpr std::size_t kMessage = 300'000;  // three fill a chunk
+  constexpr std::uint32_t kMessages = 12;
+  const auto write_on = [](SmallDisk& disk) {
+    std::ostream out(&disk);
+    McapWriter writer(out);
+    const std::uint16_t channel = writer.add_channel("/a", "a/msg/A", "uint8 a\n");
+    std::uint32_t next = 0;
+    for (; out && next < kMessages; ++next) writer.write(channel, next, next, McapBytes(kMessage, 7));
+    if (out) {
+      writer.add_metadata("holdfast", {{"source", "here"}});
+      writer.finish();
+    }
+    const bool failed = !out;
+    while (!out) {
+      const auto length = writer.step_back();
+      if (!length) return -1L;
+      disk.cut(*length);
+      out.clear();
+      writer.add_metadata("holdfast", {{"source", "here"}});
+      writer.finish();
+      out.flush();
+    }
+    return failed ? static_cast<long>(writer.count(channel)) : static_cast<long>(kMessages);
+  };
+  SmallDisk large(100'000'000);
+  LONGS_EQUAL(kMessages, write_on(large));
+  const std::size_t whole = large.bytes.size();
+  const auto check = [&](std::size_t room, long expected) {
+    SmallDisk disk(room);
+    LONGS_EQUAL(expected, write_on(disk));
+    if (expected < 0) return;
+    McapFile file;
+    const std::vector<McapSeen> seen = messages_of(disk.bytes, &file);
+    STRCMP_EQUAL("", fault_of(disk.bytes).c_str());
+    CHECK(file.whole);
+    LONGS_EQUAL(expected, seen.size());
+    CHECK(seen == mcap_by_index(disk.bytes));
+    LONGS_EQUAL(1, places_of(disk.bytes, Op::kMetadata).size());
+    for (std::uint32_t i = 0; i < seen.size(); ++i) LONGS_EQUAL(i, std::get<1>(seen[i]));
+  };
+  check(whole, 12);
+  check(whole - 1, 9);  // the end did not fit: a chunk makes room for it
+  check(whole - 300, 9);
+  check(3'000'000, 9);
+  check(2'000'000, 6);
+  check(1'000'000, 3);
+  check(800'000, -1);
+  check(0, -1);
+  // Whatever is left behind a chunk, the file is whole.
+  for (std::size_t room = 1'799'000; room < 1'803'000; room += 37) {
+    SmallDisk disk(room);
+    const long kept = write_on(disk);
+    CHECK(kept == 3 || kept == 6);
+    STRCMP_EQUAL("", fault_of(disk.bytes).c_str());
+  }
 }
 
 TEST(Mcap, HoldsEverythingAgainstEverythingElse) {

@@ -323,6 +323,16 @@ TEST(AtomicFile, AFullDiskIsAnErrorAndLeavesNothing) {
   CHECK_FALSE(std::filesystem::exists(dir / "out.csv"));
 }
 
+TEST(AtomicFile, GoesOnFromWhereItIsCut) {
+  AtomicFile file(dir / "out.csv");
+  file.stream() << "kept and lost" << std::flush;
+  file.stream().setstate(std::ios::badbit);
+  CHECK(file.cut(5));
+  file.stream() << "more";
+  STRCMP_EQUAL("", file.commit().c_str());
+  STRCMP_EQUAL("kept more", read_file(dir / "out.csv").c_str());
+}
+
 TEST(AtomicFile, ReportsAreWrittenThroughIt) {
   STRCMP_EQUAL("", report_of(30, 10).write(dir / "r.html", {}).c_str());
   check_well_formed(read_file(dir / "r.html"));

@@ -12,6 +12,7 @@
 #include "drivers/common/trouble.hpp"
 #include "tactile/features.hpp"
 #include "toolchain/console/watching.hpp"
+#include "toolchain/live/full_disk.hpp"
 #include "toolchain/log/csv_log.hpp"
 #include "toolchain/log/frame_log.hpp"
 #include "toolchain/support/atomic_file.hpp"
@@ -29,7 +30,7 @@ class Sink {
     if (mcap) {
       mcap_.emplace(out);
     } else {
-      out << log::csv_header();
+      add_row(log::csv_header());
     }
   }
 
@@ -84,14 +85,22 @@ class Sink {
   [[nodiscard]] long fields() const { return fields_; }
   [[nodiscard]] double seconds() const { return waiting_.t_s(); }
   [[nodiscard]] bool good() const { return out_.good(); }
+  [[nodiscard]] std::string keep_what_fits(tool::AtomicFile& file, const std::string& path) {
+    return mcap_ ? live::keep_what_fits(file, *mcap_, path) : live::keep_what_fits(file, row_ends_, path);
+  }
 
  private:
+  void add_row(const std::string& row) {
+    const std::uint64_t end = (row_ends_.empty() ? 0 : row_ends_.back()) + row.size();
+    if (out_ << row << std::flush) row_ends_.push_back(end);
+  }
+
   void flush() {
     if (!std::exchange(waits_, false)) return;
     if (mcap_) {
       mcap_->add(waiting_, arrows_, cols_, hal::Frame{});
     } else {
-      out_ << log::csv_row(waiting_);
+      add_row(log::csv_row(waiting_));
     }
   }
 
@@ -100,6 +109,7 @@ class Sink {
   std::int32_t range_um_;
   log::FrameRecord waiting_;
   std::vector<log::Arrow> arrows_;
+  std::vector<std::uint64_t> row_ends_;  // of the table, in bytes
   int cols_ = 0;
   std::uint16_t sequence_ = 0;
   bool waits_ = false;
@@ -144,11 +154,13 @@ std::string record(Device& device, const RecordOptions& options, const std::func
     progress.update(sink.frames());
   }
   progress.clear();
+  if (!sink.good()) return sink.keep_what_fits(file, options.path);
   if (sink.frames() == 0) {
     return trouble("no frame came, and nothing was written", "the camera does not deliver",
                    "status says what the device is doing");
   }
   sink.finish();
+  if (!file.stream().flush()) return sink.keep_what_fits(file, options.path);
   if (std::string error = file.commit(); !error.empty()) return error;
   report.push_back(fmt::format("{}: {} frames in {:.1f} s, {} with markers, {} lost", options.path, sink.frames(),
                                sink.seconds(), sink.fields(), watching.telemetry().lost()));

@@ -234,8 +234,17 @@ int run_desk(const LiveOptions& options, bool page) {
   const Deadline deadline(options.seconds);
   Screen screen;
   std::string told;
-  while (!deadline.over()) {
+  bool cut_short = false;
+  while (!deadline.over() && (page || !cut_short)) {
     if (const auto frame = desk.turn()) screen.show(*frame);
+    if (recorder && recorder->failed()) {
+      // Now, and not at the end: hours may lie between. A page goes on without it.
+      desk.record_to(nullptr);
+      screen.clear();
+      note(recorder->finish());
+      recorder.reset();
+      cut_short = true;
+    }
     if (std::string now = desk.camera_problem(); now != told) {
       told = std::move(now);
       screen.clear();
@@ -255,7 +264,7 @@ int run_desk(const LiveOptions& options, bool page) {
   if (screen.frames() == 0) {
     return fail(trouble("no frame came", "the camera does not deliver", "holdfast doctor says what is wrong with it"));
   }
-  return 0;
+  return cut_short ? 1 : 0;
 }
 
 // Somebody else's device: its console's port is joined to the page, and nothing else.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "drivers/common/trouble.hpp"
+#include "toolchain/live/full_disk.hpp"
 
 namespace holdfast::live {
 namespace {
@@ -18,7 +19,7 @@ std::uint64_t wall_ns() {
 }  // namespace
 
 Recorder::Recorder(const std::string& path, std::map<std::string, std::string> about)
-    : file_(path), about_(std::move(about)) {
+    : path_(path), file_(path), about_(std::move(about)) {
   if (error().empty()) thread_ = std::thread([this] { write(); });
 }
 
@@ -33,6 +34,7 @@ Recorder::~Recorder() {
 }
 
 void Recorder::add(const log::FrameRecord& record, std::vector<log::Arrow> arrows, int cols, const hal::Frame& given) {
+  if (failed_) return;
   if (log_ == nullptr) {
     const std::uint64_t now_ns = wall_ns();
     log_ = std::make_unique<log::FrameLog>(file_.stream(), now_ns);
@@ -64,6 +66,9 @@ void Recorder::write() {
     put(entry);
     lock.lock();
     bytes_ -= entry.bytes.size();
+    if (!failed_) continue;
+    waiting_.clear();
+    return;
   }
 }
 
@@ -71,6 +76,7 @@ void Recorder::put(const Entry& entry) {
   hal::Frame given = entry.given;
   given.bytes = entry.bytes;
   log_->add(entry.record, entry.arrows, entry.cols, given);
+  failed_ = !file_.stream();
 }
 
 std::string Recorder::finish() {
@@ -86,7 +92,8 @@ std::string Recorder::finish() {
   }
   about_["frames_left_out"] = std::to_string(left_out_);
   log_->about(about_);
-  log_->finish();
+  if (!failed_) log_->finish();
+  if (failed_ || !file_.stream().flush()) return keep_what_fits(file_, *log_, path_);
   return file_.commit();
 }
 

@@ -5,6 +5,7 @@
 // (log/frame_log.hpp). Times are the wall clock's: that of the first frame, and the camera's own steps from there.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
@@ -37,7 +38,9 @@ class Recorder {
   [[nodiscard]] const std::string& error() const { return file_.error(); }
   // `given`: of the camera, with its bytes.
   void add(const log::FrameRecord& record, std::vector<log::Arrow> arrows, int cols, const hal::Frame& given);
-  // Writes what waits and puts the file in its place. Empty, or the error line.
+  // A write failed, and no frame is taken any more: for finish() to say, now.
+  [[nodiscard]] bool failed() const { return failed_; }
+  // Writes what waits and puts the file in its place; of one whose disk is full, what fits. Empty, or the error line.
   [[nodiscard]] std::string finish();
 
   [[nodiscard]] long frames() const { return frames_; }
@@ -55,6 +58,7 @@ class Recorder {
   void write();
   void put(const Entry& entry);
 
+  std::string path_;
   tool::AtomicFile file_;
   std::map<std::string, std::string> about_;
   std::unique_ptr<log::FrameLog> log_;
@@ -63,6 +67,7 @@ class Recorder {
   std::deque<Entry> waiting_;
   std::size_t bytes_ = 0;
   bool over_ = false;
+  std::atomic<bool> failed_ = false;
   long frames_ = 0, left_out_ = 0;
   std::thread thread_;
 };

@@ -32,6 +32,9 @@ class FrameLog {
   void about(const std::map<std::string, std::string>& entries) { about_.insert(entries.begin(), entries.end()); }
   // Once, after the last frame.
   void finish();
+  // After a write that failed: McapWriter::step_back().
+  [[nodiscard]] std::optional<std::uint64_t> step_back() { return writer_.step_back(); }
+  [[nodiscard]] std::uint64_t frames() const { return writer_.count(slip_); }
   [[nodiscard]] bool has_pictures() const { return camera_.has_value(); }
   [[nodiscard]] bool has_encoded() const { return encoded_; }
 

@@ -64,6 +64,7 @@ McapWriter::McapWriter(std::ostream& out) : out_(out) {
   add_text(header, "ros2");
   add_text(header, "holdfast");
   put(record(Op::kHeader, header));
+  mark();
 }
 
 std::uint16_t McapWriter::add_channel(std::string_view topic, std::string_view schema, std::string_view schema_text) {
@@ -150,6 +151,33 @@ void McapWriter::flush_chunk() {
   chunk_.clear();
   index_.clear();
   chunk_span_ = {};
+  mark();
+}
+
+void McapWriter::mark() {
+  if (!out_.flush()) return;
+  if (marks_.size() == kMarks) marks_.pop_front();
+  marks_.push_back({position_, crc_, schemas_.size(), channels_.size(), chunk_indexes_.size(), metadata_indexes_.size(),
+                    counts_, messages_, span_});
+}
+
+std::optional<std::uint64_t> McapWriter::step_back() {
+  if (marks_.empty() || marks_.back().messages == 0) return std::nullopt;
+  const Mark to = std::move(marks_.back());
+  marks_.pop_back();
+  position_ = to.position;
+  crc_ = to.crc;
+  schemas_.resize(to.schemas);
+  channels_.resize(to.channels);
+  chunk_indexes_.resize(to.chunks);
+  metadata_indexes_.resize(to.metadata);
+  counts_ = to.counts;
+  messages_ = to.messages;
+  span_ = to.span;
+  chunk_.clear();
+  index_.clear();
+  chunk_span_ = {};
+  return position_;
 }
 
 void McapWriter::add_metadata(std::string_view name, const std::map<std::string, std::string>& entries) {

@@ -4,11 +4,13 @@
 // Profile "ros2": schemas are texts of .msg files (ros2msg), messages are CDR. Uncompressed, because nearly all of it
 // is JPEG, with every check sum and index that the format has. Nothing is ever read back or written again, so any
 // stream will do; memory is one chunk and 100 bytes for each chunk written. Whether the stream took it all is for its
-// owner to ask. Not for attachments.
+// owner to ask: step_back() says how a file whose disk is full can still be ended. Not for attachments.
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
+#include <optional>
 #include <ostream>
 #include <span>
 #include <string>
@@ -32,6 +34,12 @@ class McapWriter {
   void add_metadata(std::string_view name, const std::map<std::string, std::string>& entries);
   // Once, after the last message.
   void finish();
+  // After a write that failed: takes back the last chunk in the file and all behind it, and says how long the file is
+  // without. The stream's owner cuts it there and calls finish(), which needs some of the space that was given back;
+  // when that fails as well, from the start. Nothing: no message would be left.
+  [[nodiscard]] std::optional<std::uint64_t> step_back();
+  // Messages of the channel, those in the chunk that is not written yet included.
+  [[nodiscard]] std::uint64_t count(std::uint16_t channel) const { return counts_.at(channel); }
 
  private:
   struct TimeSpan {
@@ -42,7 +50,19 @@ class McapWriter {
   // (channel, time, offset in the chunk)
   using Index = std::map<std::uint16_t, std::vector<std::pair<std::uint64_t, std::uint64_t>>>;
 
+  // The file up to the end of a chunk, all of which the stream took.
+  struct Mark {
+    std::uint64_t position = 0;
+    std::uint32_t crc = 0;
+    std::size_t schemas = 0, channels = 0, chunks = 0, metadata = 0;
+    std::map<std::uint16_t, std::uint64_t> counts;
+    std::uint64_t messages = 0;
+    TimeSpan span;
+  };
+  static constexpr std::size_t kMarks = 64;  // 48 MB, of which a summary may need
+
   void flush_chunk();
+  void mark();
   void put(std::span<const std::uint8_t> bytes);
 
   std::ostream& out_;
@@ -57,6 +77,7 @@ class McapWriter {
   std::vector<std::uint8_t> chunk_;
   Index index_;
   TimeSpan chunk_span_;
+  std::deque<Mark> marks_;  // the last ones
 };
 
 }  // namespace holdfast::log

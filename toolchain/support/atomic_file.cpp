@@ -60,6 +60,17 @@ AtomicFile::~AtomicFile() {
   if (!temp_.empty()) fs::remove(temp_, ignored);
 }
 
+bool AtomicFile::cut(std::uint64_t length) {
+  if (printed_ || temp_.empty()) return false;
+  stream_.close();
+  stream_.clear();
+  std::error_code failed;
+  fs::resize_file(temp_, length, failed);
+  stream_.open(temp_, std::ios::binary | std::ios::in | std::ios::out | std::ios::ate);
+  if (failed) stream_.setstate(std::ios::badbit);
+  return stream_.good();
+}
+
 std::string AtomicFile::commit() {
   if (!error_.empty()) return error_;
   if (printed_) {
@@ -71,8 +82,7 @@ std::string AtomicFile::commit() {
   }
   stream_.close();
   if (!stream_) {
-    fail("could not be written to its end", "the disk is full, was taken away, or ulimit -f forbids it",
-         "free some space and run again");
+    fail("could not be written to its end", std::string(kFullCause), "free some space and run again");
     return error_;
   }
   std::error_code ec;

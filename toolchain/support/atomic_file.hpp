@@ -35,8 +35,14 @@ class AtomicFile {
   // Why the file cannot be written, as far as known; empty: good. Ask early, before a long run.
   [[nodiscard]] const std::string& error() const { return error_; }
   [[nodiscard]] std::ostream& stream() { return printed_ ? static_cast<std::ostream&>(*printed_) : stream_; }
+  // After a write that failed: gives what stands behind the first `length` bytes back to the disk, and the stream goes
+  // on from there. Whether it can.
+  [[nodiscard]] bool cut(std::uint64_t length);
   // Puts the file in its place. Empty, or the error line.
   [[nodiscard]] std::string commit();
+
+  // Why a write fails, for people.
+  static constexpr std::string_view kFullCause = "the disk is full, was taken away, or ulimit -f forbids it";
 
  private:
   void fail(const std::string& what, const std::string& cause, const std::string& next);
