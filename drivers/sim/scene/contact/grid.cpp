@@ -35,6 +35,9 @@ constexpr int kMostLetGo = 24;  // rounds in which cells fall from static to kin
 constexpr double kRoundReduction = 0.1;
 constexpr double kSafety = 1.5;  // the middle cell's row of influences may not be the largest
 constexpr double kPointOnLimit = 1.0 - 1e-9;
+// A cell that slides ends a step as near to its limit as the solver stops: up to 1e-4 below it in a cylinder's steady
+// slide at the default tolerance of 1e-4.
+constexpr double kTimesTolerance = 10.0;
 constexpr double kFarHeight_mm = 1e5;  // the cliff beyond a flat's rim never touches
 constexpr double kMostLength_mm = 1e9;
 constexpr double kMostPad_mm = 1e4;
@@ -222,7 +225,10 @@ class GridContact::Solver {
   void solve_shear();
   void descend_shear();
   void newton_shear(double self, double enough);
-  [[nodiscard]] bool on_limit(std::size_t i) const;
+  // The gel's motion under a cell by a unit of its own traction.
+  [[nodiscard]] double self_motion() const { return 0.5 * (*kernel(xx_, 0, 0) + *kernel(yy_, 0, 0)); }
+  [[nodiscard]] bool on_limit(std::size_t i, double near) const;
+  [[nodiscard]] bool is_driven_over(std::size_t i) const;
 
   void step(std::optional<double> load, double depth, Vec2 at_mm, double twist_rad);
   void anchor(Vec2 at_mm, double twist_rad);
@@ -664,7 +670,7 @@ void GridContact::Solver::descend_press(bool keep_sum, const Rows& rows, double 
 void GridContact::Solver::descend_shear() {
   Field& qx = now_.qx;
   Field& qy = now_.qy;
-  const double self = 0.5 * (*kernel(xx_, 0, 0) + *kernel(yy_, 0, 0));
+  const double self = self_motion();
   const double count = static_cast<double>(cells_.size());
   const auto hold = [&](std::size_t i) {
     const double size = std::sqrt(qx[i] * qx[i] + qy[i] * qy[i]);
@@ -847,19 +853,28 @@ void GridContact::Solver::solve_shear() {
     bool any = false;
     if (drops) {
       for (const Cell& c : cells_) {
-        if (now_.slips[c.i] != 0 || !on_limit(c.i)) continue;
+        if (now_.slips[c.i] != 0 || !on_limit(c.i, kPointOnLimit)) continue;
         now_.slips[c.i] = 1;
         any = true;
       }
     }
     if (!any) break;
   }
-  for (const Cell& c : cells_) now_.slips[c.i] = on_limit(c.i) ? 1 : 0;
+  for (const Cell& c : cells_) now_.slips[c.i] = on_limit(c.i, kPointOnLimit) || is_driven_over(c.i) ? 1 : 0;
 }
 
-bool GridContact::Solver::on_limit(std::size_t i) const {
+bool GridContact::Solver::on_limit(std::size_t i, double near) const {
   const double size2 = now_.qx[i] * now_.qx[i] + now_.qy[i] * now_.qy[i];
-  return size2 >= kPointOnLimit * kPointOnLimit * bound_[i] * bound_[i];
+  return size2 >= near * near * bound_[i] * bound_[i];
+}
+
+// As near to its limit as the solver stops, and the object would drive it past.
+bool GridContact::Solver::is_driven_over(std::size_t i) const {
+  if (!on_limit(i, 1.0 - kTimesTolerance * tolerance_)) return false;
+  const double self = self_motion();
+  const double x = now_.qx[i] + (bx_[i] - ux_[i]) / self;
+  const double y = now_.qy[i] + (by_[i] - uy_[i]) / self;
+  return x * x + y * y > bound_[i] * bound_[i];
 }
 
 // --- one step ---
