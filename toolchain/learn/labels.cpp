@@ -156,9 +156,9 @@ class LabelRow {
                  "write the first and the last frame, counted from 0");
   }
 
-  // A frame cannot count as slip and as silence at once.
+  // A frame cannot count as slip and as silence at once; what is of low confidence does not count.
   [[nodiscard]] Error quiet_in_slip() const {
-    if (!clip_.slip) return {};
+    if (!clip_.slip || clip_.confidence == Confidence::kLow) return {};
     const Frames& slip = *clip_.slip;
     const auto check = [&](const Frames& quiet, std::string_view kind) -> Error {
       if (quiet.to < slip.from || quiet.from > slip.to) return {};
@@ -166,7 +166,8 @@ class LabelRow {
                                slip.to, clip_.name),
                    "a typing error in one of the two", "let the interval end before the slip or begin after it");
     };
-    for (const Frames& one : clip_.silent) {
+    for (const SilentFrames& one : clip_.silent) {
+      if (!one.sure()) continue;
       if (Error bad = check(one, "silent")) return bad;
     }
     for (const Frames& one : clip_.empty) {
