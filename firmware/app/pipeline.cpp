@@ -164,8 +164,9 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
         field_features::update(state.field, config.field, state.displacement, out.timestamp, state.saturations);
   }
   if (luma != nullptr && config.with_imprint) {
-    out.features.imprint = imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest,
-                                           state.reference.pitch, out.timestamp, state.saturations);
+    out.features.imprint =
+        imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
+                        out.timestamp, state.saturations, state.decision.raised);
   }
   if (luma != nullptr && config.with_imprint && config.judges_contact) {
     out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,

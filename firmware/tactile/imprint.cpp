@@ -610,6 +610,12 @@ const Kept* picture_before(const State& state, Micros now, Micros lag) {
   return best;
 }
 
+// The one kept after it. nullptr: none
+const Kept* kept_after(const State& state, const Kept& kept) {
+  const auto index = static_cast<int>(&kept - state.kept.data());
+  return index == state.newest ? nullptr : &state.kept[idx((index + 1) % kKept)];
+}
+
 // Relief of a patch above which something is pressed into it.
 std::int64_t threshold_of(const State& state, const Config& config) {
   const std::int64_t floor = std::int64_t{kPairs} * config.contact_floor_q8;
@@ -632,10 +638,9 @@ Lanes<std::int32_t> slope_of(const std::array<std::int8_t, kFree>& weights, cons
 // One patch in two pictures.
 struct Seen {
   std::int32_t patch = 0;
-  std::uint32_t now = 0;    // kPairs G
-  std::uint32_t then = 0;   // kPairs G, one lag ago
   std::int32_t weight = 0;  // 68 g: of both, in 1/68 levels^2. At most 2^25.1
   std::int32_t change = 0;  // 625 R, in 1/625 levels^2. At most 2^25.4
+  std::int32_t same = 0;    // sqrt(V V') without noise, likewise. 0 where noise is all of either
 };
 constexpr int kWeightShift = 7;
 constexpr std::int64_t kWeightUnit = (2 * kPairs * 256) >> kWeightShift;     // 68
@@ -683,24 +688,79 @@ std::int64_t geometric_mean(std::int64_t a, std::int64_t b) {
 constexpr std::int64_t kOne_q10 = 1024;
 // The allowance for the way that the gel went, for each mm.
 constexpr std::int64_t kTurnoverOfWay_q10 = kOne_q10 / 2;
+// Of what fades in place so much is no motion. Levels^2 over levels^2.
+constexpr std::int64_t kOfFading_q2 = 3;
 // A relief is there above this mean of sqrt(V V'): 0.2 levels^2.
 constexpr std::int64_t kLeastVariance = kChangeUnit / 5;
 
-// Range, of 320 patches: weights of 2^24.1 and variances of 2^26.4 make sums below 2^59.
-ShareQ10 turnover_of(const Kept& last, const Kept& before, std::span<const Seen> seen, std::int64_t noise,
-                     std::int64_t way_um, Saturations& saturations) {
-  std::int64_t weights = 0, common = 0, whole = 0;
-  for (const Seen& one : seen) {
-    const std::int64_t weight = std::min(one.now, one.then) >> kWeightShift;
-    const std::int64_t now = last.variance[idx(one.patch)], then = before.variance[idx(one.patch)];
-    weights += weight;
-    common += weight * (now + then - one.change);  // 2 C, where noise cancels
-    if (now > noise && then > noise) whole += weight * 2 * geometric_mean(now - noise, then - noise);
+// What changed where nothing is pressed in.
+struct Noise {
+  std::int32_t change = 0;    // q
+  std::int64_t variance = 0;  // of V and of V'
+};
+
+// Over the patches.
+struct Sums {
+  std::int64_t evidence = 0;                     // g (R - q)
+  std::int64_t energy = 0;                       // g^2
+  std::int64_t energy_now = 0, energy_then = 0;  // G^2
+  std::int64_t weights = 0;                      // the lesser G of both
+  std::int64_t common = 0;                       // 2 C, by these weights
+  std::int64_t whole = 0;                        // 2 sqrt(V V'), likewise
+  std::int64_t fades = 0;                        // g (V' - V)
+  std::int64_t moves = kOne_q10;                 // g |V' - V|; and it can be divided by
+};
+
+// Range, of 320 patches: weights of 2^25.1, changes of 2^25.4 and variances of 2^26.4 make sums below 2^60.
+Sums sums_of(const Kept& last, const Kept& before, const Noise& noise, std::span<Seen> seen) {
+  Sums sums;
+  for (Seen& one : seen) {
+    const std::size_t p = idx(one.patch);
+    const std::uint32_t relief_now = last.relief[p], relief_then = before.relief[p];
+    const std::int32_t now = last.variance[p], then = before.variance[p];
+    sums.evidence += std::int64_t{one.weight} * (one.change - noise.change);
+    sums.energy += square(one.weight);
+    sums.energy_now += square(relief_now >> (kWeightShift - 1));
+    sums.energy_then += square(relief_then >> (kWeightShift - 1));
+
+    const std::int64_t weight = std::min(relief_now, relief_then) >> kWeightShift;
+    one.same = 0;
+    if (now > noise.variance && then > noise.variance) {
+      one.same = static_cast<std::int32_t>(geometric_mean(now - noise.variance, then - noise.variance));
+    }
+    sums.weights += weight;
+    sums.common += weight * (now + then - one.change);  // where noise cancels
+    sums.whole += weight * 2 * one.same;
+    const std::int64_t fades = std::int64_t{one.weight} * (then - now);
+    sums.fades += fades;
+    sums.moves += std::abs(fades);
   }
-  if (whole < 2 * kLeastVariance * weights + kOne_q10) return {};  // and it can be divided by
-  const std::int64_t stays_q10 = std::max<std::int64_t>(common, 0) / (whole / kOne_q10);
+  return sums;
+}
+
+ShareQ10 turnover_of(const Sums& sums, std::int64_t way_um, Saturations& saturations) {
+  if (sums.whole < 2 * kLeastVariance * sums.weights + kOne_q10) return {};  // and it can be divided by
+  const std::int64_t stays_q10 = std::max<std::int64_t>(sums.common, 0) / (sums.whole / kOne_q10);
   return ShareQ10::saturate(std::max<std::int64_t>(kOne_q10 - stays_q10 - way_um * kTurnoverOfWay_q10 / 1000, 0),
                             saturations);
+}
+
+// The evidence that is none, of patches whose relief fades in place. Nothing where as much grows as fades: there a
+// relief goes from one patch into another. Range: as above.
+std::int64_t faded(const Sums& sums, const Kept& last, const Kept& before, const Noise& noise,
+                   std::span<const Seen> seen) {
+  if (sums.fades <= 0) return 0;
+  const std::int64_t share_q12 = sums.fades / (sums.moves / kOne_q10) * kOfFading_q2;
+  std::int64_t sum = 0;
+  for (const Seen& one : seen) {
+    const std::int64_t change = one.change - noise.change;
+    const std::int64_t now = std::max<std::int64_t>(last.variance[idx(one.patch)] - noise.variance, 0);
+    const std::int64_t then = std::max<std::int64_t>(before.variance[idx(one.patch)] - noise.variance, 0);
+    if (then <= now || change <= 0) continue;
+    const std::int64_t fades = (now + then - 2 * one.same) * share_q12 >> 12;  // (sqrt(V') - sqrt(V))^2
+    sum += one.weight * std::min(fades, change);
+  }
+  return sum;
 }
 
 // Energy of the shading, and 1 level^2 a patch. Range: 320 squares of 18 bits.
@@ -787,7 +847,7 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
     for (std::int32_t p = first; p < first + kLanes; ++p) {
       if (!last.seen[idx(p)] || !then.seen[idx(p)]) continue;
       const std::uint32_t a = last.relief[idx(p)], b = then.relief[idx(p)];
-      both[count++] = {p, a, b, static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
+      both[count++] = {p, static_cast<std::int32_t>((std::uint64_t{a} + b) >> kWeightShift),
                        change.variance(idx(p - first))};
     }
   }
@@ -795,14 +855,9 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   const auto n = static_cast<std::int64_t>(count);
   const std::span<Seen> seen(both.data(), count);
   const std::span<Seen> least = least_of(seen);
-  const std::int64_t noise = noise_of(least);
-  std::int64_t evidence = 0, energy = 0, energy_now = 0, energy_then = 0;
-  for (const Seen& one : seen) {
-    evidence += one.weight * (one.change - noise);
-    energy += square(one.weight);
-    energy_now += square(one.now >> (kWeightShift - 1));
-    energy_then += square(one.then >> (kWeightShift - 1));
-  }
+  Noise noise{noise_of(least), 0};
+  noise.variance = variance_noise_of(last, then, least);
+  const Sums sums = sums_of(last, then, noise, seen);
   const auto log_of = [](std::int64_t value) { return log2_q8(static_cast<std::uint64_t>(value)); };
   out.growth = Log2Q8::saturate(log_of(shading_energy(last, seen, least)) - log_of(shading_energy(then, seen, least)),
                                 saturations);
@@ -810,13 +865,14 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   const std::int32_t step_q8 = log_of(config.pitch_um) - 4 * 256;
   const std::int64_t way2_q24 = way2_q24_between(last, then);
   const std::int64_t way_um = isqrt(static_cast<std::uint64_t>(way2_q24)) * std::int64_t{config.pitch_um} >> 16;
-  out.turnover = turnover_of(last, then, seen, variance_noise_of(last, then, least), way_um, saturations);
+  out.turnover = turnover_of(sums, way_um, saturations);
   const coarse::Carried carried{way2_q24 / 4 >> 4};  // half of the way
   out.coarse = coarse_motion(state, then, grid, seen, carried, step_q8, saturations);
   const std::int64_t floor = n * (kFloor + square(state.empty.noise_relief >> (kWeightShift - 1)));
-  energy += n * kRegularisation;
-  evidence -= coarse::explained(carried, energy, kChangeUnit, kWeightUnit);
-  if (evidence <= 0 || energy_now < floor || energy_then < floor) return;
+  const std::int64_t energy = sums.energy + n * kRegularisation;
+  const std::int64_t evidence = sums.evidence - faded(sums, last, then, noise, seen) -
+                                coarse::explained(carried, energy, kChangeUnit, kWeightUnit);
+  if (evidence <= 0 || sums.energy_now < floor || sums.energy_then < floor) return;
 
   const std::int32_t square_q8 = log_of(evidence) + log_of(kWeightUnit) - log_of(energy) - log_of(kChangeUnit);
   out.motion = Log2Q8::saturate(std::max(step_q8 + square_q8 / 2, 0), saturations);
@@ -929,7 +985,7 @@ void forget(State& state) {
 }
 
 ImprintFeatures update(State& state, const Config& config, const LumaView& picture, const MarkerField& markers,
-                       const MarkerField& rest, PixelsQ8 pitch, Micros now, Saturations& saturations) {
+                       const MarkerField& rest, PixelsQ8 pitch, Micros now, Saturations& saturations, bool raised) {
   ImprintFeatures out{};
   const bool is_new = !state.placed || picture.width != state.width || picture.height != state.height;
   if (is_new) place(state, picture, rest, pitch);
@@ -946,6 +1002,14 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
   out.patches = Count::from_raw(in_contact);
   if (const Kept* const then = picture_before(state, now, config.lag); then != nullptr) {
     compare(state, *then, config, rest.grid, out, saturations);
+    const Kept* const later = raised ? kept_after(state, *then) : nullptr;
+    if (later != nullptr) {
+      ImprintFeatures since{};
+      compare(state, *later, config, rest.grid, since, saturations);
+      out.motion = std::max(out.motion, since.motion);
+      out.coarse = std::max(out.coarse, since.coarse);
+      out.turnover = std::max(out.turnover, since.turnover);
+    }
   }
 
   if (state.count == 0 || now - state.kept[idx(state.newest)].at >= kKeepEvery) {

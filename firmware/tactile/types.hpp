@@ -44,8 +44,9 @@ struct FieldFeatures {
   StrainPpmPerSec easing;           // largest closing of late, fading: a grip that loosens
 };
 
-// How far the object's imprint moved against the gel over 0.16 s, and how the contact grew meanwhile (imprint.hpp). All
-// 0 without a picture that long ago.
+// How far the object's imprint moved against the gel over 0.16 s, and how the contact grew meanwhile (imprint.hpp); of
+// motion, coarse and turnover, while slip is raised, the greater of that and of a little less time. All 0 without a
+// picture that long ago.
 struct ImprintFeatures {
   Log2Q8 motion;  // log2 of um; 0 = nothing moved that stands out of the noise of these two pictures, or no relief
   Log2Q8 growth;  // log2 of the shading now over then, by energy: +256 = doubled

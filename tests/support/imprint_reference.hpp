@@ -328,10 +328,31 @@ class ImprintReference {
     double variance_now, variance_then, covariance;  // levels^2
   };
 
-  static void turn_over(const std::vector<Both>& both, std::vector<Both> least, double way_um, Seen& out) {
+  static double variance_noise(std::vector<Both> least) {
     const auto sum = [](const Both& one) { return one.variance_now + one.variance_then; };
     std::sort(least.begin(), least.end(), [&](const Both& a, const Both& b) { return sum(a) < sum(b); });
-    const double noise = sum(least[least.size() / 2]) / 2;
+    return sum(least[least.size() / 2]) / 2;
+  }
+
+  // What fading in place explains of each patch's change: nothing where as much grows as fades.
+  static std::vector<double> faded(const std::vector<Both>& both, double noise) {
+    double net = 0, all = 0;
+    for (const Both& one : both) {
+      net += one.g * (one.variance_then - one.variance_now);
+      all += one.g * std::abs(one.variance_then - one.variance_now);
+    }
+    const double fading = all > 0.0 ? std::max(net, 0.0) / all : 0.0;
+    std::vector<double> out;
+    out.reserve(both.size());
+    for (const Both& one : both) {
+      const double now = std::sqrt(std::max(one.variance_now - noise, 0.0));
+      const double then = std::sqrt(std::max(one.variance_then - noise, 0.0));
+      out.push_back(one.variance_then > one.variance_now ? 0.75 * fading * (then - now) * (then - now) : 0.0);
+    }
+    return out;
+  }
+
+  static void turn_over(const std::vector<Both>& both, double noise, double way_um, Seen& out) {
     double weights = 0, common = 0, whole = 0;
     for (const Both& one : both) {
       const double weight = std::min(one.now, one.then);
@@ -383,7 +404,9 @@ class ImprintReference {
       base_now += one.shading_now / static_cast<double>(least.size());
       base_then += one.shading_then / static_cast<double>(least.size());
     }
-    turn_over(both, least, std::hypot(now.x_um - then->x_um, now.y_um - then->y_um), out);
+    const double of_variances = variance_noise(least);
+    const std::vector<double> fades = faded(both, of_variances);
+    turn_over(both, of_variances, std::hypot(now.x_um - then->x_um, now.y_um - then->y_um), out);
     std::sort(least.begin(), least.end(), [](const Both& a, const Both& b) { return a.change < b.change; });
     const auto n = static_cast<double>(both.size());
     double energy = 0.2 * n, energy_now = 0, energy_then = 0;
@@ -404,7 +427,10 @@ class ImprintReference {
       const auto last = static_cast<std::ptrdiff_t>(least.size()) - 1;
       const double noise = least[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(rank, 0, last))].change;
       double evidence = 0;
-      for (const Both& one : both) evidence += one.g * (one.change - noise);
+      for (std::size_t i = 0; i < both.size(); ++i) {
+        const double change = both[i].change - noise;
+        evidence += both[i].g * (change > 0.0 ? std::max(change - fades[i], 0.0) : change);
+      }
       return less_carried(config_.pitch_um / 16.0 * std::sqrt(std::max(0.0, evidence) / energy));
     };
     out.least_um = motion_um(kRanks);

@@ -212,7 +212,8 @@ struct Bench {
     if (compares) {
       expected = reference.update(view, now, home, gel.pitch(), empty, static_cast<double>(time.count()) * 1e-6);
     }
-    const ImprintFeatures seen = imprint::update(*state, config, view, now, home, gel.pitch(), time, saturations);
+    const ImprintFeatures seen =
+        imprint::update(*state, config, view, now, home, gel.pitch(), time, saturations, raised);
     if (empty) imprint::learn_empty(*state, config);
     return seen;
   }
@@ -228,6 +229,7 @@ struct Bench {
   std::mt19937 random;
   bool compares;
   double fps = 25.0;
+  bool raised = false;
   Micros time{0};
   imprint::Config config;
   std::unique_ptr<imprint::State> state = std::make_unique<imprint::State>();
@@ -426,6 +428,41 @@ TEST(Imprint, WhatGrowsOrFadesInPlaceIsNoTurnover) {
     const ImprintFeatures seen = bench.step();
     CHECK_TEXT(seen.turnover.raw() <= 20, std::to_string(seen.turnover.raw()).c_str());
     CHECK(seen.motion.raw() > 1000);  // of its energy much has changed
+  }
+}
+
+// A grip that is eased. Three quarters of the change are taken off, half of its length is left. 10 %: the rim of the
+// contact, and pixels.
+TEST(Imprint, OfWhatFadesInPlaceHalfIsLeft) {
+  for (const double factor : {0.5, 0.7}) {
+    Bench bench(Gel{});
+    const auto strong = within(kContact_mm, grain(10.0));
+    const auto weak = [=](Mm at) { return factor * strong(at); };
+    bench.gel.relief = strong;
+    (void)bench.wait(8);
+    bench.gel.relief = weak;
+    const double all = motion_of(bench.gel, strong, weak);
+    DOUBLES_EQUAL(0.5 * all, um(bench.step().motion), 0.05 * all);
+    // What grows is another matter: growth tells it.
+    (void)bench.wait(8);
+    bench.gel.relief = strong;
+    DOUBLES_EQUAL(all, um(bench.step().motion), 0.1 * all);
+  }
+}
+
+// Ridges at the speed at which each has taken the place of the next one a lag ago.
+TEST(Imprint, ReliefThatRepeatsItselfGoesOnWhileSlipIsRaised) {
+  for (const bool raised : {false, true}) {
+    constexpr double kPitch_mm = 1.2;
+    Bench bench(Gel{});
+    double least = 1e9;
+    for (int k = 0; k < 16; ++k) {
+      bench.gel.relief = within(kContact_mm, ribs(12.0, kPitch_mm, {k * kPitch_mm / 4, 0.0}));
+      bench.raised = raised;
+      const double moved = um(bench.step().motion);
+      if (k >= 5) least = std::min(least, moved);
+    }
+    CHECK_TEXT(raised ? least > 150.0 : least < 2.0, std::to_string(least).c_str());
   }
 }
 
