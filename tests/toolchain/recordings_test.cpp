@@ -160,12 +160,14 @@ TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
   studio.refuses(header + clip + ",,,0,,8,\n", "'8'");
   studio.refuses(header + clip + ",5,31,1,,,\n", "labels.csv:2: interval 5-31 ends after the last frame 30");
   studio.refuses(header + clip + ",5,7,1,,,\nsecond,5,31,1,,,\n", "labels.csv:3:");
-  studio.refuses(header + clip + ",5,7,1,0-5:low,,\n",
+  studio.refuses(header + clip + ",5,7,1,0-2:low;0-5:medium,,\n",
                  "labels.csv:2: silent interval 0-5 overlaps the slip 5-7 of mug__exp_num_12__camera_9");
   studio.refuses(header + clip + ",5,7,1,0-4:high;7-9:high,,\n", "silent interval 7-9 overlaps the slip 5-7");
   studio.refuses(header + clip + ",5,7,1,,6-6,\n", "labels.csv:2: empty interval 6-6 overlaps the slip 5-7");
   write_file(studio.dir / "text.avi", "no film");
   Samples samples;
+  // What is of low confidence does not count.
+  CHECK_FALSE(studio.read(header + clip + ",5,7,1,0-6:low,,\n", samples).has_value());
   const auto broken = studio.read(header + "text,,,0,,,\n", samples);
   CHECK(broken && broken->find("text.avi") != std::string::npos);
 }
