@@ -688,7 +688,7 @@ std::int64_t geometric_mean(std::int64_t a, std::int64_t b) {
 constexpr std::int64_t kOne_q10 = 1024;
 // The allowance for the way that the gel went, for each mm.
 constexpr std::int64_t kTurnoverOfWay_q10 = kOne_q10 / 2;
-// Of what fades in place so much is no motion. Levels^2 over levels^2.
+// The share of what fades in place that is no motion: 3/4.
 constexpr std::int64_t kOfFading_q2 = 3;
 // A relief is there above this mean of sqrt(V V'): 0.2 levels^2.
 constexpr std::int64_t kLeastVariance = kChangeUnit / 5;
@@ -708,7 +708,7 @@ struct Sums {
   std::int64_t common = 0;                       // 2 C, by these weights
   std::int64_t whole = 0;                        // 2 sqrt(V V'), likewise
   std::int64_t fades = 0;                        // g (V' - V)
-  std::int64_t moves = kOne_q10;                 // g |V' - V|; and it can be divided by
+  std::int64_t varies = kOne_q10;                // g |V' - V|, never 0
 };
 
 // Range, of 320 patches: weights of 2^25.1, changes of 2^25.4 and variances of 2^26.4 make sums below 2^60.
@@ -733,7 +733,7 @@ Sums sums_of(const Kept& last, const Kept& before, const Noise& noise, std::span
     sums.whole += weight * 2 * one.same;
     const std::int64_t fades = std::int64_t{one.weight} * (then - now);
     sums.fades += fades;
-    sums.moves += std::abs(fades);
+    sums.varies += std::abs(fades);
   }
   return sums;
 }
@@ -745,12 +745,11 @@ ShareQ10 turnover_of(const Sums& sums, std::int64_t way_um, Saturations& saturat
                             saturations);
 }
 
-// The evidence that is none, of patches whose relief fades in place. Nothing where as much grows as fades: there a
-// relief goes from one patch into another. Range: as above.
+// The evidence that fading in place explains. Range: as above.
 std::int64_t faded(const Sums& sums, const Kept& last, const Kept& before, const Noise& noise,
                    std::span<const Seen> seen) {
   if (sums.fades <= 0) return 0;
-  const std::int64_t share_q12 = sums.fades / (sums.moves / kOne_q10) * kOfFading_q2;
+  const std::int64_t share_q12 = sums.fades / (sums.varies / kOne_q10) * kOfFading_q2;
   std::int64_t sum = 0;
   for (const Seen& one : seen) {
     const std::int64_t change = one.change - noise.change;
@@ -832,7 +831,6 @@ std::int64_t way2_q24_between(const Kept& now, const Kept& then) {
   return square(now.carried_x_q12 - then.carried_x_q12) + square(now.carried_y_q12 - then.carried_y_q12);
 }
 
-// Range, of 320 patches: weights of 2^25.1 and changes of 2^25.4 make sums below 2^59.
 void compare(const State& state, const Kept& then, const Config& config, GridSize grid, ImprintFeatures& out,
              Saturations& saturations) {
   const Kept& last = state.last;

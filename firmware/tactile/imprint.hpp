@@ -20,9 +20,8 @@
 //             where c has no direction. Waves longer than a patch (1 mm) count for less, since their change is constant
 //             over it and could be light; it saturates when d comes near half of a wave
 //   fading  = sum g (V' - V) / sum g |V' - V|, at least 0; V and V' as below. 1 where all patches fade, 0 where a
-//   relief
-//             leaves one patch for another. Where a patch fades, R - q loses 3/4 fading (sqrt(V') - sqrt(V))^2, and is
-//             then at least 0: a grip that is eased makes a relief weaker where it is
+//             relief leaves one patch for another. Where a patch fades, R - q loses 3/4 fading (sqrt(V') - sqrt(V))^2,
+//             at most what it has: a grip that is eased makes a relief weaker where it is
 //   growth  = log2 of sum s^2 + N now over one lag ago; s = mean of c over the patch, less its mean over the patches of
 //             q. While a contact is made its shading grows, which changes the picture as a motion does; a slip moves
 //             the shading or takes it away
@@ -51,16 +50,17 @@
 // Turnover: the noise of V is half of the median of V + V' over the patches of q; 0.2 levels^2 and the allowance for
 // the way were chosen on simulated slides and shaking of seed 7 and on the recordings (2026-11-27).
 //
-// Fading, of 36 bonded spheres with a relief whose grip is eased from 4 or 5 to 1 N in 0.3 or 0.4 s: slip is raised in
+// Fading: of 36 bonded spheres with a relief whose grip is eased from 4 or 5 to 1 N in 0.3 or 0.4 s, slip is raised in
 // 4 instead of 14. 3/4: of 200 recordings alarms in whole trials fall from 52 to 50, of load steps from 58 to 49, of
-// touches from 8 to 7; onsets within 5 frames from 78 to 76 of 82, within 10 they stay at 81. All of it takes one touch
-// more and raises one alarm on an empty gel; the same of what grows, two alarms more and one onset within 10 frames
-// (2026-11-28).
+// touches from 8 to 7; onsets within 5 frames from 78 to 76 of 82, within 10 they stay at 81. All of it would take one
+// alarm more at a touch and raise one on an empty gel; what grows as well would take two alarms more in whole trials,
+// and one onset within 10 frames (2026-11-28).
 //
 // A relief that repeats itself, as ridges and threads do, looks the same once it has gone by its own pitch: of 1.2 mm
 // at 7.5 mm/s, within the lag. What begins to slide passes shorter ways first and is raised. While slip is raised a
-// frame is compared with the next later picture that is kept as well, and the greater of both motions, coarse motions
-// and turnovers counts. What goes by its pitch from one picture to the next looks as if it stood still.
+// frame is compared with the next later kept picture as well, and the greater of both motions, coarse motions and
+// turnovers counts: of 120 ms ago at 25 frames a second, of 67 or 100 at 30. Below 9.4 frames a second there is none.
+// What goes by its pitch from one picture to the next looks as if it stood still.
 //
 // Limits. Slower than about 0.05 mm in the lag is not known from noise. A worn gel looks like a relief that never
 // slips. Exposure and white balance of the camera must stand still.

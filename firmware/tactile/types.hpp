@@ -45,7 +45,7 @@ struct FieldFeatures {
 };
 
 // How far the object's imprint moved against the gel over 0.16 s, and how the contact grew meanwhile (imprint.hpp); of
-// motion, coarse and turnover, while slip is raised, the greater of that and of a little less time. All 0 without a
+// motion, coarse and turnover, while slip is raised, the greater of that and of a shorter time. All 0 without a
 // picture that long ago.
 struct ImprintFeatures {
   Log2Q8 motion;  // log2 of um; 0 = nothing moved that stands out of the noise of these two pictures, or no relief

@@ -20,7 +20,8 @@ std::string ended(std::string_view path, std::uint64_t kept) {
 
 std::string keep_what_fits(tool::AtomicFile& file, log::FrameLog& log, std::string_view path) {
   while (const auto length = log.step_back()) {
-    if (!file.cut(*length)) break;
+    // A picture can fill a chunk by itself, before its frame is decided.
+    if (log.frames() == 0 || !file.cut(*length)) break;
     log.finish();
     if (!file.stream().flush()) continue;
     std::string error = file.commit();

@@ -30,7 +30,7 @@ class FrameLog {
            double arrow_px = 1);
   // What the file is to say of itself, before the end.
   void about(const std::map<std::string, std::string>& entries) { about_.insert(entries.begin(), entries.end()); }
-  // Once, after the last frame.
+  // Once, after the last frame, and again after each step_back().
   void finish();
   // After a write that failed: McapWriter::step_back().
   [[nodiscard]] std::optional<std::uint64_t> step_back() { return writer_.step_back(); }

@@ -32,11 +32,11 @@ class McapWriter {
   void write(std::uint16_t channel, std::uint32_t sequence, std::uint64_t time_ns, std::span<const std::uint8_t> data);
   // What is to be known of the whole file, under names; the tool of MCAP and Foxglove show it.
   void add_metadata(std::string_view name, const std::map<std::string, std::string>& entries);
-  // Once, after the last message.
+  // Once, after the last message, and again after each step_back().
   void finish();
-  // After a write that failed: takes back the last chunk in the file and all behind it, and says how long the file is
-  // without. The stream's owner cuts it there and calls finish(), which needs some of the space that was given back;
-  // when that fails as well, from the start. Nothing: no message would be left.
+  // After a write that failed: takes back what stands behind the last whole chunk, with each further call one chunk
+  // more, and says how long the file is without. The stream's owner cuts it there and calls finish(), which needs some
+  // of the space that was given back; when that fails as well, from the start. Nothing: no message would be left.
   [[nodiscard]] std::optional<std::uint64_t> step_back();
   // Messages of the channel, those in the chunk that is not written yet included.
   [[nodiscard]] std::uint64_t count(std::uint16_t channel) const { return counts_.at(channel); }

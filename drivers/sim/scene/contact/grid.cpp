@@ -35,8 +35,9 @@ constexpr int kMostLetGo = 24;  // rounds in which cells fall from static to kin
 constexpr double kRoundReduction = 0.1;
 constexpr double kSafety = 1.5;  // the middle cell's row of influences may not be the largest
 constexpr double kPointOnLimit = 1.0 - 1e-9;
-// A cell that slides ends a step as near to its limit as the solver stops: up to 1e-4 below it in a cylinder's steady
-// slide at the default tolerance of 1e-4.
+// Where the solver stops a cell that slides may be a little below its limit. Within 1e-4 of it no frame of a cylinder's
+// steady slide is below half on the default grid, where the tolerance is 1e-4 of the motion; ten times that leaves room
+// for other bodies.
 constexpr double kTimesTolerance = 10.0;
 constexpr double kFarHeight_mm = 1e5;  // the cliff beyond a flat's rim never touches
 constexpr double kMostLength_mm = 1e9;
@@ -868,7 +869,7 @@ bool GridContact::Solver::on_limit(std::size_t i, double near) const {
   return size2 >= near * near * bound_[i] * bound_[i];
 }
 
-// As near to its limit as the solver stops, and the object would drive it past.
+// Near its limit, and the object would drive it past. Of static friction it lets go in the next step.
 bool GridContact::Solver::is_driven_over(std::size_t i) const {
   if (!on_limit(i, 1.0 - kTimesTolerance * tolerance_)) return false;
   const double self = self_motion();
