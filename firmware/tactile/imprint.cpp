@@ -853,8 +853,7 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   const auto n = static_cast<std::int64_t>(count);
   const std::span<Seen> seen(both.data(), count);
   const std::span<Seen> least = least_of(seen);
-  Noise noise{noise_of(least), 0};
-  noise.variance = variance_noise_of(last, then, least);
+  const Noise noise{noise_of(least), variance_noise_of(last, then, least)};
   const Sums sums = sums_of(last, then, noise, seen);
   const auto log_of = [](std::int64_t value) { return log2_q8(static_cast<std::uint64_t>(value)); };
   out.growth = Log2Q8::saturate(log_of(shading_energy(last, seen, least)) - log_of(shading_energy(then, seen, least)),

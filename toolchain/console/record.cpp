@@ -30,7 +30,7 @@ class Sink {
     if (mcap) {
       mcap_.emplace(out);
     } else {
-      add_row(log::csv_header());
+      add(log::csv_header());
     }
   }
 
@@ -86,13 +86,14 @@ class Sink {
   [[nodiscard]] double seconds() const { return waiting_.t_s(); }
   [[nodiscard]] bool good() const { return out_.good(); }
   [[nodiscard]] std::string keep_what_fits(tool::AtomicFile& file, const std::string& path) {
-    return mcap_ ? live::keep_what_fits(file, *mcap_, path) : live::keep_what_fits(file, row_ends_, path);
+    return mcap_ ? live::keep_what_fits(file, *mcap_, path) : live::keep_what_fits(file, table_end_, rows_, path);
   }
 
  private:
-  void add_row(const std::string& row) {
-    const std::uint64_t end = (row_ends_.empty() ? 0 : row_ends_.back()) + row.size();
-    if (out_ << row << std::flush) row_ends_.push_back(end);
+  bool add(const std::string& line) {
+    if (!(out_ << line << std::flush)) return false;
+    table_end_ += line.size();
+    return true;
   }
 
   void flush() {
@@ -100,7 +101,7 @@ class Sink {
     if (mcap_) {
       mcap_->add(waiting_, arrows_, cols_, hal::Frame{});
     } else {
-      add_row(log::csv_row(waiting_));
+      if (add(log::csv_row(waiting_))) ++rows_;
     }
   }
 
@@ -109,7 +110,7 @@ class Sink {
   std::int32_t range_um_;
   log::FrameRecord waiting_;
   std::vector<log::Arrow> arrows_;
-  std::vector<std::uint64_t> row_ends_;  // of the table, in bytes
+  std::uint64_t table_end_ = 0, rows_ = 0;  // bytes and rows that the disk took
   int cols_ = 0;
   std::uint16_t sequence_ = 0;
   bool waits_ = false;

@@ -30,10 +30,10 @@ std::string keep_what_fits(tool::AtomicFile& file, log::FrameLog& log, std::stri
   return ended(path, 0);
 }
 
-std::string keep_what_fits(tool::AtomicFile& file, const std::vector<std::uint64_t>& ends, std::string_view path) {
-  if (ends.size() < 2 || !file.cut(ends.back())) return ended(path, 0);
+std::string keep_what_fits(tool::AtomicFile& file, std::uint64_t end, std::uint64_t rows, std::string_view path) {
+  if (rows == 0 || !file.cut(end)) return ended(path, 0);
   std::string error = file.commit();
-  return error.empty() ? ended(path, ends.size() - 1) : error;
+  return error.empty() ? ended(path, rows) : error;
 }
 
 }  // namespace holdfast::live
