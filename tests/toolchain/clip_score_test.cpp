@@ -385,11 +385,11 @@ TEST(EvaluateRecorded, ARecordingIsScoredOnce) {
   test::write_file(dir / "labels.csv", kHeader + left + row);
   test::write_file(dir / "labels_v2.csv", kHeader + right + row + left + row);
   const std::string first = (dir / "labels.csv").string(), second = (dir / "labels_v2.csv").string();
+  const std::string twice = second + ":3: " + left + " is labelled in " + first + ":2 too and would count twice";
   for (const std::vector<std::string>& more : {std::vector<std::string>{}, {"--pairs"}}) {
     std::vector<std::string> arguments{"--recorded", first, second};
     arguments.insert(arguments.end(), more.begin(), more.end());
-    STRCMP_CONTAINS((second + ":3: " + left + " is labelled in " + first + ":2 too and would count twice").c_str(),
-                    refused(arguments).c_str());
+    STRCMP_CONTAINS(twice.c_str(), refused(arguments).c_str());
   }
   STRCMP_CONTAINS((first + ":2: " + left + " is labelled in " + first + ":2").c_str(),
                   refused({"--recorded", first, first}).c_str());
