@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// frame_cost paper|field|imprint|hand N: with the paper's features, with those of the field as well, or with those, the
-// imprint and the forces; hand: the last of two fingers, from luma to the hand's lines, N frames of each. N frames of a
-// moving gel through the pipeline, from luma to decision; for the instruction counter. The pictures are rendered before
-// the first frame and shown in turn, so N changes nothing but the number of frames.
+// frame_cost paper|field|imprint|slip|hand N: with the paper's features, with those of the field as well, or with
+// those, the imprint and the forces; slip: the same, and slip is raised all the time; hand: the last of two fingers,
+// from luma to the hand's lines, N frames of each. N frames of a moving gel through the pipeline, from luma to
+// decision; for the instruction counter. The pictures are rendered before the first frame and shown in turn, so N
+// changes nothing but the number of frames.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -52,7 +53,7 @@ int main(int argc, char** argv) {
   const auto state = std::make_unique<fingers::State>();
   pipeline::Config config = pipeline_config(Params{});
   config.with_field = with != "paper";
-  config.with_imprint = config.with_load = with == "imprint" || with == "hand";
+  config.with_imprint = config.with_load = with == "imprint" || with == "slip" || with == "hand";
   const fingers::Config hand = fingers::config_of(2, config, supervisor_config(Params{}));
   long accepted = 0;
   const auto frame_of = [&](long i, Micros later) {
@@ -68,6 +69,7 @@ int main(int argc, char** argv) {
   };
   for (long i = 0; i < frames; ++i) {
     const hal::Frame left = frame_of(i, Micros{0});
+    if (with == "slip") state->fingers[0].decision = {.last_slip = left.timestamp, .raised = true};
     if (with != "hand") {
       accepted += pipeline::update(state->fingers[0], config, jpeg, left).quality.ok() ? 1 : 0;
       continue;

@@ -207,7 +207,7 @@ struct Message<FrameRecord> {
       field("evidence_threshold", &FrameRecord::evidence_threshold),
       field("evidence_unit", &FrameRecord::evidence_unit, "of both"),
       field("evidence_frames", &FrameRecord::evidence_frames, "in a row that said slip"),
-      field("imprint_um", &FrameRecord::imprint_um, "how far the imprint moved against the gel in 0.16 s, um"),
+      field("imprint_um", &FrameRecord::imprint_um, "how far the imprint moved against the gel within 0.16 s, um"),
       field("coarse_um", &FrameRecord::coarse_um, "the same of what is smoother than a patch, um"),
       field("histogram", &FrameRecord::histogram, "markers by the length of their displacement"),
       field("load_basis", &FrameRecord::load_basis,

@@ -218,7 +218,7 @@ export class Plots {
       ["a", "imprint", (r) => (r.featuresValid ? r.imprint : null)],
       ["b", "coarse", (r) => (r.featuresValid ? r.coarse : null)],
     ];
-    return this.panel(y, "Imprint's motion against the gel in 0.16 s", "um", 128, 0, curves, threshold);
+    return this.panel(y, "Imprint's motion against the gel within 0.16 s", "um", 128, 0, curves, threshold);
   }
 
   // The forces, and how much of the friction they use. Without a reading nothing.
