@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // One port, several who listen: who hears what, what happens to the slow, and when the console is locked.
 #include <array>
+#include <atomic>
+#include <chrono>
+#include <memory>
 #include <string>
 #include <string_view>
+#include <thread>
+#include <vector>
 
 #include "tests/support/http.hpp"
 #include "toolchain/live/hub.hpp"
@@ -150,6 +155,49 @@ TEST(LiveHub, RefusesBeforeABodyIsRead) {
   CHECK(test::Http(address + "0", "GET /").says("page"));
   CHECK(test::Http(address + "0", "GET /stream").says(" 401 "));
   CHECK(test::Http(address + "0", "GET /picture").says("no token, or a wrong one"));
+}
+
+// A head without an end, and one that comes a byte at a time: neither grows without bound nor holds the end up.
+TEST(LiveHub, ARequestHasALengthAndEndsWithTheServer) {
+  auto web = std::make_unique<live::Web>(hub, "page", std::string());
+  STRCMP_EQUAL("", web->start(0).c_str());
+  const test::Http endless(web->address(true), "GET /", "X: y");
+  const std::string line = "X: " + std::string(1000, 'x') + "\r\n";
+  int lines = 0;
+  while (lines < 10'000 && endless.send(line)) ++lines;
+  CHECK_TEXT(lines < 10'000, "10 MB of head were taken");
+
+  std::atomic<bool> begun = false;
+  std::thread dribbles([&] {
+    const test::Http slow(web->address(true), "GET /", "X: y");
+    while (slow.send("x")) {
+      begun = true;
+      std::this_thread::yield();
+    }
+  });
+  while (!begun) std::this_thread::yield();
+  web.reset();
+  dribbles.join();
+}
+
+TEST(LiveHub, OnePageTooManyIsTold) {
+  live::Web web(hub, "page", {});
+  STRCMP_EQUAL("", web.start(0).c_str());
+  std::vector<std::unique_ptr<test::Http>> pages;
+  for (int page = 0; page < 12; ++page) {
+    pages.push_back(std::make_unique<test::Http>(web.address(false), "GET /stream"));
+    CHECK(pages.back()->says(" 200 "));
+  }
+  test::Http more(web.address(false), "GET /stream");
+  CHECK_TEXT(more.says(" 503 ") && more.says("close one"), more.said.c_str());
+  pages.pop_back();
+  // The server learns of it when it looks, within half a second.
+  bool taken = false;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (!taken && std::chrono::steady_clock::now() < deadline) {
+    taken = test::Http(web.address(false), "GET /stream", "Connection: close\r\n").says(" 200 ");
+  }
+  CHECK(taken);
 }
 
 TEST(LiveHub, TokensAreLongAndDiffer) {

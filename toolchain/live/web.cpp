@@ -2,17 +2,18 @@
 #include "toolchain/live/web.hpp"
 
 #include <fmt/format.h>
-#include <httplib.h>
 #include <sodium.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <charconv>
 #include <cstdlib>
 #include <string_view>
 #include <utility>
 
 #include "drivers/common/trouble.hpp"
+#include "toolchain/live/http_server.hpp"
 
 namespace holdfast::live {
 namespace {
@@ -20,8 +21,9 @@ namespace {
 constexpr Hub::Millis kPatience{500};
 constexpr Hub::Millis kForAPicture{1000};
 constexpr std::size_t kLongestLine = 4096;
-// Each page holds two of them for as long as it is open.
+// A page holds two for as long as it is open; the rest is for those who come.
 constexpr std::size_t kThreads = 32;
+constexpr int kMostPages = 12;
 constexpr const char* kPageRules =
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob:; connect-src 'self'; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
@@ -102,7 +104,7 @@ struct Web::Server {
   Server& operator=(const Server&) = delete;
   ~Server() {
     hub.end();
-    http.stop();
+    http.stop_now();
     if (thread.joinable()) thread.join();
   }
 
@@ -120,6 +122,10 @@ struct Web::Server {
     return may_control(request) || same(request.get_header_value("Authorization"), "Bearer " + view);
   }
   void stream(bool controls, httplib::Response& response) {
+    if (++pages > kMostPages) {
+      --pages;
+      return refuse(response, 503, "too many pages are open: close one");
+    }
     auto listener = hub.listen(controls);
     if (controls && !unlock.empty()) (void)hub.say(unlock + "\r\n");
     // Said again, it has the rest positions sent to whoever has just come.
@@ -135,7 +141,10 @@ struct Web::Server {
           // Nothing to send says nothing of whoever has closed the page meanwhile.
           return !bytes.empty() || !goes_on || sink.is_writable();
         },
-        [this, listener](bool) { hub.leave(listener); });
+        [this, listener](bool) {
+          hub.leave(listener);
+          --pages;
+        });
   }
   void picture(const httplib::Request& request, httplib::Response& response) const {
     const std::string text = request.get_param_value("after");
@@ -154,7 +163,8 @@ struct Web::Server {
   Hub& hub;
   std::string page, unlock;
   std::string control = new_token(), view = new_token();
-  httplib::Server http;
+  HttpServer http;
+  std::atomic<int> pages = 0;  // that listen
   int port = 0;
   std::thread thread;
 };

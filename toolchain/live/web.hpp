@@ -2,7 +2,7 @@
 // The live page and what feeds it, over HTTP on this computer alone.
 //
 //   GET  /          the page
-//   GET  /stream    what the console's port says from now on, as it comes; ends with the device
+//   GET  /stream    what the console's port says from now on, as it comes; ends with the device. Of twelve at most
 //   POST /send      one line to the console; needs the token that controls
 //   GET  /picture   the newest picture (JPEG) that is newer than ?after=NUMBER, or 204 after a second without one
 //
