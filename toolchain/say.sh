@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# shellcheck shell=bash disable=SC2034
-# How our scripts speak: sourced, not run. Colours only on a terminal and never under NO_COLOR.
+# shellcheck shell=bash disable=SC2034,SC2154
+# How our scripts speak, and what they take a path for: sourced, not run. Colours only on a terminal and never under NO_COLOR.
 
 if [[ -t 1 && -t 2 && -z ${NO_COLOR:-} && ${TERM:-dumb} != dumb ]]; then
   bold=$'\e[1m' red=$'\e[31m' green=$'\e[32m' yellow=$'\e[33m' plain=$'\e[0m'
@@ -28,4 +28,9 @@ quietly() {
       sed 's/^/   | /'
   fi
   return "$status"
+}
+
+# as_called PATH: what the caller means by it, in a script that has gone elsewhere from $called_from.
+as_called() {
+  if [[ -z $1 || $1 == /* || $called_from == "$PWD" ]]; then printf %s "$1"; else printf %s "$called_from/$1"; fi
 }

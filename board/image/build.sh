@@ -4,6 +4,7 @@
 # Kernel, packages and first stages are fetched once; from then on a build takes half a minute and the same inputs give
 # the same bytes. Nothing of arm64 runs here.
 set -euo pipefail
+called_from=$PWD
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
@@ -52,11 +53,11 @@ while (($# > 0)); do
         exit 2
       fi
       case $1 in
-        --install) installs+=("$2") ;;
+        --install) installs+=("$(as_called "$2")") ;;
         --login) login=$2 ;;
-        --out) out=$2 ;;
-        --keyring) keyring=$2 ;;
-        --release) release_file=$2 ;;
+        --out) out=$(as_called "$2") ;;
+        --keyring) keyring=$(as_called "$2") ;;
+        --release) release_file=$(as_called "$2") ;;
       esac
       shift
       ;;
@@ -125,6 +126,7 @@ fi
 while read -r line; do note "tool: $line"; done < <(host_differences)
 # Files of the root belong to several users, which only root can make; root of a namespace will do.
 if ((EUID != 0)); then
+  cd "$called_from"
   exec unshare --user --map-root-user --map-auto -- "$0" "${given[@]}"
 fi
 

@@ -7,6 +7,7 @@
 # --slot: build/image/BOARD/slot unless given. --out: beside it, with board and version.
 # How it gets onto a board: on a USB stick, see board/README.md.
 set -euo pipefail
+called_from=$PWD
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 # shellcheck source=toolchain/say.sh
 source toolchain/say.sh
@@ -17,9 +18,9 @@ board='' keys='' slot='' out=''
 while (($# > 0)); do
   case $1 in
     virt | rpi4) board=$1 ;;
-    --keys) keys=${2:-} && shift ;;
-    --slot) slot=${2:-} && shift ;;
-    --out) out=${2:-} && shift ;;
+    --keys) keys=$(as_called "${2:-}") && shift ;;
+    --slot) slot=$(as_called "${2:-}") && shift ;;
+    --out) out=$(as_called "${2:-}") && shift ;;
     *)
       [[ $1 == --help || $1 == -h ]] || complain "unknown word '$1'" "a typing error" "see below"
       sed -n '3,8s/^# //p' board/image/bundle.sh

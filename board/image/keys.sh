@@ -82,16 +82,17 @@ made() {
   exit 1
 }
 
+printf -v escaped %q "$dir"  # openssl takes a $ in it for a name
 cat >"$work/ca.conf" <<CONF
 [ca]
 default_ca = owner
 [owner]
-database = $dir/index.txt
-new_certs_dir = $dir/signers
-serial = $dir/serial
-crlnumber = $dir/crlnumber
-certificate = $dir/ca.cert.pem
-private_key = $dir/ca.key.pem
+database = $escaped/index.txt
+new_certs_dir = $escaped/signers
+serial = $escaped/serial
+crlnumber = $escaped/crlnumber
+certificate = $escaped/ca.cert.pem
+private_key = $escaped/ca.key.pem
 default_md = sha256
 policy = any
 unique_subject = no
@@ -159,8 +160,19 @@ case $what in
     say "keys: $dir/signer.key.pem is a new one; the signer before is as good as it was. Next: --revoke, if it is not to be"
     ;;
   --revoke)
+    # openssl goes by the number alone, which another authority's signer may have as well.
+    serial=$(openssl x509 -in "$revoked" -noout -serial 2>/dev/null) || serial=none
+    serial=${serial#serial=}
+    if [[ ! -f $dir/signers/$serial.pem ]] || ! cmp -s <(openssl x509 -in "$revoked" -outform DER 2>/dev/null) <(openssl x509 -in "$dir/signers/$serial.pem" -outform DER 2>/dev/null); then
+      complain "$revoked is no signer's certificate of $dir" "another file, or another authority's" "give one of $dir/signers/"
+      exit 1
+    fi
+    if awk -F '\t' -v serial="$serial" '$1 == "R" && $4 == serial { found = 1 } END { exit !found }' "$dir/index.txt"; then
+      complain "$revoked was revoked before" "the same command, given twice" "those that are good begin with V in $dir/index.txt"
+      exit 1
+    fi
     ask CA "the authority's key" old
-    made "entry: $revoked is no signer of $dir, or was revoked before" ca -config "$work/ca.conf" -passin "$CA_PASS" -revoke "$revoked"
+    made "entry for $revoked" ca -config "$work/ca.conf" -passin "$CA_PASS" -revoke "$revoked"
     new_keyring
     say "keys: $revoked is revoked. Next: build a release with --keyring $dir/keyring.pem and a raised floor, sign it with another signer, install it everywhere"
     ;;

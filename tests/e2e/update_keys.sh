@@ -56,6 +56,8 @@ is "the signer's certificate" "no CA" "$(openssl x509 -in "$keys/signer.cert.pem
 # The authority's key is kept apart: bundles need the signer's alone.
 mv "$keys/ca.key.pem" "$work/apart.pem"
 says "a bundle" "release 2 .0.9.0." bundle first 0.9.0 2
+says "by names from where one stands" "release 2 .0.9.0." env -C "$work" "$PWD/board/image/bundle.sh" virt --keys keys --slot slot --out there
+is "its place" "it is" "$([[ -s $work/there ]] && echo it is)"
 is "what it leaves of the key" "" "$(grep -rlE 'BEGIN (RSA |EC )?PRIVATE KEY' "$work" build/image/bundle.* 2>/dev/null || true)"
 cp "$keys/keyring.pem" "$work/before.pem"
 says "a board takes it" "Verified|signature correct" info "$work/before.pem" "$work/first"
@@ -92,6 +94,11 @@ says "a board that has not heard of it takes it" "Verified|signature correct" in
 says "the signer before is as good as it was" "Verified|signature correct" info "$work/before.pem" "$work/first"
 
 # The signer before is revoked: by the keyring that the next release brings.
+foreign="$work/the other's \$keys"
+says "another authority, in a folder of another kind of name" "signer.key.pem signs" board/image/keys.sh "$foreign"
+refuses "its signer, which has the same number, revoked here" "is no signer's certificate of" board/image/keys.sh "$keys" --revoke "$foreign/signers/01.pem"
+refuses "a key revoked" "is no signer's certificate of" board/image/keys.sh "$keys" --revoke "$work/old.key.pem"
+is "who is good" "V V" "$(cut -c 1 "$keys/index.txt" | xargs)"
 says "revoked" "is revoked" board/image/keys.sh "$keys" --revoke "$work/old.cert.pem"
 refuses "revoked twice" "revoked before" board/image/keys.sh "$keys" --revoke "$work/old.cert.pem"
 refuses "a board with the new keyring does not take what it signed" "certificate revoked" info "$keys/keyring.pem" "$work/first"
