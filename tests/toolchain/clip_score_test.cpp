@@ -391,6 +391,8 @@ TEST(EvaluateRecorded, ARecordingIsScoredOnce) {
     arguments.insert(arguments.end(), more.begin(), more.end());
     STRCMP_CONTAINS(twice.c_str(), refused(arguments).c_str());
   }
+  const Finished trade = test::run({kTool, "trade", "firmware", "--recordings", first, second});
+  STRCMP_CONTAINS(twice.c_str(), trade.err.c_str());
   STRCMP_CONTAINS((first + ":2: " + left + " is labelled in " + first + ":2").c_str(),
                   refused({"--recorded", first, first}).c_str());
 }

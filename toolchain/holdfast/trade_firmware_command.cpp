@@ -55,6 +55,10 @@ int trade_firmware(const TradeFirmwareOptions& options) {
         "trade "
         "show with all the pieces");
   }
+  std::vector<learn::ClipLabels> clips;
+  for (const std::string& labels : options.recordings) {
+    if (const auto error = learn::read_labels(labels, clips)) return fail(*error);
+  }
   const std::vector<trade::Point> points = trade::points();
   std::vector<long> mine;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -91,15 +95,13 @@ int trade_firmware(const TradeFirmwareOptions& options) {
       if (!show(trade::shoot(which, width, [] { return !interrupted(); }))) return fail(interrupted_line());
     }
   }
-  for (const std::string& labels : options.recordings) {
-    const auto play = [&](const learn::RecordedClip& clip) {
-      for (trade::Trialled& one : trialled) one.show(clip);
-      return std::optional<std::string>();
-    };
-    const auto luma = trade::config_of(points.front(), nullptr).luma;
-    if (const auto error = learn::load_recordings(labels, luma, play, [](int, int) { return !interrupted(); })) {
-      return fail(interrupted() ? interrupted_line() : *error);
-    }
+  const auto play = [&](const learn::RecordedClip& clip) {
+    for (trade::Trialled& one : trialled) one.show(clip);
+    return std::optional<std::string>();
+  };
+  const auto luma = trade::config_of(points.front(), nullptr).luma;
+  if (const auto error = learn::load_recordings(clips, luma, play, [](int, int) { return !interrupted(); })) {
+    return fail(interrupted() ? interrupted_line() : *error);
   }
   progress.clear();
   std::vector<trade::Line> lines;

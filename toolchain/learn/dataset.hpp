@@ -47,11 +47,11 @@ struct RecordedClip {
   sim::RecordedFrame rest;    // shows the empty gel
   ClipLabels by_frames;       // as the label file has them
 };
-// Every clip of a label file in the format of the 27 real clips (its README), one at a time. Returns nothing, or an
-// error line; so does `visit`, of which the clip's place need not be part. `luma`: of who plays them; a picture of the
-// empty gel that lies beside the clips is read at its scale. `progress`: clips done of all; false stops.
+// Every one of these clips (read_labels), one at a time. Returns nothing, or an error line; so does `visit`, of which
+// the clip's place need not be part. `luma`: of who plays them; a picture of the empty gel that lies beside the clips
+// is read at its scale. `progress`: clips done of all; false stops.
 [[nodiscard]] std::optional<std::string> load_recordings(
-    const std::filesystem::path& labels, const luma_input::Config& luma,
+    const std::vector<ClipLabels>& clips, const luma_input::Config& luma,
     const std::function<std::optional<std::string>(const RecordedClip&)>& visit,
     const std::function<bool(int, int)>& progress = {});
 // The rest position and the empty gel. Nothing, or why it cannot.

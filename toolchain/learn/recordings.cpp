@@ -80,22 +80,20 @@ Error load_clip(const ClipLabels& clip, const luma_input::Config& luma, Recorded
 
 }  // namespace
 
-std::optional<std::string> load_recordings(const fs::path& labels, const luma_input::Config& luma,
+std::optional<std::string> load_recordings(const std::vector<ClipLabels>& clips, const luma_input::Config& luma,
                                            const std::function<Error(const RecordedClip&)>& visit,
                                            const std::function<bool(int, int)>& progress) {
-  std::vector<ClipLabels> clips;
-  if (Error bad = read_labels(labels, clips)) return bad;
   const int all = static_cast<int>(clips.size());
   for (int done = 0; done < all; ++done) {
     const ClipLabels& clip = clips[idx(done)];
     RecordedClip loaded;
     if (Error bad = load_clip(clip, luma, loaded)) return bad;
     if (Error bad = visit(loaded)) {
-      return fmt::format("{}:{}: {}: {}", labels.string(), clip.line, clip.path.string(), *bad);
+      return fmt::format("{}:{}: {}: {}", clip.file.string(), clip.line, clip.path.string(), *bad);
     }
     if (progress && !progress(done + 1, all)) {
       return fmt::format("{}: stopped after clip {} of {}. Likely cause: you asked for it. Next: run it again",
-                         labels.string(), done + 1, all);
+                         clip.file.string(), done + 1, all);
     }
   }
   return {};
@@ -133,7 +131,9 @@ std::optional<std::string> read_recordings(const fs::path& labels, const Params&
     samples.trials.push_back(std::move(trial));
     return {};
   };
-  Error bad = load_recordings(labels, config.luma, play, progress);
+  std::vector<ClipLabels> clips;
+  Error bad = read_labels(labels, clips);
+  if (!bad) bad = load_recordings(clips, config.luma, play, progress);
   if (bad) samples = {};
   return bad;
 }
