@@ -124,6 +124,52 @@ TEST(ContactRound, TheMiddleSticksToTheObject) {
   }
 }
 
+// A slide whose limit falls: eased to a hundredth, or by kinetic friction below the static one. What the object has
+// slid is its way less what the gel holds back; without friction all of it. To 2 % of the way by the grid.
+TEST(ContactRound, WhatAFallingLimitLetsGoOfIsSlidByTheLayersMeasure) {
+  constexpr double kWay_mm = 3.0;
+  for (const double kinetic : {0.0, 0.25, 0.5}) {
+    RoundSetup round = round_of(kGel, 12.0, 0.5);
+    GridSetup cells = grid_of(kGel, 12.0, 0.5);
+    round.kinetic_friction = cells.kinetic_friction = kinetic;
+    GridContact grid(cells, markers());
+    SpringsContact springs(round, markers());
+    const auto both_slid_mm = [&](double force_n, double x_mm) {
+      const ContactState& of_grid = grid.press_to(force_n, {x_mm, 0.0}, 0.0);
+      const ContactState& of_springs = springs.press_to(force_n, {x_mm, 0.0}, 0.0);
+      if (of_grid.gross && of_springs.gross) DOUBLES_EQUAL(of_grid.slid_mm.x, of_springs.slid_mm.x, 0.02 * kWay_mm);
+      CHECK_TEXT(of_springs.slid_mm.x < x_mm + 1e-9, std::to_string(of_springs.slid_mm.x - x_mm).c_str());
+      return of_springs.slid_mm.x;
+    };
+    for (int k = 1; k <= 10; ++k) (void)both_slid_mm(0.3 * k, 0.0);
+    for (int k = 1; k <= 30; ++k) (void)both_slid_mm(3.0, 0.1 * k);
+    double slid_mm = 0.0;
+    for (int k = 1; k <= 30; ++k) slid_mm = both_slid_mm(3.0 * std::pow(0.01, k / 30.0), kWay_mm);
+    CHECK_TEXT(slid_mm > 0.95 * kWay_mm, std::to_string(slid_mm).c_str());
+    if (kinetic == 0.0) DOUBLES_EQUAL(kWay_mm, slid_mm, 1e-9);
+  }
+}
+
+// An object that does not turn does not slide about its middle, whatever presses on it.
+TEST(ContactRound, ATurnThatHasSlidStaysWhenTheForceChanges) {
+  SpringsContact springs(round_of(kGel, 15.0, 0.2), markers());
+  (void)springs.press_to(2.0, {}, 0.0);
+  constexpr double kTurn = 0.7;
+  double slid = 0.0;
+  for (int k = 1; k <= 40; ++k) {
+    const double before = slid;
+    slid = springs.press_to(2.0, {}, kTurn * k / 40).slid_rad;
+    CHECK(slid >= before);
+  }
+  CHECK_TEXT(slid > 0.2 && slid < kTurn, std::to_string(slid).c_str());
+  for (int k = 1; k <= 20; ++k) {
+    const double before = slid;
+    slid = springs.press_to(2.0 - 0.095 * k, {}, kTurn).slid_rad;
+    CHECK(slid >= before - 1e-9 && slid < kTurn);
+  }
+  for (int k = 1; k <= 20; ++k) DOUBLES_EQUAL(slid, springs.press_to(0.1 + 0.3 * k, {}, kTurn).slid_rad, 1e-9);
+}
+
 // What a layer adds to a twist, by two radii for all discs, against the layer's own motion of every disc.
 TEST(ContactRound, LayerTurnsByTwoRadii) {
   const Layer layer(kGel);

@@ -27,7 +27,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::array kLevels{ContactLevel::kSprings, ContactLevel::kGrid};
 
 // Taken on x86-64; the aarch64 build under qemu-user finds the same. Order of kLevels.
-constexpr std::array<std::uint64_t, 2> kHashes{12816538114806919353u, 2466645481905566653u};
+constexpr std::array<std::uint64_t, 2> kHashes{13622688902358280862u, 2466645481905566653u};
 
 double largest(const std::vector<Vec2>& vectors) {
   double most = 0.0;

@@ -178,6 +178,20 @@ void RoundField::add_layer_turn(double radius_mm, const TwistDiscs& discs, std::
   }
 }
 
+namespace {
+
+// How far the object has slid on the layer after a step. `way`: in all, and `way_before`; `slid`: before the step;
+// `slip`: of the step, by its own ratio of layer to half-space; `strain_before`, `strain`: the springs' way less their
+// slip. Strain that a falling limit lets go of was taken at the ratios of its time: it goes by their mean.
+Vec2 slid_on_layer(Vec2 way, Vec2 way_before, Vec2 slid, Vec2 slip, Vec2 strain_before, Vec2 strain) {
+  if (slip == Vec2{}) return slid;
+  const double before = length(strain_before);
+  if (length(strain) >= before) return slid + slip;
+  return way - (length(way_before - slid) / before) * strain;
+}
+
+}  // namespace
+
 SpringsContact::SpringsContact(const RoundSetup& setup, std::span<const Vec2> markers_mm)
     : setup_(setup),
       field_(setup, markers_mm),
@@ -230,6 +244,7 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
   // The springs stand on the radius that the layer gives.
   const double depth_mm = sphere ? a_mm * a_mm * 2.0 * setup_.round.coefficient : press.depth_mm;
   const Vec2 slid_before = springs_.state().slid_mm;
+  const double turned_slid_before = turns_.state().slid_rad;
   if (!(depth_mm > 0.0) || (sphere && !(a_mm > kLeastRadius_mm))) {
     springs_.move_to(0.0, half_space_mm_);
     turns_.step({}, 0.0, 0.0, 0.0);
@@ -241,7 +256,9 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
   if (!touching_) {
     touching_ = true;
     touched_mm_ = at_mm_ = center_mm_ = at_mm;
-    at_rad_ = twist_rad;
+    touched_rad_ = at_rad_ = twist_rad;
+    half_space_touched_mm_ = half_space_mm_;
+    half_space_rad_ = 0.0;
     field_.move_center(center_mm_);
     spring_field_.move_center(center_mm_);
   }
@@ -266,7 +283,8 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
     share = share_friction(shear_n / limit_n, moment / (3.0 * pi / 16.0 * limit_n * a_mm));
   }
   springs_.scale_friction(share.for_shear * force_ratio);
-  half_space_mm_ = {half_space_mm_.x + step.x, half_space_mm_.y + step.y};
+  const Vec2 strain_before = half_space_mm_ - half_space_touched_mm_ - slid_before;
+  half_space_mm_ = half_space_mm_ + step;
   const SpringState& s = springs_.move_to(depth_mm, half_space_mm_);
   press_ = press;
   if (!sphere) {
@@ -277,18 +295,26 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
     turns_.step(press_, share.for_twist * setup_.static_friction, share.for_twist * setup_.kinetic_friction,
                 turn_scale * turn);
   }
+  const TwistSpringState& t = turns_.state();
+  if (turned_) {
+    const double strain_rad = half_space_rad_ - turned_slid_before;
+    half_space_rad_ += turn_scale * turn;
+    state_.slid_rad = slid_on_layer({twist_rad - touched_rad_, 0.0}, {at_rad_ - touched_rad_, 0.0},
+                                    {state_.slid_rad, 0.0}, {(t.slid_rad - turned_slid_before) / turn_scale, 0.0},
+                                    {strain_rad, 0.0}, {half_space_rad_ - t.slid_rad, 0.0})
+                          .x;
+  }
+  state_.slid_mm = slid_on_layer(at_mm - touched_mm_, at_mm_ - touched_mm_, state_.slid_mm,
+                                 (1.0 / scale) * (s.slid_mm - slid_before), strain_before,
+                                 half_space_mm_ - half_space_touched_mm_ - s.slid_mm);
   at_mm_ = at_mm;
   at_rad_ = twist_rad;
-
-  state_.slid_mm.x += (s.slid_mm.x - slid_before.x) / scale;
-  state_.slid_mm.y += (s.slid_mm.y - slid_before.y) / scale;
   const Vec2 center{touched_mm_.x + state_.slid_mm.x, touched_mm_.y + state_.slid_mm.y};
   if (!(center == center_mm_)) {
     center_mm_ = center;
     field_.move_center(center);
     spring_field_.move_center(center);
   }
-  const TwistSpringState& t = turns_.state();
   state_.depth_mm = press.depth_mm;
   state_.normal_n = press_.force_n;
   state_.contact_radius_mm = press_.contact_radius_mm;
@@ -298,7 +324,6 @@ const ContactState& SpringsContact::set(const Press& press, Vec2 at_mm, double t
   state_.stick_radius_mm = press_.contact_radius_mm * std::sqrt(1.0 - state_.slip_fraction);
   state_.shear_n = s.force_n;
   state_.moment_nmm = turned_ ? t.moment_nmm : 0.0;
-  state_.slid_rad = turned_ ? t.slid_rad / turn_scale : 0.0;
   state_.center_mm = at_mm;
   return state_;
 }

@@ -107,9 +107,11 @@ class SpringsContact final : public Contact {
   Vec2 touched_mm_;
   Vec2 at_mm_;
   Vec2 way_mm_;  // of the last step that moved
-  double at_rad_ = 0.0;
+  double touched_rad_ = 0.0, at_rad_ = 0.0;
   Vec2 half_space_mm_;  // the object's way, as the half-space's springs count it
-  Vec2 center_mm_;      // of the contact on the undeformed gel, for the fields
+  Vec2 half_space_touched_mm_;
+  double half_space_rad_ = 0.0;  // its turn since it touched, likewise
+  Vec2 center_mm_;               // of the contact on the undeformed gel, for the fields
   Press press_;
   ContactState state_;
 };
