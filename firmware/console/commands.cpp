@@ -383,6 +383,7 @@ constexpr FingerColumns kTaskColumns{std::array<Column, 8>{{{"task", 9},
 Answer tasks(Console& console, const Words& words, std::int32_t step) {
   App& app = console.daemon().app();
   if (words.count == 2 && words[1] == "clear") {
+    if (!console.unlocked()) return error(Error::kLocked);
     for (int finger = 0; finger < app.fingers(); ++finger) app.stopwatch(finger).clear();
     return kDone;
   }
@@ -618,14 +619,16 @@ void say_range(Console& console, const ParamInfo& row, std::string_view given) {
 }
 
 Answer set(Console& console, const Words& words, std::int32_t /*step*/) {
-  if (words.count != 3) return error(Error::kArguments);
-  const ParamInfo* const row = find_param(words[1]);
-  if (row == nullptr) return error(unknown(console, words[1]));
+  if (words.count < 3 || words.count % 2 == 0) return error(Error::kArguments);
   Params params = console.params();
-  ParamProblem problem;
-  if (!parse(words[1], words[2], params, &problem).ok()) {
-    say_range(console, *row, words[2]);
-    return error(problem.rule == "not an integer" ? Error::kNotANumber : Error::kRange);
+  for (std::size_t k = 1; k < words.count; k += 2) {
+    const ParamInfo* const row = find_param(words[k]);
+    if (row == nullptr) return error(unknown(console, words[k]));
+    ParamProblem problem;
+    if (!parse(words[k], words[k + 1], params, &problem).ok()) {
+      say_range(console, *row, words[k + 1]);
+      return error(problem.rule == "not an integer" ? Error::kNotANumber : Error::kRange);
+    }
   }
   const Error result = console.change(params);
   return result == Error::kNone ? kDone : error(result);
@@ -728,7 +731,17 @@ Answer defaults(Console& console, const Words& words, std::int32_t /*step*/) {
   if (words.count > 2) return error(Error::kArguments);
   Params params = console.params();
   if (words.count == 1) {
-    params = Params{};
+    for (const ParamInfo& row : kParams) {
+      const bool owners = row.kind == ParamClass::kSafety && !console.settings().development();
+      if (!owners) params.*row.member = row.default_value;
+    }
+    // A default may contradict what the owner signed: then what is paired with that stays, too.
+    for (const ParamPair& pair : kParamPairs) {
+      if (validate(params).ok()) break;
+      params.*pair.first = console.params().*pair.first;
+      params.*pair.second = console.params().*pair.second;
+    }
+    if (params != Params{}) console.out().put("what the owner signed stays\r\n");
   } else {
     const ParamInfo* const row = find_param(words[1]);
     if (row == nullptr) return error(unknown(console, words[1]));
@@ -738,23 +751,40 @@ Answer defaults(Console& console, const Words& words, std::int32_t /*step*/) {
   return result == Error::kNone ? kDone : error(result);
 }
 
-// As lines that can be pasted back: after a restart of another device, for instance.
+// The other one of its pair. nullptr: it has none.
+const ParamInfo* other_of(const ParamInfo& row) {
+  for (const ParamPair& pair : kParamPairs) {
+    if (row.member != pair.first && row.member != pair.second) continue;
+    const auto other = row.member == pair.first ? pair.second : pair.first;
+    return std::ranges::find(kParams, other, &ParamInfo::member);
+  }
+  return nullptr;
+}
+
+// As lines that can be pasted back: after a restart of another device, for instance. A pair is one line, with the first
+// of the two, so that each line is obeyed whatever the other device has.
 Answer settings_lines(Console& console, const Words& words, std::int32_t step, bool all) {
   if (words.count != 1) return error(Error::kArguments);
   const ParamInfo& row = kParams[idx(step)];
-  const std::int32_t value = console.params().*row.member;
+  const auto value_of = [&](const ParamInfo& of) { return console.params().*of.member; };
+  const auto differs = [&](const ParamInfo& of) { return all || value_of(of) != of.default_value; };
   const bool last = idx(step) + 1 == kParams.size();
-  const bool shown = all || value != row.default_value;
+  const ParamInfo* const other = other_of(row);
   Output& out = console.out();
+  const auto put = [&](const ParamInfo& of) {
+    out.put(" ");
+    out.put(of.name);
+    out.put(" ");
+    out.integer(value_of(of));
+  };
   if (words.json) {
     if (step == 0) console.page().open(true);
-    if (shown) console.page().integer(row.name, value);
+    if (differs(row)) console.page().integer(row.name, value_of(row));
     if (last) console.page().close();
-  } else if (shown) {
-    out.put("set ");
-    out.put(row.name);
-    out.put(" ");
-    out.integer(value);
+  } else if (other == nullptr ? differs(row) : other > &row && (differs(row) || differs(*other))) {
+    out.put("set");
+    put(row);
+    if (other != nullptr) put(*other);
     out.put("\r\n");
   }
   return last ? kDone : kMore;
@@ -1087,7 +1117,7 @@ constexpr std::array<CommandInfo, 26> kCommands{{
     {"tasks", "[clear] [json]", "start, and each stage: p50, p99.9, longest, late", false, tasks},
     {"devices", "[json]", "camera, lines, link, gripper: what is there and how it is", false, devices},
     {"get", "[PARAMETER] [json]", "parameters, all or those whose name holds the word", false, get},
-    {"set", "PARAMETER VALUE", "change a parameter, until the next start or save", true, set},
+    {"set", "PARAMETER VALUE [PARAMETER VALUE]", "change one or more at once, until the next start or save", true, set},
     {"diff", "[json]", "what differs from the defaults, as lines to paste back", false, diff},
     {"dump", "[json]", "all parameters, as lines to paste back", false, dump},
     {"save", "", "store the parameters for the next start", true, save},

@@ -225,6 +225,16 @@ constexpr Status validate(const Params& params, ParamProblem* problem = nullptr)
   return kOkStatus;
 }
 
+// Two that validate() judges together: of some values, neither can be changed before the other is.
+struct ParamPair {
+  std::int32_t Params::*first;
+  std::int32_t Params::*second;
+};
+inline constexpr std::array<ParamPair, 4> kParamPairs{{{&Params::degraded_markers_pct, &Params::fault_markers_pct},
+                                                       {&Params::grid_rows, &Params::grid_cols},
+                                                       {&Params::start_force, &Params::max_force},
+                                                       {&Params::left_sensor, &Params::right_sensor}}};
+
 static_assert(validate(Params{}).ok(), "the defaults are valid");
 static_assert(kMaxMarkers == 128, "named in validate()");
 

@@ -9,8 +9,10 @@
 #include <cstdio>
 #include <set>
 #include <span>
+#include <sstream>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/crc32.hpp"
@@ -268,7 +270,7 @@ TEST(Console, AnswersEveryCommand) {
 TEST(Console, ChangesNothingWhileLocked) {
   start();
   for (const char* const line : {"set raise_frames 5", "save", "defaults", "tell tare", "reboot", "reference learn",
-                                 "fault camera off", "fault off"}) {
+                                 "fault camera off", "fault off", "tasks clear"}) {
     check_error(line, Error::kLocked);
   }
   LONGS_EQUAL(2, desk.daemon->params().raise_frames);
@@ -1019,7 +1021,7 @@ TEST(Console, LeavesSafetyToItsOwner) {
   start();
   (void)desk.unlock();
   for (const char* const line : {"set fault_markers_pct 1", "set hold_ms 0", "set opening_max_ms 60000", "set latch 0",
-                                 "defaults", "defaults latch"}) {
+                                 "set force_step 5 latch 0", "defaults latch"}) {
     check_error(line, Error::kOwnersAlone);
   }
   check_says("set hold_ms 0",
@@ -1028,11 +1030,29 @@ TEST(Console, LeavesSafetyToItsOwner) {
              "settings compile --sign, holdfast console --load, and reboot\r\n");
   check_ok("set force_step 5");
   check_ok("defaults force_step");
+  check_ok("set force_step 5 start_force 9");
+  check_says("defaults", "what the owner signed stays\r\nOK\r\n");
   strict.force_step = Params{}.force_step;
   CHECK(desk.console->params() == strict);
   CHECK(desk.daemon->params() == strict);
   check_error("set hold_ms 5001", Error::kRange);
   check_error("set fault_markers_pct 99", Error::kContradiction);
+}
+
+// The default of what is tuned may be above what the owner allows.
+TEST(Console, KeepsADefaultThatTheOwnersSettingsRuleOut) {
+  const Owner owner;
+  desk.place.owner = &owner;
+  Params weak;
+  weak.max_force = 5;
+  weak.start_force = 4;
+  lay_both(signed_record(7, weak));
+  start();
+  (void)desk.unlock();
+  check_ok("set start_force 3 force_step 9");
+  check_says("defaults", "what the owner signed stays\r\nOK\r\n");
+  weak.start_force = 3;
+  CHECK(desk.console->params() == weak);
 }
 
 // Behind the last number the device numbers anew.
@@ -1074,7 +1094,38 @@ TEST(Console, TakesItsOwnDiffBack) {
   CHECK(desk.heard().find("ERR") == std::string::npos);
   check_says("diff json", "{\"raise_frames\":3,\"hold_ms\":300,\"latch\":1,\"max_force\":200}\r\nOK");
   const std::string dump = desk.say("dump");
-  for (const ParamInfo& row : kParams) STRCMP_CONTAINS(("set " + std::string(row.name) + " ").c_str(), dump.c_str());
+  for (const ParamInfo& row : kParams) STRCMP_CONTAINS((" " + std::string(row.name) + " ").c_str(), dump.c_str());
+}
+
+// Any settings, said again line by line on a device that has any others.
+TEST(Console, TakesADumpBackWhateverItHas) {
+  start();
+  (void)desk.unlock();
+  const std::vector<std::string> all{"set fault_markers_pct 1 degraded_markers_pct 2",
+                                     "set degraded_markers_pct 99 fault_markers_pct 98",
+                                     "set max_force 10 start_force 9",
+                                     "set start_force 200 max_force 255",
+                                     "set grid_rows 16 grid_cols 8",
+                                     "set grid_cols 16 grid_rows 8",
+                                     "set left_sensor 1 right_sensor 2",
+                                     "set left_sensor 2 right_sensor 1"};
+  for (const std::string& line : all) check_error((line.substr(0, line.rfind(' '))).c_str(), Error::kArguments);
+  std::vector<std::pair<Params, std::string>> dumps;
+  for (std::size_t mask = 0; mask < 16; ++mask) {
+    for (std::size_t pair = 0; pair < 4; ++pair) check_ok(all[2 * pair + (mask >> pair & 1)].c_str());
+    dumps.emplace_back(desk.console->params(), desk.say("dump"));
+  }
+  for (const auto& [wanted, dump] : dumps) {
+    std::istringstream lines(dump.substr(dump.find("set ")));
+    for (std::string line; std::getline(lines, line) && line.starts_with("set ");) {
+      line.pop_back();
+      check_ok(line.c_str());
+    }
+    CHECK(desk.console->params() == wanted);
+  }
+  check_error("set raise_frames 3 nothing 4", Error::kUnknownParameter);
+  check_error("set raise_frames 3 hold_ms x", Error::kNotANumber);
+  CHECK(desk.console->params() == dumps.back().first);
 }
 
 TEST(Console, ShowsParameters) {
@@ -1190,6 +1241,8 @@ TEST(Console, ShowsWhatTheDeviceDoes) {
   check_says("tasks", "decode");
   check_says("tasks", "first_frame_ms        40 after the kernel started\r\n");
   check_says("tasks json", R"({"first_frame_ms":40,"tasks":[{"task":"decode","count":)");
+  check_error("tasks clear", Error::kLocked);
+  (void)desk.unlock();
   check_ok("tasks clear");
   const std::string devices = desk.say("devices json");
   STRCMP_CONTAINS("{\"device\":\"camera\",\"is\":\"28D1-D7C6\",\"well\":\"yes\",\"more\":\"started 1 times\"}",
