@@ -44,7 +44,7 @@ command -v rauc >/dev/null || {
   complain "cannot make a bundle" "rauc is not here" "apt-get install rauc squashfs-tools"
   exit 1
 }
-if ! why=$(openssl verify -crl_check -CAfile "$keys/keyring.pem" "$keys/signer.cert.pem" 2>&1); then
+if ! why=$(openssl verify -crl_check_all -CAfile "$keys/keyring.pem" "$keys/signer.cert.pem" 2>&1); then
   complain "boards would not take what $keys/signer.cert.pem signs: $(grep -m 1 '^error' <<<"$why")" "it was revoked, has expired, or is of another authority" \
     "board/image/keys.sh $keys --new-signer"
   exit 1
@@ -59,6 +59,7 @@ fi
 version=$(sed -n 's/^version=//p' "$slot/release")
 release=$(sed -n 's/^release=//p' "$slot/release")
 : "${out:=build/image/$board/holdfast-$board-$version.raucb}"
+mkdir -p build/image
 work=$(mktemp -d build/image/bundle.XXXXXX)
 trap 'rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM

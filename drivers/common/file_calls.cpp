@@ -57,11 +57,13 @@ class SystemCalls final : public FileCalls {
 bool is_foreign(FileCalls& calls, int fd, std::size_t our_size, std::span<const std::uint8_t> magic) {
   if (magic.empty()) return false;
   const std::int64_t size = calls.size(fd);
+  if (size <= 0 || size == static_cast<std::int64_t>(our_size)) return false;
   std::array<std::uint8_t, 8> room{};
-  const std::span<std::uint8_t> begins = std::span(room).first(magic.size());
-  if (size <= 0 || size == static_cast<std::int64_t>(our_size) || calls.pread(fd, begins, 0) < 0) return false;
+  const std::size_t count = std::min(magic.size(), static_cast<std::size_t>(size));
+  const std::span<std::uint8_t> begins = std::span(room).first(count);
+  if (calls.pread(fd, begins, 0) < 0) return false;
   const bool zeros = std::ranges::all_of(begins, [](std::uint8_t byte) { return byte == 0; });
-  return !zeros && !std::ranges::equal(begins, magic);
+  return !zeros && !std::ranges::equal(begins, magic.first(count));
 }
 
 FileCalls& system_calls() {

@@ -28,8 +28,9 @@ class FileCalls {
 // Those of the machine.
 [[nodiscard]] FileCalls& system_calls();
 
-// Whether the file is somebody else's: neither empty nor of our size, and begins with neither `magic` nor zeros, which
-// a file of ours does that was just made or whose first write the power cut. Range: no magic: every file is ours.
+// Whether the file is somebody else's: neither empty nor of our size, and begins with neither `magic`, or what it has
+// room for of that, nor zeros, which a file of ours does that was just made or whose first write the power cut. Range:
+// no magic: every file is ours.
 [[nodiscard]] bool is_foreign(FileCalls& calls, int fd, std::size_t our_size, std::span<const std::uint8_t> magic);
 
 }  // namespace holdfast::drivers

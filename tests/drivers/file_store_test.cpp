@@ -112,8 +112,8 @@ TEST(FileStore, IsReadByTheNextOne) {
   LONGS_EQUAL(0600, about.st_mode & 0777);
 }
 
-// What was meant for another option: neither padded nor written. Ours are those that begin as ours do, or with zeros,
-// and those of our size, whatever the card did to them.
+// What was meant for another option: neither padded nor written. Ours are those that begin as ours do, however short
+// they were cut, or with zeros, and those of our size, whatever the card did to them.
 TEST(FileStore, LeavesAFileOfSomebodyElsesAsItIs) {
   const Bytes magic{'H', 'D', 'S', 'R'};
   const auto takes = [&](const std::string& bytes) {
@@ -123,12 +123,13 @@ TEST(FileStore, LeavesAFileOfSomebodyElsesAsItIs) {
     (void)end_of(store);
     return store.trouble().empty();
   };
-  for (const std::string& others : {std::string("# robot.toml\n"), std::string("x"), std::string(9000, 'x')}) {
+  for (const std::string& others :
+       {std::string("# robot.toml\n"), std::string("x"), std::string("HDX"), std::string(9000, 'x')}) {
     CHECK_FALSE(takes(others));
     STRCMP_EQUAL(others.c_str(), test::read_file(path).c_str());
   }
-  for (const std::string& ours : {std::string(), std::string(1, '\0'), std::string(9000, '\0'),
-                                  std::string("HDSR of old"), std::string(2 * 4096, 'x')}) {
+  for (const std::string& ours : {std::string(), std::string(1, '\0'), std::string(9000, '\0'), std::string("H"),
+                                  std::string("HDS"), std::string("HDSR of old"), std::string(2 * 4096, 'x')}) {
     CHECK_TRUE(takes(ours));
   }
 }

@@ -97,6 +97,7 @@ says "the signer before is as good as it was" "Verified|signature correct" info 
 foreign="$work/the other's \$keys"
 says "another authority, in a folder of another kind of name" "signer.key.pem signs" board/image/keys.sh "$foreign"
 refuses "its signer, which has the same number, revoked here" "is no signer's certificate of" board/image/keys.sh "$keys" --revoke "$foreign/signers/01.pem"
+refuses "the authority itself revoked" "is no signer's certificate of" board/image/keys.sh "$keys" --revoke "$keys/ca.cert.pem"
 refuses "a key revoked" "is no signer's certificate of" board/image/keys.sh "$keys" --revoke "$work/old.key.pem"
 is "who is good" "V V" "$(cut -c 1 "$keys/index.txt" | xargs)"
 says "revoked" "is revoked" board/image/keys.sh "$keys" --revoke "$work/old.cert.pem"
