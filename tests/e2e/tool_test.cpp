@@ -222,6 +222,23 @@ TEST_GROUP(Tool) {
   }
 };
 
+// What is played all the same, and should not be taken for more than it is.
+TEST(Tool, SimSaysWhatToDoubt) {
+  const auto note_of = [&](const char* object, const char* more) {
+    test::write_file(in("odd.json"),
+                     std::string(R"({"schema_version": 1, "name": "odd", "duration_s": 1.6, "level": {)") +
+                         R"("inject": "grey", "contact": "grid"}, "object": {"radius_mm": 15)" + object +
+                         R"(}, "trajectory": [{"t_s": 0.4, "force_n": 0}, {"t_s": 0.8, "force_n": 3}])" + more + "}");
+    const Finished sim = succeed({"sim", in("odd.json")});
+    const std::size_t at = sim.out.find("\nnote ");
+    return at == std::string::npos ? std::string() : sim.out.substr(at + 1);
+  };
+  STRCMP_EQUAL("", note_of("", "").c_str());
+  STRCMP_CONTAINS("mm deep in a gel of 4.25 mm", note_of(R"(, "touch_x_mm": 100)", "").c_str());
+  STRCMP_CONTAINS("the last frame came at 0.",
+                  note_of("", R"(, "faults": [{"t_s": 1, "frames": 3, "fault": "late", "by_ms": 60000}])").c_str());
+}
+
 TEST(Tool, RefusesWhatIsNoRecording) {
   refused({"replay", in("absent.avi")}, in("absent.avi"), "No such file");
   write_file(dir / "text.avi", "not a video\n");

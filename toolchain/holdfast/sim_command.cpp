@@ -86,6 +86,25 @@ std::string override_level(const SimOptions& options, scene::Scene& scene) {
   return {};
 }
 
+// What was played and should not be taken for more than it is. `last_s`: the last frame that came.
+std::vector<std::string> doubts_of(const scene::Scene& scene, double deepest_mm, double last_s) {
+  std::vector<std::string> doubts;
+  if (deepest_mm > 0.5 * scene.gel.thickness_mm) {
+    doubts.push_back(
+        fmt::format("the object was {:.2f} mm deep in a gel of {:g} mm, where small strains no longer hold. Likely "
+                    "cause: more force than this object can press with, or a contact that left the gel. Next: see "
+                    "depth_mm in --truth",
+                    deepest_mm, scene.gel.thickness_mm));
+  }
+  if (last_s < scene.duration_s - 3.0 / scene.fps) {
+    doubts.push_back(
+        fmt::format("the last frame came at {:.2f} s of {:g} s, and what is expected was looked at up to there. Likely "
+                    "cause: a fault of the camera that lasts to the end. Next: see 'faults'",
+                    last_s, scene.duration_s));
+  }
+  return doubts;
+}
+
 }  // namespace
 
 // A scene that is valid at the level it will be played at; prints what is wrong.
@@ -145,6 +164,7 @@ int sim_grasp(const SimOptions& options) {
 
   TruthSeries fraction{"slipping share of the contact", "", {}};
   std::vector<PlayedFrame> frames;
+  double deepest_mm = 0.0, last_s = 0.0;
   Progress progress("sim", scene::frame_count(scene));
   while (!interrupted() && player.step(session.app(), info.params, info.auto_grid)) {
     const scene::Snapshot& truth = player.snapshot();
@@ -157,6 +177,8 @@ int sim_grasp(const SimOptions& options) {
     }
     fraction.points.emplace_back(truth.t_s, truth.contact.slip_fraction);
     frames.push_back(played(player, session.app()));
+    deepest_mm = std::max(deepest_mm, truth.contact.depth_mm);
+    last_s = truth.t_s;
     progress.update(truth.frame + 1);
   }
   progress.clear();
@@ -181,13 +203,17 @@ int sim_grasp(const SimOptions& options) {
   for (const std::string_view what : scene::omissions(scene.level.contact)) {
     left_out += fmt::format("{}{}", left_out.empty() ? "" : "; ", what);
   }
-  const std::string error = session.commit(
-      marks, fraction,
-      {fmt::format("Simulated at contact level {}, which leaves out: {}. Onset means that more than half of the "
-                   "contact's area slips.",
-                   contact, left_out)});
-  if (!error.empty()) return fail(error);
+  const std::vector<std::string> doubts = doubts_of(scene, deepest_mm, last_s);
+  std::vector<std::string> said{fmt::format(
+      "Simulated at contact level {}, which leaves out: {}. Onset means that more than half of the contact's area "
+      "slips.",
+      contact, left_out)};
+  said.insert(said.end(), doubts.begin(), doubts.end());
+  if (const std::string error = session.commit(marks, fraction, said); !error.empty()) return fail(error);
   print_summary(session, summary, common);
+  if (!common.json) {
+    for (const std::string& doubt : doubts) fmt::print(common.paths.people(), "note      {}\n", doubt);
+  }
   if (!common.json) fmt::print(common.paths.people(), "lines\n{}", session.gpio_timeline());
 
   std::vector<Promise> promises = check_promises(scene.expect, frames);
