@@ -7,14 +7,17 @@ import random
 import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
 import time
+import tty
 import unittest
 from pathlib import Path
 
 from deadline import DEADLINE_S
+from holdfast import link
 
 SOURCE = Path(__file__).resolve().parents[2]
 BIN = Path(os.environ["HOLDFAST_BIN"])
@@ -23,16 +26,8 @@ BIN = Path(os.environ["HOLDFAST_BIN"])
 class Hold(unittest.TestCase):
     """toolchain/robot/hold.py at the firmware's own port."""
 
-    def setUp(self):
-        self.work = tempfile.TemporaryDirectory()
-        self.addCleanup(self.work.cleanup)
-        port = Path(self.work.name, "link")
-        self.daemon = self.start([BIN / "holdfastd", "--real-time", "--empty", "--link", port], subprocess.DEVNULL)
-        end = time.monotonic() + DEADLINE_S
-        while not port.exists():
-            self.assertLess(time.monotonic(), end, "holdfastd made no port")
-            time.sleep(0.01)
-        self.hold = self.start([sys.executable, SOURCE / "toolchain/robot/hold.py", port, "--tare"], subprocess.PIPE)
+    def start_hold(self, *arguments):
+        self.hold = self.start([sys.executable, SOURCE / "toolchain/robot/hold.py", *arguments], subprocess.PIPE)
         os.set_blocking(self.hold.stdout.fileno(), False)
         self.said = ""
 
@@ -42,24 +37,66 @@ class Hold(unittest.TestCase):
         self.addCleanup(process.kill)
         return process
 
-    def wait_for(self, pattern):
+    def wait_for(self, pattern, between=lambda: None):
         end = time.monotonic() + DEADLINE_S
         while not re.search(pattern, self.said, re.M):
             self.assertLess(time.monotonic(), end, f"not said: {pattern}; said:\n{self.said}")
             self.said += (self.hold.stdout.read() or b"").decode()
+            between()
             time.sleep(0.01)
         self.said = self.said[re.search(pattern, self.said, re.M).end() :]
 
     def test_believes_nothing_of_a_process_that_stands_still(self):
+        work = tempfile.TemporaryDirectory()
+        self.addCleanup(work.cleanup)
+        port = Path(work.name, "link")
+        daemon = self.start([BIN / "holdfastd", "--real-time", "--empty", "--link", port], subprocess.DEVNULL)
+        end = time.monotonic() + DEADLINE_S
+        while not port.exists():
+            self.assertLess(time.monotonic(), end, "holdfastd made no port")
+            time.sleep(0.01)
+        self.start_hold(port, "--tare")
         self.wait_for(r"^TARE: done$")
         self.wait_for(r"^grip ok OK$")
-        self.daemon.send_signal(signal.SIGSTOP)  # its last frame said "fine"
+        daemon.send_signal(signal.SIGSTOP)  # its last frame said "fine"
         self.wait_for(r"^not confirmed OK$")
-        self.daemon.send_signal(signal.SIGCONT)
+        daemon.send_signal(signal.SIGCONT)
         self.wait_for(r"^grip ok OK$")
-        self.daemon.kill()
+        daemon.kill()
         self.hold.wait(DEADLINE_S)  # the port has gone
         self.assertEqual(self.hold.returncode, 1)
+
+    def test_believes_nothing_that_waited_while_it_stood_still(self):
+        board, port = os.openpty()
+        tty.setraw(port)
+        os.set_blocking(board, False)
+        self.addCleanup(os.close, port)
+        self.addCleanup(os.close, board)
+        sequence = 0
+
+        def fine():
+            nonlocal sequence
+            sequence += 1
+            flags = 1 << 1 | (sequence & 1) << 3  # grip_ok, alive
+            body = struct.pack("<BBHIHBBBB4i", 1, 1, sequence, sequence, 400, 2, 0, flags, 63, 0, 0, 0, 0)
+            body += link.crc16(body).to_bytes(2, "little")
+            return os.write(board, link.cobs_encode(body) + b"\0")
+
+        self.start_hold(os.ttyname(port))
+        self.wait_for(r"\Anot confirmed \(no status frame yet\)$")
+        self.wait_for(r"^grip ok OK$", fine)
+        self.wait_for(r"^not confirmed OK$")
+        self.hold.send_signal(signal.SIGSTOP)
+        try:  # more than one buffer of the kernel holds
+            for _ in range(1000):
+                fine()
+        except BlockingIOError:
+            pass
+        time.sleep(1)
+        self.hold.send_signal(signal.SIGCONT)
+        time.sleep(1)
+        self.assertIsNone(self.hold.stdout.read())
+        self.wait_for(r"^grip ok OK$", fine)
 
 
 class UrScript(unittest.TestCase):

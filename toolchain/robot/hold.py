@@ -13,6 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "python"))  # not needed where the package is installed
 from holdfast.link import Grip, Receiver, answers, command
+from holdfast.tables import FRESH_MS
 
 
 def open_port(path):
@@ -43,27 +44,33 @@ def main():
     options.add_argument("--tare", action="store_true", help="learn the rest position of the empty gel first")
     given = options.parse_args()
     port = open_port(given.port)
-    receiver, grip, said = Receiver(), Grip(), None
+    receiver, grip, said, state = Receiver(), Grip(), None, "(no status frame yet)"
     sequence = int.from_bytes(os.urandom(2), "little")  # another one than before the last start
     asked_ns = 0 if given.tare else None
+    turn_ns, late = time.monotonic_ns(), False
     while True:
         now_ns = time.monotonic_ns()
         if asked_ns is not None and now_ns - asked_ns > 100_000_000:  # no answer yet: the same bytes again
             os.write(port, command(sequence, "TARE"))
             asked_ns = now_ns
-        ready, _, _ = select.select([port], [], [], 0.02)
+        ready, _, _ = select.select([port], [], [], 0.005 if late else 0.02)
         data = read(port, given.port) if ready else b""
-        frames = receiver.feed(data)
         now_ns = time.monotonic_ns()
+        # Stopped meanwhile: what waits describes the past, up to the first silence. tcflush() would leave what the
+        # kernel holds behind a full buffer.
+        late = now_ns - turn_ns > FRESH_MS * 1_000_000 or (late and bool(ready))
+        turn_ns = now_ns
+        if late:
+            data, receiver, grip = b"", Receiver(), Grip()
+        frames = receiver.feed(data)
         for frame in frames:
             if frame.frame == "status":
                 grip.update(frame, now_ns)
+                state = frame.state_name
             elif frame.frame == "answer" and answers(frame, sequence, "TARE"):
                 print("TARE:", frame.result_name, flush=True)
                 asked_ns = None
-        status = next((f for f in reversed(frames) if f.frame == "status"), None)
-        good = grip.ok(now_ns)
-        says = ("grip ok" if good else "not confirmed", status.state_name if status else said and said[1])
+        says = ("grip ok" if grip.ok(now_ns) else "not confirmed", state)
         if says != said:
             print(*says, flush=True)  # your reaction: hold still when it is not confirmed
             said = says
