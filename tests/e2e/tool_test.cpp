@@ -629,6 +629,38 @@ TEST(Tool, ATableCanGoToStandardOutput) {
   check_line(full, "sim --features -", "-", "could not be written to its end");
 }
 
+// Whoever reads it has gone before the first line comes, as the end of a pipeline may.
+TEST(Tool, AClosedPipeLeavesNothingBehind) {
+  const std::string quick = holdfast::test::source("tests/scenes/shear_90.json");
+  const auto unread = [&](const Words& arguments) {
+    Words command{"sh",
+                  "-c",
+                  "gone=$1; shift; { until [ -e \"$gone\" ]; do sleep 0.01; done; \"$@\"; echo \"status $?\" >&2; } | "
+                  "{ exec <&-; : > \"$gone\"; }",
+                  "sh",
+                  in("gone"),
+                  kTool};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    Finished done = test::run(command);
+    fs::remove(dir / "gone");
+    return done;
+  };
+  fs::create_directory(dir / "out");
+  for (const Words& table : {Words{"--features", "-"}, {"--markers", "-", "--features", in("out/f.csv")}}) {
+    Words arguments{"sim", quick, "--inject", "markers", "--report", in("out/r.html"), "--mcap", in("out/a.mcap")};
+    arguments.insert(arguments.end(), table.begin(), table.end());
+    const Finished done = unread(arguments);
+    STRCMP_CONTAINS("holdfast: -: could not be written to its end: who reads it went away", done.err.c_str());
+    CHECK_TEXT(done.err.ends_with("\nstatus 1\n"), done.err.c_str());
+    CHECK_TEXT(fs::is_empty(dir / "out"), joined(table).c_str());
+  }
+  // Of a plain table nobody needs to be told, and a file beside it is whole.
+  STRCMP_EQUAL("status 1\n", unread({"trials", "closing", "--scene", "1"}).err.c_str());
+  STRCMP_EQUAL("status 1\n", unread({"trials", "closing", "--count", "1", "--csv", in("out/t.csv")}).err.c_str());
+  LONGS_EQUAL(1, std::distance(fs::directory_iterator(dir / "out"), {}));
+  LONGS_EQUAL(1, read_csv(dir / "out/t.csv").rows.size());
+}
+
 // A limit of the shell on the size of files, where the system's own answer is to end the program.
 TEST(Tool, SaysThatAFileMayNotGrow) {
   fs::create_directory(dir / "out");

@@ -82,7 +82,7 @@ int run_lines(Device& device, const NextLine& next) {
   while (const std::optional<std::string> line = next()) {
     if (console_tool::says_nothing(*line)) continue;
     const Answer answer = device.say(*line, [](std::string_view text) { fmt::print("{}\n", printable(text)); });
-    (void)std::fflush(stdout);
+    if (std::fflush(stdout) != 0) return 1;  // what is not read is not asked for
     if (answer.ok()) continue;
     if (answer.kind == Answer::Kind::kError && answer.number() != 0) {
       fmt::print(stderr, "{}\n", printable(answer.error));

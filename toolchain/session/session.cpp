@@ -328,8 +328,9 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
   }
   if (frame_log_) frame_log_->finish();
   // What may still fail comes first: every byte is written, then the overlay, and only then files are renamed.
-  const std::array files{features_.get(),    markers_.get(), truth_.get(), truth_markers_.get(),
-                         report_file_.get(), log_.get(),     mcap_.get()};
+  std::array files{features_.get(),    markers_.get(), truth_.get(), truth_markers_.get(),
+                   report_file_.get(), log_.get(),     mcap_.get()};
+  std::ranges::partition(files, [](const AtomicFile* file) { return file != nullptr && file->prints(); });
   for (AtomicFile* file : files) {
     if (file != nullptr && !file->stream().flush()) return file->commit();
   }

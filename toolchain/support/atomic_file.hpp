@@ -35,6 +35,8 @@ class AtomicFile {
   // Why the file cannot be written, as far as known; empty: good. Ask early, before a long run.
   [[nodiscard]] const std::string& error() const { return error_; }
   [[nodiscard]] std::ostream& stream() { return printed_ ? static_cast<std::ostream&>(*printed_) : stream_; }
+  // It is no file. Of several the first to be put in its place: what was printed cannot be taken back, and may fail.
+  [[nodiscard]] bool prints() const { return printed_ != nullptr; }
   // After a write that failed: gives what stands behind the first `length` bytes back to the disk, and the stream goes
   // on from there. Whether it can.
   [[nodiscard]] bool cut(std::uint64_t length);

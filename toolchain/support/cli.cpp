@@ -2,6 +2,8 @@
 #include "toolchain/support/cli.hpp"
 
 #include <fmt/format.h>
+#include <poll.h>
+#include <unistd.h>
 
 #include <charconv>
 #include <csignal>
@@ -15,6 +17,12 @@ namespace holdfast::tool {
 namespace {
 
 volatile std::sig_atomic_t stop_asked = 0;
+
+// Of what is printed. A handler may ask.
+bool reader_gone() {
+  pollfd out{STDOUT_FILENO, POLLOUT, 0};
+  return ::poll(&out, 1, 0) == 1 && (out.revents & (POLLERR | POLLHUP)) != 0;
+}
 
 }  // namespace
 
@@ -42,6 +50,7 @@ void note(const std::string& line) {
 
 int printed(int status) {
   if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
+  if (reader_gone()) return 1;  // it had enough, as `head` has: no news for anybody
   return fail(trouble("standard output could not be written to its end", "the disk behind it is full",
                       "free some space and run again"));
 }
@@ -53,6 +62,12 @@ int fail(const std::string& line) {
 
 void heed_interrupts() {
   heed_end_signals([](int) { stop_asked = 1; }, static_cast<int>(SA_RESETHAND));
+  // Of a page or a port that hangs up nobody needs to be told; and another write to the pipe may follow.
+  struct sigaction pipe {};
+  pipe.sa_handler = [](int) {
+    if (reader_gone()) stop_asked = 1;
+  };
+  ::sigaction(SIGPIPE, &pipe, nullptr);
 }
 
 bool interrupted() {
@@ -60,7 +75,8 @@ bool interrupted() {
 }
 
 std::string interrupted_line() {
-  return trouble("interrupted", "Ctrl-C", "run it again; nothing was written");
+  return trouble("interrupted", reader_gone() ? "what read its output has ended" : "Ctrl-C",
+                 "run it again; nothing was written");
 }
 
 }  // namespace holdfast::tool

@@ -29,11 +29,12 @@ struct Command {
 [[nodiscard]] int fail(const std::string& line);
 void note(const std::string& line);
 
-// `status`, if all that was printed came out; else fail(). For the end of a command, whatever it printed with.
+// `status`, if all that was printed came out; else fail(), or 1 without a word where nobody reads any longer. For the
+// end of a command, whatever it printed with.
 [[nodiscard]] int printed(int status);
 
-// After heed_interrupts() Ctrl-C, SIGTERM or a closed terminal ends a run between two frames, so that no temporary file
-// stays behind; the second one ends the program at once.
+// After heed_interrupts() Ctrl-C, SIGTERM, a closed terminal or a pipe that nobody reads any longer ends a run between
+// two frames, so that no temporary file stays behind; the second of the first three ends the program at once.
 void heed_interrupts();
 [[nodiscard]] bool interrupted();
 [[nodiscard]] std::string interrupted_line();
