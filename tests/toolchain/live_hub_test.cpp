@@ -157,6 +157,24 @@ TEST(LiveHub, RefusesBeforeABodyIsRead) {
   CHECK(test::Http(address + "0", "GET /picture").says("no token, or a wrong one"));
 }
 
+// Browsers and curl leave out the port that is HTTP's own.
+TEST(LiveHub, KnowsItsOwnAddress) {
+  for (const std::string host : {"127.0.0.1", "localhost"}) {
+    CHECK(live::own_address(host, "", 80));
+    CHECK(live::own_address(host, "http://" + host, 80));
+    CHECK(live::own_address(host + ":80", "http://" + host, 80));
+    CHECK(live::own_address(host + ":8632", "http://" + host + ":8632", 8632));
+    CHECK_FALSE(live::own_address(host, "", 8632));
+    CHECK_FALSE(live::own_address(host + ":80", "", 8632));
+    CHECK_FALSE(live::own_address(host + ":8632", "", 80));
+    CHECK_FALSE(live::own_address(host, "http://example.com", 80));
+    CHECK_FALSE(live::own_address(host + ":8632", "http://" + host, 8632));
+  }
+  CHECK_FALSE(live::own_address("example.com", "", 80));
+  CHECK_FALSE(live::own_address("", "", 80));
+  CHECK_FALSE(live::own_address(":80", "", 80));
+}
+
 // A head without an end, and one that comes a byte at a time: neither grows without bound nor holds the end up.
 TEST(LiveHub, ARequestHasALengthAndEndsWithTheServer) {
   auto web = std::make_unique<live::Web>(hub, "page", std::string());

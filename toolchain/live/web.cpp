@@ -48,6 +48,14 @@ void refuse_unread(httplib::Response& response, int status, std::string_view why
 
 }  // namespace
 
+bool own_address(std::string_view host, std::string_view origin, int port) {
+  const std::string text = port == 80 ? "" : fmt::format(":{}", port);
+  if (port == 80 && host.ends_with(":80")) host.remove_suffix(3);
+  if (port == 80 && origin.ends_with(":80")) origin.remove_suffix(3);
+  return (host == "127.0.0.1" + text || host == "localhost" + text) &&
+         (origin.empty() || origin == fmt::format("http://{}", host));
+}
+
 std::string new_token() {
   if (sodium_init() < 0) std::abort();  // no random numbers on this machine
   std::array<unsigned char, 16> bytes;
@@ -109,11 +117,7 @@ struct Web::Server {
   }
 
   [[nodiscard]] bool ours(const httplib::Request& request) const {
-    const std::string host = request.get_header_value("Host");
-    const std::string own = fmt::format("127.0.0.1:{}", port);
-    const std::string named = fmt::format("localhost:{}", port);
-    const std::string origin = request.get_header_value("Origin");
-    return (host == own || host == named) && (origin.empty() || origin == "http://" + host);
+    return own_address(request.get_header_value("Host"), request.get_header_value("Origin"), port);
   }
   [[nodiscard]] bool may_control(const httplib::Request& request) const {
     return same(request.get_header_value("Authorization"), "Bearer " + control);

@@ -13,6 +13,7 @@
 
 #include <memory>
 #include <string>
+#include <string_view>
 #include <thread>
 
 #include "toolchain/live/hub.hpp"
@@ -21,6 +22,10 @@ namespace holdfast::live {
 
 // 128 random bits in hexadecimal.
 [[nodiscard]] std::string new_token();
+
+// Whether a request for `host`, from a page of `origin` if any, is for this computer's `port`. Where that is 80, it is
+// left out by whoever asks.
+[[nodiscard]] bool own_address(std::string_view host, std::string_view origin, int port);
 
 class Web {
  public:
