@@ -95,6 +95,10 @@ TEST(LiveHub, KeepsThePortFromEchoing) {
     CHECK(hub.say(unlock));
     STRCMP_EQUAL((std::string(Hub::kQuiet) + unlock).c_str(), to_device().c_str());
   }
+  for (const std::string echo : {"echo on\r\n", "  echo  on\r\n"}) {
+    CHECK(hub.say(echo));
+    STRCMP_EQUAL((echo + std::string(Hub::kQuiet)).c_str(), to_device().c_str());
+  }
   // A prompt is what only a console that echoes draws, in however many pieces it comes; it is told so once.
   CHECK(writes("* SEARCHING\r\n\r> \x1B\x1B[A\x1B"));
   STRCMP_EQUAL("", to_device().c_str());

@@ -10,9 +10,9 @@ namespace {
 constexpr std::string_view kLock = "lock\r\n";
 constexpr std::string_view kPrompt = "\x1B[K";  // the end of each, where the console echoes
 
-bool unlocks(std::string_view line) {
+bool begins(std::string_view line, std::string_view word) {
   line.remove_prefix(std::min(line.find_first_not_of(' '), line.size()));
-  return line.starts_with("unlock");
+  return line.starts_with(word);
 }
 
 }  // namespace
@@ -45,10 +45,12 @@ bool Hub::hear(Listener& listener, std::string& bytes, Millis at_most) {
 
 bool Hub::say(std::string_view lines) {
   const std::lock_guard lock(mutex_);
-  const std::string_view before = unlocks(lines) ? kQuiet : std::string_view{};
-  if (to_device_.size() + before.size() + lines.size() > kMostSaid) return false;
+  const std::string_view before = begins(lines, "unlock") ? kQuiet : std::string_view{};
+  const std::string_view behind = begins(lines, "echo") ? kQuiet : std::string_view{};
+  if (to_device_.size() + before.size() + lines.size() + behind.size() > kMostSaid) return false;
   to_device_ += before;
   to_device_ += lines;
+  to_device_ += behind;
   return true;
 }
 

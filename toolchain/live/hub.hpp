@@ -5,8 +5,8 @@
 // For any threads. Nobody who is slow holds the device up: a listener that is more than kMostWaiting bytes behind loses
 // what waits, which its receiver notices as it would on a wire.
 //
-// All hear all, also those who may only look: the port is kept from echoing, before an `unlock` and whenever a prompt
-// shows that it does (a board that has started anew).
+// All hear all, also those who may only look: the port is kept from echoing, before an `unlock`, behind an `echo on`
+// and whenever a prompt shows that it does (a board that has started anew); while it streams it prints none.
 #pragma once
 
 #include <chrono>
