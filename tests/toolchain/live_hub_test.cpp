@@ -161,6 +161,24 @@ TEST(LiveHub, RefusesBeforeABodyIsRead) {
   CHECK(test::Http(address + "0", "GET /picture").says("no token, or a wrong one"));
 }
 
+// The lock that a mistyped code closes opens again without anybody's knowing the desk's own code.
+TEST(LiveHub, UnlocksAgainAfterAWrongCode) {
+  live::Web web(hub, "page", "unlock right");
+  STRCMP_EQUAL("", web.start(0).c_str());
+  const auto says = [&](const std::string& line) {
+    CHECK(test::Http(web.address(true), "POST /send", {}, line).says(" 204 "));
+    std::string all;
+    for (std::string piece = to_device(); !piece.empty(); piece = to_device()) all += piece;
+    return all;
+  };
+  const std::string quiet(Hub::kQuiet), right = quiet + "unlock right\r\n";
+  STRCMP_EQUAL("status\r\n", says("status").c_str());
+  STRCMP_EQUAL((quiet + "unlock wrong\r\n").c_str(), says("unlock wrong").c_str());
+  // More than once: the console may still refuse all codes.
+  for (int k = 0; k < 2; ++k) STRCMP_EQUAL((right + "status\r\n").c_str(), says("status").c_str());
+  STRCMP_EQUAL((right + quiet + "unlock other\r\n").c_str(), says("unlock other").c_str());
+}
+
 // Browsers and curl leave out the port that is HTTP's own.
 TEST(LiveHub, KnowsItsOwnAddress) {
   for (const std::string host : {"127.0.0.1", "localhost"}) {

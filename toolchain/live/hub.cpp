@@ -43,9 +43,13 @@ bool Hub::hear(Listener& listener, std::string& bytes, Millis at_most) {
   return !ended_;
 }
 
+bool Hub::unlocks(std::string_view line) {
+  return begins(line, "unlock");
+}
+
 bool Hub::say(std::string_view lines) {
   const std::lock_guard lock(mutex_);
-  const std::string_view before = begins(lines, "unlock") ? kQuiet : std::string_view{};
+  const std::string_view before = unlocks(lines) ? kQuiet : std::string_view{};
   const std::string_view behind = begins(lines, "echo") ? kQuiet : std::string_view{};
   if (to_device_.size() + before.size() + lines.size() + behind.size() > kMostSaid) return false;
   to_device_ += before;

@@ -51,6 +51,8 @@ class Hub final : public hal::Serial {
   void leave(const std::shared_ptr<Listener>& listener);
   // Waits for what came; nothing within the time: empty. False: the device has ended.
   [[nodiscard]] bool hear(Listener& listener, std::string& bytes, Millis at_most);
+  // Whether the line is an `unlock`, with whatever code.
+  [[nodiscard]] static bool unlocks(std::string_view line);
   // To the device, whole lines. False: too much waits for it.
   [[nodiscard]] bool say(std::string_view lines);
   [[nodiscard]] std::size_t listeners() const;

@@ -8,7 +8,10 @@
 #include <array>
 #include <atomic>
 #include <charconv>
+#include <chrono>
 #include <cstdlib>
+#include <mutex>
+#include <optional>
 #include <string_view>
 #include <utility>
 
@@ -24,6 +27,7 @@ constexpr std::size_t kLongestLine = 4096;
 // A page holds two for as long as it is open; the rest is for those who come.
 constexpr std::size_t kThreads = 32;
 constexpr int kMostPages = 12;
+constexpr std::chrono::seconds kLongestWait{60};  // of a console, after wrong codes
 constexpr const char* kPageRules =
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob:; connect-src 'self'; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
@@ -104,6 +108,7 @@ struct Web::Server {
       const bool printable =
           std::all_of(request.body.begin(), request.body.end(), [](char c) { return c >= ' ' && c <= '~'; });
       if (!printable || request.body.empty()) return refuse(response, 400, "one line of printable ASCII");
+      unlock_again(request.body);
       if (!hub.say(request.body + "\r\n")) return refuse(response, 503, "the device does not take it");
       response.status = 204;
     });
@@ -124,6 +129,19 @@ struct Web::Server {
   }
   [[nodiscard]] bool may_look(const httplib::Request& request) const {
     return may_control(request) || same(request.get_header_value("Authorization"), "Bearer " + view);
+  }
+  // A wrong code has locked the console for all who control, and for a time it refuses every other: from then on the
+  // right one goes before each line.
+  void unlock_again(std::string_view line) {
+    if (unlock.empty()) return;
+    const auto now = std::chrono::steady_clock::now();
+    const std::lock_guard lock(doubt_mutex);
+    if (doubt) (void)hub.say(unlock + "\r\n");
+    if (Hub::unlocks(line)) {
+      doubt = now;
+    } else if (doubt && now - *doubt > kLongestWait) {
+      doubt.reset();
+    }
   }
   void stream(bool controls, httplib::Response& response) {
     if (++pages > kMostPages) {
@@ -169,6 +187,8 @@ struct Web::Server {
   std::string control = new_token(), view = new_token();
   HttpServer http;
   std::atomic<int> pages = 0;  // that listen
+  std::mutex doubt_mutex;
+  std::optional<std::chrono::steady_clock::time_point> doubt;  // when a page gave a code of its own
   int port = 0;
   std::thread thread;
 };

@@ -29,7 +29,8 @@ namespace holdfast::live {
 
 class Web {
  public:
-  // `unlock`: said to the console when somebody comes who controls; empty: his own business. The hub outlives it.
+  // `unlock`: said to the console when somebody comes who controls, and after somebody gave another code; empty: his
+  // own business. The hub outlives it.
   Web(Hub& hub, std::string page, std::string unlock);
   ~Web();
   Web(const Web&) = delete;
