@@ -365,7 +365,8 @@ class Fleet(unittest.TestCase):
     def test_says_what_is_wrong_with_its_command_line(self):
         def refused(*words):
             tried = subprocess.run([BIN / "holdfast-mqtt", *words], capture_output=True, text=True, timeout=60)
-            self.assertNotEqual(tried.returncode, 0)
+            self.assertEqual(tried.returncode, 1)
+            self.assertEqual(tried.stderr.count("\n"), 1, tried.stderr)
             return tried.stderr
 
         self.assertRegex(refused("HF0001=/dev/null"), "no --ca.*Likely cause.*Next: ")
@@ -373,6 +374,9 @@ class Fleet(unittest.TestCase):
         self.assertRegex(refused("--plain", "HF/1=/dev/null"), "is no board")
         self.assertRegex(refused("--plain", "#=/dev/null"), "is no board")
         self.assertRegex(refused("--plain", "A=/dev/null", "A=/dev/zero"), "'A' is there twice")
+        self.assertRegex(refused("--plain"), "BOARD is required.*Likely cause.*Next: holdfast-mqtt --help")
+        self.assertRegex(refused("--plan", "A=/dev/null"), "'--plan' is not known to holdfast-mqtt.*Likely cause.*Next: ")
+        self.assertRegex(refused("--plain", "--queue", "0", "A=/dev/null"), "--queue.*Likely cause.*Next: ")
         self.assertRegex(refused("--plain", "--every", "nan", "HF0001=/dev/null"), "'nan' is no number from 0.1 to 86400")
 
 

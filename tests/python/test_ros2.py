@@ -280,6 +280,17 @@ class Messages(unittest.TestCase):
             self.assertEqual(tried.returncode, 1)
             self.assertRegex(tried.stderr, f"ROS_DOMAIN_ID is '{domain}'.*Likely cause.*Next: ")
 
+    def test_says_what_is_wrong_with_its_command_line(self):
+        for words, said in (
+            (["--lnk", "/dev/null"], "'--lnk' is not known to holdfast-ros2"),
+            (["--link", "/dev/null", "--domain", "233"], "--domain"),
+            (["--link", "/dev/null", "--mcap", __file__], "--mcap"),
+            ([], "nothing to read"),
+        ):
+            tried = subprocess.run([BIN / "holdfast-ros2", *words], capture_output=True, text=True, timeout=60)
+            self.assertEqual(tried.returncode, 1)
+            self.assertRegex(tried.stderr, rf"\Aholdfast: .*{said}.*\. Likely cause: .*\. Next: .*\n\Z")
+
     def test_the_msg_files_are_the_schemas_of_the_logs(self):
         with tempfile.TemporaryDirectory() as work:
             replay = [BIN / "holdfast", "replay", SOURCE / "tests/data/slip.mjpg", "--mcap", f"{work}/mcap"]

@@ -14,6 +14,7 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <span>
 #include <string>
@@ -200,7 +201,7 @@ int start(int argc, char** argv) {
     app.add_option("--firmware", options.firmware, "what to tell as the firmware's version; the link does not say it");
     app.footer(
         "Example:\n  holdfast-mqtt --ca ca.pem --cert board.pem --key board.key --broker mqtt.lan HF0012=/dev/ttyUSB0");
-    CLI11_PARSE(app, argc, argv);
+    if (const std::optional<int> status = tool::parse_command_line(app, argc, argv)) return *status;
     if (options.broker.ca.empty() && !options.plain) {
       return tool::fail(trouble("no --ca", "the broker's certificate cannot be checked without",
                                 "give --ca, --cert and --key, or --plain on a network of your own"));

@@ -285,7 +285,7 @@ int start(int argc, char** argv) {
         ->check(CLI::Range(0U, kLastDomain));
     app.add_option("--hardware", options.hardware, "the board's name in the diagnostics")->capture_default_str();
     app.footer("Example:\n  holdfast-ros2 --link /dev/ttyUSB0 --commands");
-    CLI11_PARSE(app, argc, argv);
+    if (const std::optional<int> status = tool::parse_command_line(app, argc, argv)) return *status;
     if (options.link.empty() == options.mcap.empty()) {
       return tool::fail(trouble("nothing to read", "neither --link nor --mcap was given", "holdfast-ros2 --help"));
     }

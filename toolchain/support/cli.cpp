@@ -5,6 +5,7 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <CLI/CLI.hpp>
 #include <charconv>
 #include <csignal>
 #include <cstdio>
@@ -58,6 +59,20 @@ int printed(int status) {
 int fail(const std::string& line) {
   note(line);
   return 1;
+}
+
+std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv) {
+  try {
+    cli.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    return printed(cli.exit(help));
+  } catch (const CLI::ParseError& error) {
+    const auto rest = cli.remaining();
+    return fail(
+        trouble(rest.empty() ? error.what() : fmt::format("'{}' is not known to {}", rest.front(), cli.get_name()),
+                "a typing error, or something left out", cli.get_name() + " --help shows how"));
+  }
+  return std::nullopt;
 }
 
 void heed_interrupts() {

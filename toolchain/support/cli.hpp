@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "drivers/common/number_range.hpp"  // number_from_to(), for every number with a fraction
@@ -28,6 +29,9 @@ struct Command {
 // One line on stderr, whatever is in it: control characters of file names become '?'. fail() returns the exit status.
 [[nodiscard]] int fail(const std::string& line);
 void note(const std::string& line);
+
+// For a program without commands: a status to leave with, 0 where help was asked for.
+[[nodiscard]] std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv);
 
 // `status`, if all that was printed came out; else fail(), or 1 without a word where nobody reads any longer. For the
 // end of a command, whatever it printed with.
