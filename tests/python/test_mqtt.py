@@ -377,6 +377,9 @@ class Fleet(unittest.TestCase):
         self.assertRegex(refused("--plain"), "BOARD is required.*Likely cause.*Next: holdfast-mqtt --help")
         self.assertRegex(refused("--plan", "A=/dev/null"), "'--plan' is not known to holdfast-mqtt.*Likely cause.*Next: ")
         self.assertRegex(refused("--plain", "--queue", "0", "A=/dev/null"), "--queue.*Likely cause.*Next: ")
+        self.assertRegex(
+            refused("--plain", "--firmware", b"1.4\xff", "HF0001=/dev/null"), "--firmware.*UTF-8.*Likely cause.*Next: "
+        )
         self.assertRegex(refused("--plain", "--every", "nan", "HF0001=/dev/null"), "'nan' is no number from 0.1 to 86400")
 
 

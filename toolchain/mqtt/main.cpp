@@ -172,6 +172,16 @@ int run(const Options& options) {
   return 0;
 }
 
+// What is published is JSON, which is UTF-8.
+bool is_utf8(const std::string& text) {
+  try {
+    (void)nlohmann::json(text).dump();
+    return true;
+  } catch (const nlohmann::json::type_error&) {
+    return false;
+  }
+}
+
 int start(int argc, char** argv) {
   try {
     Options options;
@@ -205,6 +215,11 @@ int start(int argc, char** argv) {
     if (options.broker.ca.empty() && !options.plain) {
       return tool::fail(trouble("no --ca", "the broker's certificate cannot be checked without",
                                 "give --ca, --cert and --key, or --plain on a network of your own"));
+    }
+    if (!is_utf8(options.firmware)) {
+      return tool::fail(trouble("--firmware: the text is no UTF-8",
+                                "it comes from a file of another encoding, or of no text",
+                                "give the version in plain letters and digits"));
     }
     if (options.broker.port == 0) options.broker.port = options.plain ? 1883 : 8883;
     std::signal(SIGPIPE, SIG_IGN);  // a broker that has gone is no reason to end
