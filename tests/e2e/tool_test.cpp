@@ -508,6 +508,10 @@ TEST(Tool, RefusesToCompileWhatItMayNot) {
   refuse({model, "--header", in("other.hpp"), "--check"}, in("other.hpp"), "is not what");
   refuse({in("absent.tree")}, in("absent.tree"), "no such file");
   refuse({in("t.model")}, in("t.model"), "is a compiled model");
+  (void)succeed({"model", "seal", in("t.model"), "-o", in("t.sealed")});
+  refuse({in("t.sealed")}, in("t.sealed"), "is a sealed record");
+  check_line(ask({"replay", in("gel.avi"), "--model", in("t.sealed")}), "replay --model", in("t.sealed"),
+             "is a sealed record. Likely cause: what holdfast model seal wrote");
   write_file(dir / "t.hpp", header + "\n");
   refuse({model, "--header", in("t.hpp"), "--check"}, in("t.hpp"), "is not what");
   write_file(dir / "t.hpp", header.substr(0, header.size() - 1));

@@ -13,8 +13,10 @@
 
 #include "base/math.hpp"
 #include "drivers/common/input_file.hpp"
+#include "drivers/common/trouble.hpp"
 #include "params/modes.hpp"
 #include "slip/model_file.hpp"
+#include "store/sealed.hpp"
 #include "toolchain/learn/calibrate.hpp"
 #include "toolchain/log/messages.hpp"
 #include "toolchain/sealed/record_file.hpp"
@@ -68,6 +70,11 @@ std::string read_model_file(const std::string& path, std::string& bytes) {
     if (!in.bad() && in.eof() && bytes.empty()) {
       return fmt::format(
           "{}: has 0 bytes. Likely cause: a copy that broke off, or a full disk. Next: copy or make it again", path);
+    }
+    if (bytes.starts_with(
+            std::string_view(reinterpret_cast<const char*>(sealed::kMagic.data()), sealed::kMagic.size()))) {
+      return trouble(path + ": is a sealed record", "what holdfast model seal wrote was given in place of what it read",
+                     "give the model text, or what holdfast compile --binary wrote, before it was sealed");
     }
     if (!in.bad() && in.eof()) return {};
     if (!in.bad()) {
