@@ -954,9 +954,11 @@ TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   LONGS_EQUAL(2, summary["accepted"].get<int>());
   LONGS_EQUAL(63, summary["markers_least"].get<int>());
   CHECK(summary["slip_frames"].is_array() && summary["slip_times_s"].is_array());
-  for (const Words& command : {Words{}, Words{"replay"}, Words{"sim"}, Words{"scene", "check"}, Words{"scene", "list"},
-                               Words{"scene", "describe"}, Words{"scene", "make"}, Words{"trade", "sim"},
-                               Words{"trade", "firmware"}, Words{"trade", "show"}, Words{"page"}}) {
+  for (const Words& command :
+       {Words{}, Words{"replay"}, Words{"sim"}, Words{"scene"}, Words{"scene", "check"}, Words{"scene", "list"},
+        Words{"scene", "describe"}, Words{"scene", "make"}, Words{"trade"}, Words{"trade", "sim"},
+        Words{"trade", "firmware"}, Words{"trade", "show"}, Words{"page"}, Words{"model"}, Words{"settings"},
+        Words{"log"}}) {
     Words arguments = command;
     arguments.emplace_back("--help");
     const Finished help = succeed(arguments);

@@ -123,6 +123,7 @@ int run(int argc, char** argv, const char* version) {
 
   CLI::App* scene_command = app.add_subcommand("scene", "look at scene files");
   scene_command->require_subcommand(1);
+  scene_command->footer("Example:\n  holdfast scene describe tests/scenes/sphere_slip.json");
   SceneCheckOptions check_options;
   CLI::App* check_command =
       scene_command->add_subcommand("check", "read scenes, and report effects that are switched on and change nothing");
@@ -152,6 +153,7 @@ int run(int argc, char** argv, const char* version) {
 
   CLI::App* trade_command = app.add_subcommand("trade", "measure speed against accuracy");
   trade_command->require_subcommand(1);
+  trade_command->footer("Example:\n  holdfast trade sim tests/scenes/sphere_slip.json");
   TradeSimOptions trade_options;
   CLI::App* trade_sim_command = trade_command->add_subcommand(
       "sim", "levels of the simulator: time, and error against the finest grid; ways into the firmware");

@@ -151,6 +151,7 @@ int write_out(const LogOptions& options) {
 void add_log(CLI::App& app, std::vector<Command>& commands) {
   CLI::App* const group = app.add_subcommand("log", "look into logs that --mcap wrote");
   group->require_subcommand(1);
+  group->footer("Example:\n  holdfast log info grasp.mcap");
   const auto options = std::make_shared<LogOptions>();
   CLI::App* const info_command =
       group->add_subcommand("info", "say what is in an MCAP file, and check every sum, index and count of it");

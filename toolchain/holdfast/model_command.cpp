@@ -107,6 +107,7 @@ void add_model(CLI::App& app, std::vector<Command>& commands) {
   const auto options = std::make_shared<ModelOptions>();
   CLI::App* const command = app.add_subcommand("model", "seal and sign a compiled model for a device");
   command->require_subcommand(1);
+  command->footer("Example:\n  holdfast model seal slip_v6.model -o slip_v6.sealed --sign keys/owner.key");
 
   CLI::App* const seal_command = command->add_subcommand("seal", "check a compiled model and seal it for a device");
   seal_command->add_option("MODEL", options->seal.input, "what holdfast compile --binary wrote")->check(not_empty);

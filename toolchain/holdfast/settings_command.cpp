@@ -98,6 +98,7 @@ void add_settings(CLI::App& app, std::vector<Command>& commands) {
   const auto options = std::make_shared<SettingsOptions>();
   CLI::App* const command = app.add_subcommand("settings", "check, compile and sign settings for a device");
   command->require_subcommand(1);
+  command->footer("Example:\n  holdfast settings compile robot.toml -o robot.settings --sign keys/owner.key");
 
   CLI::App* const compile_command =
       command->add_subcommand("compile", "check a TOML file of settings and compile it for a device");
