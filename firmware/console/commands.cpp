@@ -737,7 +737,7 @@ Answer defaults(Console& console, const Words& words, std::int32_t /*step*/) {
     }
     // A default may contradict what the owner signed: then what is paired with that stays, too.
     for (const ParamPair& pair : kParamPairs) {
-      if (validate(params).ok()) break;
+      if (validate(params).ok()) continue;
       params.*pair.first = console.params().*pair.first;
       params.*pair.second = console.params().*pair.second;
     }
