@@ -636,14 +636,11 @@ TEST(Tool, ATableCanGoToStandardOutput) {
 // Whoever reads it has gone before the first line comes, as the end of a pipeline may.
 TEST(Tool, AClosedPipeLeavesNothingBehind) {
   const std::string quick = holdfast::test::source("tests/scenes/shear_90.json");
+  const std::string script =
+      R"(gone=$1; shift; { until [ -e "$gone" ]; do sleep 0.01; done; "$@"; echo "status $?" >&2; } | )"
+      R"({ exec <&-; : > "$gone"; })";
   const auto unread = [&](const Words& arguments) {
-    Words command{"sh",
-                  "-c",
-                  "gone=$1; shift; { until [ -e \"$gone\" ]; do sleep 0.01; done; \"$@\"; echo \"status $?\" >&2; } | "
-                  "{ exec <&-; : > \"$gone\"; }",
-                  "sh",
-                  in("gone"),
-                  kTool};
+    Words command{"sh", "-c", script, "sh", in("gone"), kTool};
     command.insert(command.end(), arguments.begin(), arguments.end());
     Finished done = test::run(command);
     fs::remove(dir / "gone");

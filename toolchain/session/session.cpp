@@ -330,7 +330,7 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
   // What may still fail comes first: every byte is written, then the overlay, and only then files are renamed.
   std::array files{features_.get(),    markers_.get(), truth_.get(), truth_markers_.get(),
                    report_file_.get(), log_.get(),     mcap_.get()};
-  std::ranges::partition(files, [](const AtomicFile* file) { return file != nullptr && file->prints(); });
+  std::partition(files.begin(), files.end(), [](const AtomicFile* file) { return file != nullptr && file->prints(); });
   for (AtomicFile* file : files) {
     if (file != nullptr && !file->stream().flush()) return file->commit();
   }
