@@ -82,7 +82,8 @@ made() {
   exit 1
 }
 
-printf -v escaped %q "$dir"  # openssl takes a $ in it for a name
+# openssl takes a $ in it for a name. Not by %q, which writes letters of other scripts in octal.
+escaped=$(printf %s "$dir" | sed 's/[\\$"'"'"'`#]/\\&/g')
 cat >"$work/ca.conf" <<CONF
 [ca]
 default_ca = owner

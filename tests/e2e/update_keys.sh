@@ -94,7 +94,7 @@ says "a board that has not heard of it takes it" "Verified|signature correct" in
 says "the signer before is as good as it was" "Verified|signature correct" info "$work/before.pem" "$work/first"
 
 # The signer before is revoked: by the keyring that the next release brings.
-foreign="$work/the other's \$keys"
+foreign="$work/the other's #1 \$keys, schlüssel"
 says "another authority, in a folder of another kind of name" "signer.key.pem signs" board/image/keys.sh "$foreign"
 refuses "its signer, which has the same number, revoked here" "is no signer's certificate of" board/image/keys.sh "$keys" --revoke "$foreign/signers/01.pem"
 refuses "the authority itself revoked" "is no signer's certificate of" board/image/keys.sh "$keys" --revoke "$keys/ca.cert.pem"

@@ -213,8 +213,8 @@ int sim_grasp(const SimOptions& options) {
   print_summary(session, summary, common);
   if (!common.json) {
     for (const std::string& doubt : doubts) fmt::print(common.paths.people(), "note      {}\n", doubt);
+    fmt::print(common.paths.people(), "lines\n{}", session.gpio_timeline());
   }
-  if (!common.json) fmt::print(common.paths.people(), "lines\n{}", session.gpio_timeline());
 
   std::vector<Promise> promises = check_promises(scene.expect, frames);
   if (!summary.slip_frames.empty()) {
