@@ -651,6 +651,8 @@ static_assert(kWeightUnit == 68 && kChangeUnit == 625);
 constexpr std::int64_t kRegularisation = kWeightUnit * kWeightUnit / 5;
 // A relief is there when its mean square exceeds that of the empty gel's noise by 0.1 levels^4.
 constexpr std::int64_t kFloor = kWeightUnit * kWeightUnit / 10;
+// Of turnover half as much: what is weak still says that it went.
+constexpr std::int64_t kTurnoverFloor = kFloor / 2;
 
 // Those in which least is pressed, which come first. Range: at least kLeastPatches; reorders them.
 std::span<Seen> least_of(std::span<Seen> seen) {
@@ -831,7 +833,8 @@ std::int64_t way2_q24_between(const Kept& now, const Kept& then) {
   return square(now.carried_x_q12 - then.carried_x_q12) + square(now.carried_y_q12 - then.carried_y_q12);
 }
 
-void compare(const State& state, const Kept& then, const Config& config, GridSize grid, ImprintFeatures& out,
+// False: both show too few patches.
+bool compare(const State& state, const Kept& then, const Config& config, GridSize grid, ImprintFeatures& out,
              Saturations& saturations) {
   const Kept& last = state.last;
   std::array<Seen, kMaxPatches> both;  // NOLINT: filled as far as it is read
@@ -849,7 +852,7 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
                        change.variance(idx(p - first))};
     }
   }
-  if (count < kLeastPatches) return;
+  if (count < kLeastPatches) return false;
   const auto n = static_cast<std::int64_t>(count);
   const std::span<Seen> seen(both.data(), count);
   const std::span<Seen> least = least_of(seen);
@@ -862,17 +865,19 @@ void compare(const State& state, const Kept& then, const Config& config, GridSiz
   const std::int32_t step_q8 = log_of(config.pitch_um) - 4 * 256;
   const std::int64_t way2_q24 = way2_q24_between(last, then);
   const std::int64_t way_um = isqrt(static_cast<std::uint64_t>(way2_q24)) * std::int64_t{config.pitch_um} >> 16;
-  out.turnover = turnover_of(sums, way_um, saturations);
+  const std::int64_t empty = square(state.empty.noise_relief >> (kWeightShift - 1));
+  const std::int64_t energy_of_both = std::min(sums.energy_now, sums.energy_then);
+  if (energy_of_both >= n * (kTurnoverFloor + empty)) out.turnover = turnover_of(sums, way_um, saturations);
   const coarse::Carried carried{way2_q24 / 4 >> 4};  // half of the way
   out.coarse = coarse_motion(state, then, grid, seen, carried, step_q8, saturations);
-  const std::int64_t floor = n * (kFloor + square(state.empty.noise_relief >> (kWeightShift - 1)));
   const std::int64_t energy = sums.energy + n * kRegularisation;
   const std::int64_t evidence = sums.evidence - faded(sums, last, then, noise, seen) -
                                 coarse::explained(carried, energy, kChangeUnit, kWeightUnit);
-  if (evidence <= 0 || sums.energy_now < floor || sums.energy_then < floor) return;
+  if (evidence <= 0 || energy_of_both < n * (kFloor + empty)) return true;
 
   const std::int32_t square_q8 = log_of(evidence) + log_of(kWeightUnit) - log_of(energy) - log_of(kChangeUnit);
   out.motion = Log2Q8::saturate(std::max(step_q8 + square_q8 / 2, 0), saturations);
+  return true;
 }
 
 // Into the mean of the empty gel: of all frames up to kEmptyMean, then fading. Of those `in_view`.
@@ -979,6 +984,7 @@ void forget(State& state) {
   state.empty.frames = 0;
   state.empty.noise_relief = 0;
   state.count = 0;
+  state.blind = kMostBlind;
 }
 
 ImprintFeatures update(State& state, const Config& config, const LumaView& picture, const MarkerField& markers,
@@ -997,16 +1003,20 @@ ImprintFeatures update(State& state, const Config& config, const LumaView& pictu
 
   const std::int32_t in_contact = look(state, config, picture, markers, rest, is_new);
   out.patches = Count::from_raw(in_contact);
-  if (const Kept* const then = picture_before(state, now, config.lag); then != nullptr) {
-    compare(state, *then, config, rest.grid, out, saturations);
+  const Kept* const then = picture_before(state, now, config.lag);
+  if (then != nullptr && compare(state, *then, config, rest.grid, out, saturations)) {
+    state.blind = 0;
     const Kept* const later = raised ? kept_after(state, *then) : nullptr;
     if (later != nullptr) {
       ImprintFeatures since{};
-      compare(state, *later, config, rest.grid, since, saturations);
+      (void)compare(state, *later, config, rest.grid, since, saturations);
       out.motion = std::max(out.motion, since.motion);
       out.coarse = std::max(out.coarse, since.coarse);
       out.turnover = std::max(out.turnover, since.turnover);
     }
+  } else if (state.blind < kMostBlind) {
+    ++state.blind;
+    out.blind = true;
   }
 
   if (state.count == 0 || now - state.kept[idx(state.newest)].at >= kKeepEvery) {

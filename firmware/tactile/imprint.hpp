@@ -30,7 +30,8 @@
 //             noise; w = the lesser G of both; way = of the gel meanwhile, mean of its markers. What grows, fades or
 //             is lit otherwise where it is keeps C = sqrt(V V'); what has gone by half of its wave has none. Says
 //             nothing of how far it went; but where motion saturates, or the relief is so weak that its energy says
-//             little, it still says that it went. 0 where the mean of sqrt(V V') is below 0.2 levels^2
+//             little, it still says that it went. 0 where the mean of sqrt(V V') is below 0.2 levels^2, or the mean of
+//             G^2 exceeds that of the empty gel's noise by less than 0.05 levels^4 in either picture
 //   coarse  = motion of the patches' means (coarse.hpp), where the mean of g is below 0.35 levels^2 and motion tells
 //             little
 // carried = half of the way that the gel went meanwhile, mean of its markers. Light is fixed to the camera, and patches
@@ -48,7 +49,10 @@
 // itself takes too much: where an object slides the gel bends.
 //
 // Turnover: the noise of V is half of the median of V + V' over the patches of q; 0.2 levels^2 and the allowance for
-// the way were chosen on simulated slides and shaking of seed 7 and on the recordings (2026-11-27).
+// the way were chosen on simulated slides and shaking of seed 7 and on the recordings (2026-11-27), 0.05 levels^4 on
+// them and on the recordings made JPEG once more (ffmpeg -q:v 5, quality 82 at 320x240): of these it leaves 1 of 12
+// alarms on the empty gel and 87 of 159 in whole trials, and changes no recorded onset, no slide and one turn of 240.
+// 0.07 leaves 67 of 159, and misses a slide of 120 (2026-11-29).
 //
 // Fading: of 36 bonded spheres with a relief whose grip is eased from 4 or 5 to 1 N in 0.3 or 0.4 s, slip is raised in
 // 4 instead of 14. Chosen on these, on simulated grasps of seed 7 and on the recordings: with what follows, alarms in
@@ -179,17 +183,24 @@ struct PatchSamples {
   }
 };
 
+// kPairs * G of a patch.
+inline constexpr std::int64_t kMostRelief = std::int64_t{2} * kPairs * 8160 * 8160;
+
 // What later pictures are compared with.
 struct Kept {
   Micros at{};
   std::int32_t carried_x_q12 = 0, carried_y_q12 = 0;  // mean displacement of the markers, 1/4096 step
   std::array<bool, kMaxPatches> seen{};
-  std::array<std::uint32_t, kMaxPatches> relief{};             // kPairs * G; <= 2 * 17 * 8160^2 = 2.3e9
+  std::array<std::uint32_t, kMaxPatches> relief{};             // kPairs * G; at most kMostRelief, 2.3e9
   std::array<std::int32_t, kMaxPatches> shading{};             // kFree * mean of c, 1/16 level; below 2^17
   std::array<std::int32_t, kMaxPatches> slope_a{}, slope_b{};  // of c away from the dot, 1/800 level a step; below 2^18
   std::array<std::int32_t, kMaxPatches> variance{};            // of c about its mean, 1/625 level^2; at most 2^25.4
   PatchSamples samples{};
 };
+
+// So many frames in a row have nothing to be compared with because of a gap, and no longer: at a stream that never has
+// it is no gap. The lag's lower end at 60 frames a second are 7; gaps that follow each other leave three frames each.
+inline constexpr int kMostBlind = 32;
 
 inline constexpr Micros kKeepEvery{35'000};
 inline constexpr int kKept = 7;        // times 35 ms: reaches back a lag of 180 ms and a third at any frame rate
@@ -214,6 +225,7 @@ struct State {
   std::array<Kept, kKept> kept{};  // a ring
   int count = 0;
   int newest = 0;
+  int blind = kMostBlind;                   // frames since the last one that was compared
   Kept last;                                // the frame seen last, whether it is kept or not
   std::array<bool, kMaxPatches> in_view{};  // there: also patches that are marked, or whose empty gel is not known
 };

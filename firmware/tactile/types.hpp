@@ -51,8 +51,9 @@ struct ImprintFeatures {
   Log2Q8 motion;  // log2 of um; 0 = nothing moved that stands out of the noise of these two pictures, or no relief
   Log2Q8 growth;  // log2 of the shading now over then, by energy: +256 = doubled
   Log2Q8 coarse;  // as motion, of what is smoother or finer than a patch shows (coarse.hpp); 0 where relief is strong
-  ShareQ10 turnover;  // share of the relief that another has taken the place of; 0 where there is next to none
-  Count patches;      // in which something is pressed into the gel
+  ShareQ10 turnover;   // share of the relief that another has taken the place of; 0 where there is next to none
+  Count patches;       // in which something is pressed into the gel
+  bool blind = false;  // after a gap in the stream there is no picture that long ago, as there was before it
 };
 
 // The paper's features. Shape of the histogram: count of markers per bin of abs(D) over [0, R).

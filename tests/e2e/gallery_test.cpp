@@ -211,6 +211,26 @@ TEST(Gallery, EverySceneKeepsItsPromises) {
   if (!broken.empty()) FAIL(broken.c_str());
 }
 
+// Behind a gap the first frames have nothing to be compared with. What slides on stays SLIP, whatever the gap is made
+// of; while nothing is accepted for 150 ms it may be FAULT, and is never fine.
+TEST(Gallery, ASlipOutlastsAGapInTheStream) {
+  Scene scene = test::scene_of(fs::path(kFolder) / "relief_slide_1_mm_s.json");
+  for (const Fault fault : {Fault::kDropped, Fault::kBad}) {
+    for (const int lost : {4, 5, 6, 12, 25}) {
+      scene.faults = {{2.6, lost, fault}};
+      int behind = 0;
+      for (const PlayedFrame& frame : tool::play(scene, Params{})) {
+        if (frame.t_s < 2.0 || frame.level < SlipLevel::kHalf) continue;
+        const std::string where = std::string(kFaultNames[static_cast<std::size_t>(fault)]) + " " +
+                                  std::to_string(lost) + " at " + std::to_string(frame.t_s);
+        CHECK_TEXT(!frame.grip_ok, where.c_str());
+        behind += frame.t_s > 2.6 && frame.accepted && frame.slip ? 1 : 0;
+      }
+      CHECK(behind > 20);
+    }
+  }
+}
+
 // Frames of 40 ms, an onset at 0.2 s, slip at 0.1 and at 0.32 s.
 TEST(Gallery, AGoalIsReachedAtItsBoundAndNotBeyond) {
   std::vector<PlayedFrame> frames(10);

@@ -53,8 +53,14 @@ class ImprintReference {
     double turnover = 0.0;                    // 0: likewise
     double variance = 0.0;                    // mean of sqrt(V V'), levels^2
 
-    // Rounding does not decide whether a turnover is told: that changes the variance of a patch by up to 0.01 levels^2.
-    [[nodiscard]] bool tells_turnover() const { return std::abs(variance - kLeastVariance) > 0.02; }
+    double over_half = 0.0;  // as over_floor, of half of the floor's part that is no noise
+
+    // A turnover needs both.
+    [[nodiscard]] bool shows_relief() const { return variance > kLeastVariance && over_half >= 1.0; }
+    // Rounding does not decide it: that changes the variance of a patch by up to 0.01 levels^2, and its G by 0.004.
+    [[nodiscard]] bool tells_turnover() const {
+      return std::abs(variance - kLeastVariance) > 0.02 && std::abs(over_half - 1.0) > 0.1;
+    }
 
     // Rounding does not decide whether there is a coarse motion: evidence that is over a twentieth of what it is the
     // difference of, and relief further from what is too much than rounding adds, 0.004 levels^2.
@@ -446,6 +452,8 @@ class ImprintReference {
     }
     const double floor = n * (0.1 + std::pow(noise_relief_ / kPairs / kLevels2, 2));
     out.over_floor = std::min(energy_now, energy_then) / floor;
+    out.over_half = std::min(energy_now, energy_then) / (floor - 0.05 * n);
+    if (out.over_half < 1.0) out.turnover = 0.0;
     if (out.over_floor >= 1.0 && motion_um(0) > 0) out.motion_um = std::max(1.0, motion_um(0));
   }
 

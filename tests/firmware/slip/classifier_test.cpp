@@ -266,6 +266,9 @@ TEST(Classifier, TurnoverIsScaledByTheSquareOfTheMotion) {
   CHECK_TRUE(classifier::goes_on({}, features));
   features.imprint.turnover = ShareQ10::from_raw(40);
   CHECK_FALSE(classifier::goes_on({}, features));
+  features.imprint.blind = true;  // says nothing, also not that it has ended
+  CHECK_TRUE(classifier::goes_on({}, features));
+  CHECK_TRUE(classifier::classify({}, features) == Verdict::kHold);
 }
 
 TEST(Classifier, AModelThatSeesNoPictureIsAskedOnce) {
