@@ -7,6 +7,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <cerrno>
 #include <csignal>
@@ -27,8 +28,9 @@
 namespace holdfast::board {
 namespace {
 
-// A signal's handler may touch no more.
-volatile std::sig_atomic_t told_to_end = 0;
+// Any thread may take the signal.
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "a handler may touch no other");
 
 constexpr auto kCheckpointMagic = std::bit_cast<std::array<std::uint8_t, 4>>(checkpoint::kMagic);
 
@@ -241,14 +243,14 @@ std::optional<int> parse_command_line(CLI::App& cli, int argc, char** argv) {
 }
 
 void heed_signals() {
-  heed_end_signals([](int) { told_to_end = 1; });
+  heed_end_signals([](int) { stop_requested = true; });
   struct sigaction never {};
   never.sa_handler = SIG_IGN;
   ::sigaction(SIGPIPE, &never, nullptr);
 }
 
 bool asked_to_end() {
-  return told_to_end != 0;
+  return stop_requested;
 }
 
 bool StandardOutput::do_write(std::span<const std::uint8_t> bytes) {

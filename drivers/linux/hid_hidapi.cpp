@@ -2,6 +2,7 @@
 #include "drivers/linux/hid_hidapi.hpp"
 
 #include <hidapi.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -67,6 +68,7 @@ void HidapiPort::Close::operator()(hid_device_* device) const {
 
 std::string HidapiPort::open(std::uint16_t vendor, std::uint16_t product, std::string_view serial) {
   device_.reset();
+  lock_.reset();
   const std::string id = id_of(vendor, product);
   std::vector<Candidate> found = candidates(vendor, product);
   if (found.empty()) {
@@ -86,6 +88,11 @@ std::string HidapiPort::open(std::uint16_t vendor, std::uint16_t product, std::s
     return "HID device " + id + ": " + (found.empty() ? "none with serial '" + std::string(serial) + "'" : "several") +
            "; there is " + names +
            ". Likely cause: another one is plugged in. Next: give the serial number of the one to use";
+  }
+  lock_.reset(std::fopen(found.front().path.c_str(), "r+e"));
+  if (lock_ != nullptr && ::flock(::fileno(lock_.get()), LOCK_EX | LOCK_NB) != 0) {
+    return "HID device " + id + ": " + found.front().path +
+           " is in use. Likely cause: a holdfastd runs that drives it. Next: end that one first";
   }
   device_.reset(hid_open_path(found.front().path.c_str()));
   if (device_ != nullptr) return "";

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <cstdio>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -18,19 +19,21 @@ namespace holdfast::drivers {
 class HidapiPort final : public HidPort {
  public:
   // `serial`: as the device tells it; empty: whichever there is, if it is the only one. Empty: open. Otherwise one
-  // line: what, likely cause, next step. Uses the heap. A transfer that fails costs hidapi a heap call for its message
-  // (0.13); whoever gets kGone does not ask again.
+  // line: what, likely cause, next step. One process at a time: hidraw hands every answer to all who read. Uses the
+  // heap. A transfer that fails costs hidapi a heap call for its message (0.13); whoever gets kGone does not ask again.
   [[nodiscard]] std::string open(std::uint16_t vendor, std::uint16_t product, std::string_view serial);
 
  private:
   struct Close {
     void operator()(hid_device_* device) const;
+    void operator()(std::FILE* file) const { (void)std::fclose(file); }
   };
 
   [[nodiscard]] bool do_send(const Report& report) override;
   [[nodiscard]] Got do_receive(Report& report, std::chrono::milliseconds at_most) override;
 
   std::unique_ptr<hid_device_, Close> device_;
+  std::unique_ptr<std::FILE, Close> lock_;  // the same file once more: hidapi keeps its own to itself
 };
 
 }  // namespace holdfast::drivers

@@ -76,6 +76,7 @@ void App::other_stream(Finger& finger) {
   health::restart(finger.health);
   freshness::restart(finger.state.freshness);
   finger.state.any_frame = false;
+  finger.untold = contact::Event::kNone;
 }
 
 void App::configure(const Params& params) {
@@ -106,9 +107,15 @@ void App::reconfigure(const Params& params) {
   const pipeline::Config before = config_.pipeline;
   configure(params);
   const pipeline::Config& now = config_.pipeline;
+  // A model that read no picture had no empty gel learned.
   const bool same = before.luma.scale == now.luma.scale && before.tracker.grid.size == now.tracker.grid.size &&
-                    before.displacement.pitch_um == now.displacement.pitch_um;
-  if (same) return;
+                    before.displacement.pitch_um == now.displacement.pitch_um &&
+                    before.with_imprint >= now.with_imprint;
+  if (same) {
+    if (before.features.histogram_range_um == now.features.histogram_range_um) return;
+    for (Finger* const finger : each()) features::forget(finger->state.features);  // E of other bins: no rate of change
+    return;
+  }
   for (Finger* const finger : each()) {
     luma_input::forget(finger->state.luma);
     tracker::reset(finger->state.tracker);
@@ -207,6 +214,7 @@ void App::nothing_came(int finger, Reason why) {
   if (why == Reason::kNoFrame && its.last_rejection != Reason::kNone) why = its.last_rejection;
   if (why != Reason::kNoFrame) its.last_rejection = why;
   its.result.quality = {why};
+  report_hang();
   decide(finger);
   tell();
 }
@@ -236,6 +244,13 @@ void App::report(supervisor::Source source, Reason reason) {
   if (fault == Reason::kNone || before != Reason::kNone) return;
   for (Finger* const finger : each()) finger->waiting_since = devices_.clock.now();
   signal(fail(fault), {});
+}
+
+// The watchdog had to lower GRIP_OK: this thread was away for long.
+void App::report_hang() {
+  if (!outputs::lowered_meanwhile(lines_, watchdog_)) return;
+  outputs_ = fail(Reason::kCaptureHung);
+  tell();
 }
 
 // Until frames say otherwise, whatever each finger sees.
@@ -304,10 +319,7 @@ void App::step_features(const Features& features, GridSize grid, Micros timestam
 
 void App::conclude(int finger) {
   Finger& its = of(finger);
-  if (outputs::lowered_meanwhile(lines_, watchdog_)) {  // this thread was away for long
-    outputs_ = fail(Reason::kCaptureHung);
-    tell();
-  }
+  report_hang();
   its.last_rejection = its.result.quality.reason;
   const Micros now = devices_.clock.now();
   health::came(its.health);
@@ -327,6 +339,9 @@ void App::conclude(int finger) {
 void App::decide(int finger) {
   Finger& its = of(finger);
   const fingers::Result decided = fingers::decide(hand_, config_, finger, its.result, devices_.clock.now(), its.inputs);
+  if (fingers() > 1) {
+    for (Finger* const one : each()) one->state.hand_slips = decided.hand.slip;
+  }
   its.result.request = decided.fused.request;
   its.result.verdict = decided.fused.step;
   latest_ = finger;
@@ -335,12 +350,12 @@ void App::decide(int finger) {
 }
 
 void App::stop() {
-  for (Finger* const finger : each()) {
+  outputs_.grip_ok = false;
+  outputs::stop(lines_, devices_.gpio, watchdog_);
+  for (Finger* const finger : each()) {  // a driver may hang there
     finger->camera.stop();
     camera_keeper::stopped(finger->keeper);
   }
-  outputs_.grip_ok = false;
-  outputs::stop(lines_, devices_.gpio, watchdog_);
 }
 
 // `timestamp`: of the oldest frame that this follows from.

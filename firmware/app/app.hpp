@@ -142,10 +142,10 @@ class App {
   // Accepted frames that the status frame called OK since start(), or since the last FAULT.
   [[nodiscard]] std::uint64_t ok_frames() const { return ok_frames_; }
   // By the last step(): its frame was accepted and OK, and nothing touches any finger's gel. Where contact is not
-  // judged (contact.hpp), something may.
+  // judged (contact.hpp), or a finger is lost, something may.
   [[nodiscard]] bool holds_nothing() const {
     const auto empty = [](const Finger* finger) {
-      return finger->result.contact.judged && !finger->result.contact.touching;
+      return finger->result.quality.ok() && finger->result.contact.judged && !finger->result.contact.touching;
     };
     return accepted() && told_.state == DeviceState::kOk && std::ranges::all_of(each(), empty);
   }
@@ -184,6 +184,7 @@ class App {
   void nothing_came(int finger, Reason why);
   static void other_stream(Finger& finger);
   [[nodiscard]] bool is_stale(const Finger& finger) const;
+  void report_hang();
   [[nodiscard]] supervisor::Outputs fail(Reason why);
   void signal(const supervisor::Outputs& outputs, Micros timestamp);
   void tell();

@@ -25,7 +25,6 @@ regulator::Config regulator_config(const Params& params) {
   config.start_force = params.start_force;
   config.force_step = params.force_step;
   config.grow_pct = params.grow_pct;
-  config.position_step = params.position_step;
   config.release_step = params.release_step;
   config.max_force = params.max_force;
   return config;
@@ -33,8 +32,9 @@ regulator::Config regulator_config(const Params& params) {
 
 // A gripper that falls silent has to be known of within the receiver's 150 ms: no status older than 120 ms counts. So
 // one lost reply (30 ms), a pause (10 ms) and the next one still fit in; the manual's 50 ms would not.
-hande::Config hande_config() {
+hande::Config hande_config(const Params& params) {
   hande::Config config{};
+  config.closed_counts = static_cast<std::uint8_t>(params.closed_counts);
   config.bus.timeout = Micros{30'000};
   config.back_off = Micros{10'000};
   config.longest_back_off = Micros{250'000};  // back within 2 s, activation apart
@@ -46,7 +46,7 @@ hande::Config hande_config() {
 Status Daemon::start(const Params& params, bool auto_size) {
   params_ = params;
   regulator_config_ = regulator_config(params);
-  hande_config_ = hande_config();
+  hande_config_ = hande_config(params);
   const Status status = app_.start(params, auto_size);
   const bool camera = status.reason == Reason::kCameraGone || status.reason == Reason::kCameraWrong;
   if (!status.ok() && !camera) return status;
@@ -91,6 +91,7 @@ void Daemon::reconfigure(const Params& params) {
   }
   params_ = next;
   regulator_config_ = regulator_config(next);
+  hande_config_ = hande_config(next);
   app_.reconfigure(next);
 }
 
@@ -143,7 +144,7 @@ void Daemon::camera_started(int finger) {
   if (its.looked_for) return;
   its.looked_for = true;
   if (!checkpoint::load(checkpoint_, periphery_.keep, idx(finger))) return;
-  its.resumed = app_.resume(checkpoint_.slot.contents, finger);
+  (void)app_.resume(checkpoint_.slot.contents, finger);  // what does not fit is learned anew
 }
 
 // What follows from a frame for the grip. Without a camera, too: GRIP and RELEASE are obeyed all the same.
@@ -196,7 +197,6 @@ void Daemon::resume_grip() {
     (void)begin_opening();
   }
   regulator_.force = std::min<int>(kept.force, regulator_config_.max_force);
-  regulator_.position = kept.position;
   regulator_.last_step = devices_.clock.now();
   grip_ = regulator::command_of(regulator_);
 }
@@ -205,7 +205,7 @@ void Daemon::keep_grip() {
   using checkpoint::Grip;
   const bool closed = opened_ && !grip_.go && seen_.echo != 0;  // the gripper has not heard of it yet
   const bool lets_go = grip_.phase == regulator::Phase::kReleasing || closed;
-  const Grip grip{lets_go ? Grip::kLetsGo : grip_.go ? Grip::kHolds : Grip::kNothing, grip_.force, grip_.position};
+  const Grip grip{lets_go ? Grip::kLetsGo : grip_.go ? Grip::kHolds : Grip::kNothing, grip_.force};
   if (kept_grip_.slot.contents == grip) return;
   kept_grip_.slot.contents = grip;
   (void)checkpoint::save(kept_grip_, periphery_.keep);
@@ -351,7 +351,7 @@ void Daemon::move_gripper() {
       const bool opens = opened_ && !grip_.go;  // what the regulator has let go of, the fingers leave
       seen_ = hande::update(hande_, hande_config_, periphery_.gripper,
                             {.go = grip_.go || opens,
-                             .position = opens ? std::uint8_t{0} : grip_.position,
+                             .position = opens ? hande::kFullyOpen : hande::kFullyClosed,
                              .speed = static_cast<std::uint8_t>(params_.grip_speed),
                              .force = grip_.force,
                              .reactivate = reactivate_},

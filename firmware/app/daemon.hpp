@@ -40,7 +40,7 @@ struct Periphery {
 enum class Gripper : std::uint8_t { kNone, kHandE, kStepLines };
 
 [[nodiscard]] regulator::Config regulator_config(const Params& params);
-[[nodiscard]] hande::Config hande_config();
+[[nodiscard]] hande::Config hande_config(const Params& params);
 
 class Daemon {
  public:
@@ -65,7 +65,7 @@ class Daemon {
   [[nodiscard]] std::uint32_t camera_starts(int finger = 0) const { return app_.camera(finger).starts; }
   [[nodiscard]] const link::Receiver& commands() const { return receiver_; }
   [[nodiscard]] bool streaming(int finger = 0) const { return app_.camera(finger).streaming; }
-  [[nodiscard]] bool resumed(int finger = 0) const { return kept_[idx(finger)].resumed; }
+  [[nodiscard]] bool resumed(int finger = 0) const { return app_.state(finger).resumed; }
   [[nodiscard]] Recorder& recorder() { return recorder_; }
   [[nodiscard]] const Devices& devices() const { return devices_; }
   [[nodiscard]] const Params& params() const { return params_; }
@@ -132,7 +132,6 @@ class Daemon {
   checkpoint::GripState kept_grip_;
   struct Kept {               // of a finger's reference
     bool looked_for = false;  // once its camera said which sensor it is
-    bool resumed = false;
     bool kept = false;
     Micros at{};
     bool streamed = false;  // when it was looked at last

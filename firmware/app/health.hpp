@@ -44,6 +44,7 @@ struct State {
 // The stream begins anew: what came before says nothing about what follows.
 inline void restart(State& state) {
   state.stamp_count = 0;
+  state.late = {};
 }
 
 // A frame came, whatever becomes of it.

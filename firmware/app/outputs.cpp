@@ -62,6 +62,7 @@ Reason update(State& state, const Config& config, hal::Gpio& gpio, const hal::Cl
   }
   if (obeyed && rises) obeyed = drive(gpio, hal::Line::kGripOk, true);
   state.grip_ok = wanted.grip_ok;
+  if (obeyed && !wanted.grip_ok && !wanted.accepted) watchdog.rest();  // this thread has lowered it in time
   if (obeyed) return Reason::kNone;
   state.distrusted = config.line_trust;
   (void)lower(state, gpio);

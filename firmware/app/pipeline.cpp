@@ -120,7 +120,7 @@ bool fits(const State& state, const MarkerField& now, const LumaView* luma) {
 // The first picture after resume() decides.
 void end_resuming(State& state, const LumaView* luma) {
   state.resuming = false;
-  state.reference.known = fits(state, state.tracker.field, luma);
+  state.resumed = state.reference.known = fits(state, state.tracker.field, luma);
   if (state.reference.known) {
     tracker::set_home(state.tracker, state.reference.rest);
   } else {
@@ -138,6 +138,7 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
     return rejected(state, out, luma == nullptr ? s : lit(*luma, s));
   }
 
+  const bool with_picture = luma != nullptr && config.with_imprint;
   if (state.resuming) end_resuming(state, luma);
   if (reference::update(state.reference, config.reference, field)) {
     tracker::set_home(state.tracker, state.reference.rest);
@@ -148,7 +149,7 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
   }
   if (!state.reference.known) {
     out.bent = state.reference.bent;
-    if (luma == nullptr || !config.with_imprint) return out;
+    if (!with_picture) return out;
     if (state.reference.count == 1) imprint::forget(state.imprint);
     learn_empty(state, config, *luma, field, state.reference.first, out.timestamp);
     return out;
@@ -163,12 +164,12 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
     out.features.field =
         field_features::update(state.field, config.field, state.displacement, out.timestamp, state.saturations);
   }
-  if (luma != nullptr && config.with_imprint) {
+  if (with_picture) {
     out.features.imprint =
         imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
-                        out.timestamp, state.saturations, state.decision.raised);
+                        out.timestamp, state.saturations, state.decision.raised || state.hand_slips);
   }
-  if (luma != nullptr && config.with_imprint && config.judges_contact) {
+  if (with_picture && config.judges_contact) {
     out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,
                                   state.opening, out.timestamp);
     out.empty = state.contact.empty;
@@ -252,7 +253,7 @@ void remember(const State& state, const Config& config, checkpoint::Contents& co
 
 void resume(State& state, const checkpoint::Contents& contents) {
   forget(state);
-  state.resuming = true;
+  state.resuming = state.resumed = true;
   state.kept_width = contents.width;
   state.kept_height = contents.height;
   state.reference.rest = contents.rest;
@@ -268,7 +269,7 @@ void tare(State& state) {
 }
 
 void forget(State& state) {
-  state.resuming = false;
+  state.resuming = state.resumed = false;
   light::forget(state.light);
   reference::forget(state.reference);
   state.reference.confirmed = false;

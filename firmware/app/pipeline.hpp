@@ -74,7 +74,9 @@ struct State {
   Saturations load_saturations;  // of what is only shown: apart, so that the other one is the decision's
   bool opening = false;
   std::int32_t kept_width = 0, kept_height = 0;  // of the picture that it was learned from
-  bool resuming = false;  // reference.rest is an earlier process's and waits for a picture that fits it
+  bool resuming = false;    // reference.rest is an earlier process's and waits for a picture that fits it
+  bool resumed = false;     // it is an earlier process's, as far as is known
+  bool hand_slips = false;  // the hand's slip is raised, by whichever finger
   Micros last_timestamp{};
   bool any_frame = false;
   timing::Stopwatch stopwatch;  // without a clock (App gives it one) it counts nothing

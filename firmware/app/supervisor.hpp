@@ -142,7 +142,7 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Findings::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
     {"this frame was rejected, or none came",
      &Findings::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},
-    {"the setting `latch` is on and ARM has not come since the fault",
+    {"the setting `latch` is on and ARM has not come since the fault, or since a process that resumed has started",
      &Findings::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
     {"fewer than `recover_frames` accepted frames in a row since the fault, or since a process that resumed has started",
      &Findings::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
@@ -266,7 +266,7 @@ inline void arm(State& state) {
   Findings seen;
   seen.fault = fault != Reason::kNone;
   if (seen.fault) state.good_frames = 0;
-  seen.needs_arm = config.latch && !state.armed && state.faults > 0;
+  seen.needs_arm = config.latch && !state.armed && (state.faults > 0 || state.resumed);
   seen.recovering = (state.faults > 0 || state.resumed) && state.good_frames < config.recover_frames;
   seen.learning = !result.referenced;
   seen.light_changed = seen.learning && result.light_changed;

@@ -26,6 +26,9 @@ namespace holdfast::hande {
 inline constexpr std::uint16_t kOutputs = 0x03E8;
 inline constexpr std::uint16_t kStatus = 0x07D0;
 inline constexpr std::size_t kRegisters = 3;
+// Of the register rPR.
+inline constexpr std::uint8_t kFullyOpen = 0;
+inline constexpr std::uint8_t kFullyClosed = 255;
 
 using Outputs = std::array<std::uint16_t, kRegisters>;
 
@@ -72,7 +75,7 @@ struct Config {
 // fault.
 struct Wanted {
   bool go = false;
-  std::uint8_t position = 0;  // 0 open, 255 closed
+  std::uint8_t position = kFullyOpen;
   std::uint8_t speed = 0;
   std::uint8_t force = 0;
   bool reactivate = false;

@@ -24,7 +24,7 @@
 
 namespace holdfast::regulator {
 
-// Force and position in counts of the Hand-E's registers rFR and rPR, 0..255; position 0 is open, 255 closed.
+// Force in counts of the Hand-E's register rFR, 0..255.
 inline constexpr int kMostCounts = 255;
 
 struct Config {
@@ -32,8 +32,6 @@ struct Config {
   int force_step = 3;         // larger: stops faster slips, and squeezes more than needed
   int grow_pct = 3;           // and this share of the present force: heavy things take larger steps
   int max_force = 255;        // what the object bears
-  int start_position = 255;   // less than closed for grippers that hold by position; these close by
-  int position_step = 0;      // with every step of force
   Micros every{40'000};       // between steps
   Micros grasp_for{900'000};  // closing on the object moves the gel as a slip does; slips in this time are not heard
   std::int32_t calm_nat_q16 = 3'277;  // 0.05 nat: E stays this near to itself while it is constant
@@ -57,7 +55,6 @@ struct State {
   int force = 0;
   int base = 0;  // Config::start_force and force_step when it began: Command::steps counts from and in them, whatever
   int unit = 1;  // they are set to meanwhile
-  int position = 0;
   Micros last_step{};
   std::array<Steady, kMaxFingers> steady{};
   bool at_limit = false;  // it slipped and there was no more force to give
@@ -75,7 +72,6 @@ struct Input {
 
 struct Command {
   std::uint8_t force = 0;
-  std::uint8_t position = 0;
   int steps = 0;  // above the force of GRIP, for the step lines; below it while releasing, and 0 when that is over
   Phase phase = Phase::kIdle;
   bool at_limit = false;  // Reason::kForceLimit
@@ -85,10 +81,10 @@ struct Command {
 // Range: every count 0..255, start_force at most max_force, steps of force and release at least 1, times not negative.
 [[nodiscard]] constexpr Status validate(const Config& config) {
   const auto counts = [](int value) { return value >= 0 && value <= kMostCounts; };
-  const bool ok = counts(config.start_force) && counts(config.max_force) && counts(config.start_position) &&
-                  counts(config.position_step) && config.start_force <= config.max_force && config.force_step >= 1 &&
-                  config.force_step <= kMostCounts && config.release_step >= 1 && config.release_step <= kMostCounts &&
-                  config.every >= Micros{0} && config.release_every >= Micros{0} && config.calm_after >= Micros{0} &&
+  const bool ok = counts(config.start_force) && counts(config.max_force) && config.start_force <= config.max_force &&
+                  config.force_step >= 1 && config.force_step <= kMostCounts && config.release_step >= 1 &&
+                  config.release_step <= kMostCounts && config.every >= Micros{0} &&
+                  config.release_every >= Micros{0} && config.calm_after >= Micros{0} &&
                   config.hold_after >= Micros{0} && config.calm_nat_q16 >= 0 && config.grow_pct >= 0 &&
                   config.grow_pct <= 100 && config.grasp_for >= Micros{0};
   return {ok ? Reason::kNone : Reason::kConfig};
@@ -96,10 +92,7 @@ struct Command {
 
 [[nodiscard]] constexpr Command command_of(const State& state) {
   return {static_cast<std::uint8_t>(state.force),
-          static_cast<std::uint8_t>(state.position),
-          state.phase == Phase::kIdle ? 0 : (state.force - state.base) / state.unit,
-          state.phase,
-          state.at_limit,
+          state.phase == Phase::kIdle ? 0 : (state.force - state.base) / state.unit, state.phase, state.at_limit,
           state.phase != Phase::kIdle};
 }
 
@@ -125,7 +118,6 @@ struct Command {
     state.phase = Phase::kGripping;
     state.force = state.base = config.start_force;
     state.unit = config.force_step;
-    state.position = config.start_position;
     state.last_step = now;
   } else if (input.grip && !input.release && state.phase == Phase::kReleasing) {
     state.phase = Phase::kSettling;  // as hard as it still is
@@ -154,7 +146,6 @@ struct Command {
       state.last_step = now;
       const int step = config.force_step + state.force * config.grow_pct / 100;
       state.force = std::min(state.force + step, config.max_force);
-      state.position = std::min(state.position + config.position_step, kMostCounts);
     }
   } else if (state.phase == Phase::kTightening) {
     state.phase = Phase::kSettling;

@@ -46,7 +46,7 @@ struct Params {
   std::int32_t force_step = 3;
   std::int32_t grow_pct = 3;
   std::int32_t max_force = 255;
-  std::int32_t position_step = 0;
+  std::int32_t closed_counts = 226;
   std::int32_t release_step = 6;
   std::int32_t grip_speed = 128;
   std::int32_t left_sensor = 0;
@@ -151,9 +151,10 @@ inline constexpr std::array<ParamInfo, 30> kParams{{
      "and this share of the present force", "larger: heavy objects are held sooner and squeezed harder"},
     {&Params::max_force, "max_force", "counts", 0, 255, ParamClass::kSafety, "the one limit that keeps an object whole",
      "force that is never exceeded", "higher: heavier objects are held, weaker ones crushed"},
-    {&Params::position_step, "position_step", "counts", 0, 16, ParamClass::kTuning, "as start_force",
-     "fingers close by this with every step of force",
-     "0 suits grippers that hold by force; more squeezes soft objects flat"},
+    {&Params::closed_counts, "closed_counts", "counts", 1, 255, ParamClass::kSafety,
+     "higher than the fingertips need: closed on nothing counts as holding",
+     "position that the Hand-E shows when its fingertips meet",
+     "belongs to the fingertips: measure it; lower than they need: thin objects count as lost"},
     {&Params::release_step, "release_step", "counts", 1, 64, ParamClass::kTuning, "acts on RELEASE alone",
      "force taken off per 40 ms by RELEASE", "larger: lets go sooner, and less gently"},
     {&Params::grip_speed, "grip_speed", "counts", 0, 255, ParamClass::kTuning, "as start_force",

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -28,7 +29,7 @@
 namespace holdfast::checkpoint {
 
 inline constexpr std::uint32_t kMagic = 0x464B4448;  // "HDKF", little endian
-inline constexpr std::uint32_t kVersion = 4;
+inline constexpr std::uint32_t kVersion = 5;
 inline constexpr std::size_t kMaxIdentity = 64;
 
 struct Identity {
@@ -58,7 +59,6 @@ struct Grip {
   enum Doing : std::uint8_t { kNothing, kHolds, kLetsGo };  // the last from RELEASE until the gripper was told to open
   std::uint8_t doing = kNothing;
   std::uint8_t force = 0;  // counts
-  std::uint8_t position = 0;
   friend bool operator==(const Grip&, const Grip&) = default;
 };
 
@@ -110,13 +110,20 @@ template <typename Kept>
   if (contents.rest.grid.count() > kMaxMarkers || contents.pitch.raw() <= 0 || !in_range(contents.pitch)) return false;
   if (contents.empty.frames < 0 || contents.empty.frames > imprint::kEmptyMean) return false;
   if (contents.first.grid != contents.rest.grid) return false;
+  if (contents.empty.noise_relief < 0 || contents.empty.noise_relief > imprint::kMostRelief) return false;
+  const auto are_bools = [](const auto& of) {  // another byte in a bool is undefined, so it is looked at as a byte
+    return std::ranges::all_of(std::as_bytes(std::span(of)), [](std::byte one) { return one <= std::byte{1}; });
+  };
+  if (!are_bools(contents.empty.learned) || !are_bools(contents.empty.marked)) return false;
   // 16 x luma in Q4.
   const auto is_luma = [](std::uint16_t sample_q4) { return sample_q4 <= 16 * 16 * 255; };
   for (const auto& eight : contents.empty.samples_q4) {
     if (!std::ranges::all_of(eight, is_luma)) return false;
   }
   const auto all_in_range = [&](const MarkerField& field) {
-    return std::ranges::all_of(field.markers, [&](const Marker& m) { return in_range(m.x) && in_range(m.y); });
+    return std::ranges::all_of(field.markers, [&](const Marker& m) {
+      return in_range(m.x) && in_range(m.y) && std::bit_cast<std::uint8_t>(m.valid) <= 1;
+    });
   };
   return all_in_range(contents.rest) && all_in_range(contents.first);
 }

@@ -7,6 +7,7 @@
 
 #include "drivers/sim/camera_scene.hpp"
 #include "drivers/sim/scene/math/random.hpp"
+#include "grip/hande.hpp"
 #include "toolchain/play/rig.hpp"
 
 namespace holdfast::tool {
@@ -129,7 +130,7 @@ int counts_of(double force_n, const LagGripperConfig& config) {
 }
 
 void LagGripper::tell(const regulator::Command& command) {
-  wanted_n_ = command.go && command.position > 0 ? force_of(command.force, config_) : 0.0;
+  wanted_n_ = command.go ? force_of(command.force, config_) : 0.0;
 }
 
 double LagGripper::force_n(double dt_s) {
@@ -211,7 +212,7 @@ Grasp play_pull(const Pull& pull, double least_n, const Params& params, const re
     frame.entropy_rate_nat_s = result.features.entropy_rate.raw() / 256.0;
     frame.phase = command.phase;
     frame.force_counts = command.force;
-    frame.position_counts = command.position;
+    frame.position_counts = command.go ? hande::kFullyClosed : hande::kFullyOpen;
     frame.steps = command.steps;
     frame.commanded_n = command.go ? force_of(command.force) : 0.0;
     frame.force_n = force_n;

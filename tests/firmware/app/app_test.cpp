@@ -1163,6 +1163,21 @@ TEST(App, LooksForAnotherLatticeWhenItIsReconfigured) {
   }
 }
 
+// E in bins of another width is another figure: no rate is made of both.
+TEST(App, TakesNoEntropyRateAcrossAChangeOfTheHistogram) {
+  film(12, 9);
+  build();
+  start();
+  run(20);
+  const std::int32_t before = app->result().features.entropy.raw();
+  Params other;
+  other.histogram_range_um = 500;
+  app->reconfigure(other);
+  run(1);
+  CHECK_TRUE(std::abs(app->result().features.entropy.raw() - before) > 65536 / 10);  // 0.1 nat
+  LONGS_EQUAL(0, app->result().features.entropy_rate.raw());
+}
+
 // Any schedule of faults: whenever a receiver is told "fine", the firmware itself says OK or has lost no more than the
 // 150 ms that the rule allows. One long run over all kinds.
 TEST(App, IsNeverFineForAReceiverUnlessItWasWithin150Milliseconds) {

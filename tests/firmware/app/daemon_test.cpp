@@ -757,7 +757,7 @@ TEST(Daemon, EverySettingOfTheTableIsOneThatTheRegulatorTakes) {
 // A lost reply, a pause and the next reply fit into the age that a status may have, and that into the receiver's 150
 // ms.
 TEST(Daemon, HearsOfASilentHandEWithinTheReceiversTime) {
-  const hande::Config config = hande_config();
+  const hande::Config config = hande_config({});
   CHECK_TRUE(hande::validate(config).ok());
   CHECK_TRUE(config.bus.timeout == 30ms && config.back_off == 10ms && config.longest_back_off == 250ms);
   CHECK_TRUE(config.idle_poll == 40ms && config.fresh_for == 120ms);
@@ -784,6 +784,24 @@ TEST(Daemon, GoesOnWithAGraspThatAnotherProcessBegan) {
     displaced += d.valid && std::abs(d.dx.raw()) > 300 ? 1 : 0;
   }
   CHECK_TRUE(displaced > 5);  // 0.6 mm in the middle: what a rest position learned now would hide
+}
+
+// A process that was killed, as by its watchdog, may have died of a fault: with `latch` the next one waits for ARM.
+TEST(Daemon, WaitsForArmAfterAProcessThatWasKilled) {
+  params.latch = 1;
+  film();
+  build();
+  run(2s);
+  CHECK_TRUE(fine());  // the first one since the board is on
+  daemon.reset();
+  build();
+  run(2s);
+  CHECK_TRUE(daemon->resumed());
+  CHECK_TRUE(state() == DeviceState::kFault && reason() == Reason::kNeedsArm);
+  CHECK_FALSE(fine());
+  (void)ask(Command::kArm);
+  run(200ms);
+  CHECK_TRUE(fine());
 }
 
 // A camera that is frozen shows a new process its old picture as if it were new, once.
@@ -960,7 +978,9 @@ TEST(Daemon, LearnsAnewWhenThePictureDoesNotFit) {
     pictures.push_back(picture_of(view, moved, 900 + k));
   }
   build();
+  CHECK_TRUE(daemon->resumed());  // as far as is known
   run(120ms);
+  CHECK_FALSE(daemon->resumed());
   CHECK_TRUE(state() == DeviceState::kReference);
   run(1s);
   CHECK_TRUE(fine());
@@ -1029,6 +1049,24 @@ TEST(Daemon, TellsWhatTheGripperSays) {
   hand->remove_object();
   run(500ms);
   CHECK_TRUE(state() == DeviceState::kFault && reason() == Reason::kGripperLost);
+}
+
+// Something of 0.5 mm stops them at 228: fingertips that meet at 226 have met, between those that meet at 240 there is
+// it.
+TEST(Daemon, KnowsByItsFingertipsWhetherTheyClosedOnNothing) {
+  for (const int closed : {226, 240}) {
+    film();
+    use(Gripper::kHandE);
+    params.closed_counts = closed;
+    build();
+    hand->put_object({.width_mm = 0.5});
+    run(1s);
+    CHECK_TRUE(ask(Command::kGrip, 1) == Outcome::kDone);
+    run(3s);
+    CHECK_EQUAL(closed == 240, daemon->gripper().holding);
+    daemon.reset();
+    hand.reset();
+  }
 }
 
 // Under-voltage of the board, with and without a gripper, and beside what else it says; each change is one event.

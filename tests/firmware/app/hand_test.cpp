@@ -5,6 +5,7 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -49,6 +50,7 @@ class Plug final : public hal::Camera {
   bool out = false;
   bool silent = false;
   int frames = 0;
+  std::function<void()> at_stop = [] {};
 
  private:
   [[nodiscard]] bool do_start() override { return !out && inside_.start(); }
@@ -64,7 +66,10 @@ class Plug final : public hal::Camera {
     return got;
   }
   void do_release(const hal::Frame& frame) override { inside_.release(frame); }
-  void do_stop() override { inside_.stop(); }
+  void do_stop() override {
+    at_stop();
+    inside_.stop();
+  }
   [[nodiscard]] std::string_view do_identity() const override { return sensor; }
 
   sim::CameraMemory& inside_;
@@ -137,6 +142,10 @@ TEST_GROUP(Hand) {
     const bool high = gpio.level(Line::kGripOk) == Level::kHigh;
     const std::optional<Micros> edge = edge_at;
     daemon->poll();
+    (void)daemon->app().watchdog().watch(gpio, clock.now());
+    for (int i = 0; i < app().fingers(); ++i) {
+      CHECK_EQUAL(app().fingers() > 1 && app().outputs().slip, app().state(i).hand_slips);
+    }
     if (high && edge) told_until = std::max(told_until, std::min(clock.now(), *edge + kRule));
     if (gpio.edges(Line::kAlive) != edges) edge_at = clock.now();
     edges = gpio.edges(Line::kAlive);
@@ -261,6 +270,36 @@ TEST(Hand, GoesOnWithOneWhereItIsTold) {
     CHECK_TRUE(fine());
     for (int i = 0; i < 2; ++i) CHECK_TRUE(app().supervisor(i).device == DeviceState::kOk);
   }
+}
+
+// The marker of an empty hand lets an update in: what a lost finger touches nobody knows.
+TEST(Hand, DoesNotCallItselfEmptyWithoutOneOfItsFingers) {
+  params.lost_finger = 1;
+  start();
+  settled();
+  CHECK_TRUE(app().holds_nothing());
+  plugs[1]->out = true;
+  run(1s);
+  CHECK_TRUE(fine());
+  CHECK_FALSE(app().holds_nothing());
+  plugs[1]->out = false;
+  run(3s);
+  CHECK_TRUE(app().holds_nothing());
+}
+
+// A driver may hang while it stops: the lines come first.
+TEST(Hand, LowersTheLinesBeforeItStopsTheCameras) {
+  start();
+  settled();
+  int stopped = 0;
+  for (const auto& plug : plugs) {
+    plug->at_stop = [&] {
+      CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
+      ++stopped;
+    };
+  }
+  daemon->stop();
+  LONGS_EQUAL(2, stopped);
 }
 
 // While the right one is pulled out and plugged in again, no frame of the left one is lost or late.

@@ -29,8 +29,6 @@ TEST_GROUP(Regulator) {
                            .force_step = 10,
                            .grow_pct = 0,
                            .max_force = 100,
-                           .start_position = 200,
-                           .position_step = 3,
                            .every = kFrame,
                            .grasp_for = 200ms,
                            .calm_nat_q16 = 6554,
@@ -83,8 +81,6 @@ TEST(Regulator, TheDefaultsAreValidAndEveryLimitIsChecked) {
   CHECK_TRUE(refused([](auto& c) { c.max_force = c.start_force - 1; }));
   CHECK_TRUE(refused([](auto& c) { c.force_step = 0; }));
   CHECK_TRUE(refused([](auto& c) { c.release_step = 0; }));
-  CHECK_TRUE(refused([](auto& c) { c.position_step = -1; }));
-  CHECK_TRUE(refused([](auto& c) { c.start_position = 256; }));
   CHECK_TRUE(refused([](auto& c) { c.grow_pct = 101; }));
   CHECK_TRUE(refused([](auto& c) { c.every = -1us; }));
   CHECK_TRUE(refused([](auto& c) { c.release_every = -1us; }));
@@ -93,15 +89,13 @@ TEST(Regulator, TheDefaultsAreValidAndEveryLimitIsChecked) {
   CHECK_TRUE(refused([](auto& c) { c.calm_after = -1us; }));
   CHECK_TRUE(refused([](auto& c) { c.hold_after = -1us; }));
   CHECK_TRUE(refused([](auto& c) { c.start_force = c.max_force = 256; }));
-  CHECK_TRUE(refused([](auto& c) { c.start_position = -1; }));
-  CHECK_TRUE(refused([](auto& c) { c.position_step = 256; }));
   CHECK_TRUE(refused([](auto& c) { c.force_step = 256; }));
   CHECK_TRUE(refused([](auto& c) { c.release_step = 256; }));
   CHECK_TRUE(refused([](auto& c) { c.grow_pct = -1; }));
   // The ends of the ranges are in them.
-  const regulator::Config least{0, 1, 0, 0, 0, 0, 0us, 0us, 0, 0us, 0us, 1, 0us};
+  const regulator::Config least{0, 1, 0, 0, 0us, 0us, 0, 0us, 0us, 1, 0us};
   CHECK_TRUE(regulator::validate(least).ok());
-  const regulator::Config most{255, 255, 100, 255, 255, 255, 1h, 1h, INT32_MAX, 1h, 1h, 255, 1h};
+  const regulator::Config most{255, 255, 100, 255, 1h, 1h, INT32_MAX, 1h, 1h, 255, 1h};
   CHECK_TRUE(regulator::validate(most).ok());
 }
 
@@ -113,7 +107,6 @@ TEST(Regulator, IdleUntilToldToGripAndThenTheStartingForce) {
   }
   (void)tell(true, false);
   CHECK_EQUAL(50, command.force);
-  CHECK_EQUAL(200, command.position);
   CHECK_TRUE(command.go);
   CHECK_TRUE(command.phase == Phase::kGripping);
   CHECK_EQUAL(0, command.steps);
@@ -129,7 +122,6 @@ TEST(Regulator, StepsWhileItSlipsAndEChangesThenSettlesAndHolds) {
   grasp();
   CHECK_EQUAL(60, frame(true, 1.3).force);
   CHECK_TRUE(command.phase == Phase::kTightening);
-  CHECK_EQUAL(203, command.position);
   CHECK_EQUAL(1, command.steps);
   CHECK_EQUAL(70, frame(true, 1.6).force);
   CHECK_EQUAL(80, frame(true, 1.9).force);
@@ -142,7 +134,6 @@ TEST(Regulator, StepsWhileItSlipsAndEChangesThenSettlesAndHolds) {
   CHECK_EQUAL(90, frame(false, 1.9).force);
   CHECK_TRUE(command.phase == Phase::kHolding);
   CHECK_EQUAL(4, command.steps);
-  CHECK_EQUAL(209 + 3, command.position);
 }
 
 // Pulses are told as a difference: what is set while it grips may move none.
@@ -252,7 +243,6 @@ TEST(Regulator, AFaultHoldsWhatIsCommanded) {
   (void)frame(true, 1.3);
   for (int i = 0; i < 100; ++i) {
     CHECK_EQUAL(60, frame(true, i % 3, false).force);
-    CHECK_EQUAL(203, command.position);
     CHECK_TRUE(command.go);
   }
   // What E was before the fault counts for nothing after it.
@@ -265,7 +255,6 @@ TEST(Regulator, ReleasesStepByStepAndOpens) {
   for (const int force : expected) {
     CHECK_EQUAL(force, tell(false, true).force);
     CHECK_TRUE(command.phase == (force > 0 ? Phase::kReleasing : Phase::kIdle));
-    CHECK_EQUAL(force > 0 ? 200 : 0, command.position);
   }
   CHECK_FALSE(command.go);
   // Goes on by itself after an edge, and RELEASE while idle is nothing.
@@ -339,7 +328,6 @@ TEST(Regulator, KeepsTheTimesOfABoard) {
     command = regulator::update(state, config, c.input, 10s + c.at);
     CHECK_EQUAL(c.force, command.force);
     CHECK_TRUE(c.phase == command.phase);
-    CHECK_EQUAL(255, command.position);
   }
 }
 
@@ -355,8 +343,6 @@ TEST(Regulator, WhateverComesItKeepsItsPromises) {
     any.start_force = below(any.max_force + 1);
     any.force_step = 1 + below(255);
     any.grow_pct = below(101);
-    any.position_step = below(256);
-    any.start_position = below(256);
     any.every = Micros{below(300'000)};
     any.grasp_for = Micros{below(300'000)};
     any.calm_nat_q16 = below(1 << 18);
@@ -386,7 +372,6 @@ TEST(Regulator, WhateverComesItKeepsItsPromises) {
         CHECK_TRUE(after.force == 0 || before.force - after.force == any.release_step);
         ++released;
       }
-      if (after.position < before.position) CHECK_TRUE(opens && after.phase == Phase::kIdle);
       const bool starts = before.phase == Phase::kIdle;
       if (starts && after.go) CHECK_TRUE(input.grip);
       if (after.force > before.force && !starts) {

@@ -54,7 +54,7 @@ TEST(Params, TheDefaultsAreTheSpecifiedOnes) {
                       {"force_step", 3},
                       {"grow_pct", 3},
                       {"max_force", 255},
-                      {"position_step", 0},
+                      {"closed_counts", 226},
                       {"release_step", 6},
                       {"grip_speed", 128},
                       {"left_sensor", 0},
@@ -160,8 +160,8 @@ TEST(Params, ModesHaveNamesAndGrowMorePrecise) {
 // What may be set at the console of a device with an owner, and nothing else: a new row is safety until somebody has
 // written it down here.
 TEST(Params, AreSafetyUnlessTheyCannotTurnAFaultIntoFine) {
-  const std::string_view tuning[] = {"jpeg_threads", "jpeg_lanes",    "start_force",  "force_step",
-                                     "grow_pct",     "position_step", "release_step", "grip_speed"};
+  const std::string_view tuning[] = {"jpeg_threads", "jpeg_lanes",   "start_force", "force_step",
+                                     "grow_pct",     "release_step", "grip_speed"};
   const std::string_view display[] = {"all_features", "status_version", "shear_scale", "normal_scale"};
   for (const ParamInfo& row : kParams) {
     const bool tunes = std::find(std::begin(tuning), std::end(tuning), row.name) != std::end(tuning);

@@ -183,6 +183,20 @@ TEST(Checkpoint, RefusesWhatAnotherBuildMayHaveWritten) {
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.rest.grid = s.contents.first.grid = {16, 16}; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = -1; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.frames = 64 + 1; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.noise_relief = -1; }));
+  LONGS_EQUAL(1, spoiled([](checkpoint::Slot& s) { s.contents.empty.noise_relief = imprint::kMostRelief; }));
+  LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.noise_relief = imprint::kMostRelief + 1; }));
+  for (std::uint8_t byte = 1; byte <= 2; ++byte) {
+    LONGS_EQUAL(byte == 1 ? 1 : 0, spoiled([&](checkpoint::Slot& s) {
+                  std::memcpy(static_cast<void*>(&s.contents.empty.marked.back()), &byte, 1);
+                }));
+    LONGS_EQUAL(byte == 1 ? 1 : 0, spoiled([&](checkpoint::Slot& s) {
+                  std::memcpy(static_cast<void*>(&s.contents.empty.learned[3]), &byte, 1);
+                }));
+    LONGS_EQUAL(byte == 1 ? 1 : 0, spoiled([&](checkpoint::Slot& s) {
+                  std::memcpy(static_cast<void*>(&s.contents.rest.markers[3].valid), &byte, 1);
+                }));
+  }
   LONGS_EQUAL(1, spoiled([](checkpoint::Slot& s) { s.contents.empty.samples_q4.back().back() = 65280; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) { s.contents.empty.samples_q4.back().back() = 65281; }));
   LONGS_EQUAL(0, spoiled([](checkpoint::Slot& s) {
@@ -242,7 +256,7 @@ TEST(Checkpoint, KeepsTheGripBesideTheReference) {
   checkpoint::GripState grip;
   save(1);
   for (std::uint8_t force = 1; force < 10; ++force) {
-    grip.slot.contents = {1, force, 255};
+    grip.slot.contents = {1, force};
     CHECK_TRUE(checkpoint::save(grip, keep));
   }
   checkpoint::GripState other;
@@ -250,7 +264,7 @@ TEST(Checkpoint, KeepsTheGripBesideTheReference) {
   LONGS_EQUAL(9, other.slot.contents.force);
   for (const std::uint8_t doing : std::initializer_list<std::uint8_t>{
            3, 0, 3}) {  // what is none of the three is not believed, the one before it is
-    grip.slot.contents = {doing, 9, 255};
+    grip.slot.contents = {doing, 9};
     CHECK_TRUE(checkpoint::save(grip, keep) && checkpoint::load(other, keep));
     CHECK_TRUE(other.slot.contents.doing <= 2);
   }
