@@ -145,7 +145,10 @@ class Heard(unittest.TestCase):
         board.fields.update(state=5, reason=1, flags=0)
         self.until("an error", lambda: last()["level"] == 2, board.say)
         board.fields.update(state=2, reason=0, flags=2)
+        board.sequence = (board.sequence - 5000) % 65536  # holdfastd starts anew
         self.until("all is well", lambda: last()["level"] == 0, board.say)
+        self.until("they are counted", lambda: int(last()["values"]["frames"]) > len(slips), board.say)
+        self.assertEqual(last()["values"]["lost"], "3")
 
     def test_commands_are_repeated_until_they_are_answered(self):
         board = tty_board(self)

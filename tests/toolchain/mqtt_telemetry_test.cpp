@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "link/status_frame.hpp"
+#include "toolchain/console/backlog.hpp"
 #include "toolchain/mqtt/telemetry.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -26,12 +27,12 @@ TEST_GROUP(MqttTelemetry) {
     now.unix_ms += static_cast<std::int64_t>(ms);
     telemetry.tick(now);
   }
-  void hear(int step = 1) {
+  void hear(int step = 1, bool old = false) {
     frame.sequence = static_cast<std::uint16_t>(frame.sequence + step);
     frame.alive = !frame.alive;
     std::array<std::uint8_t, sf::kWireBytes> wire{};
     sf::encode(frame, wire);
-    telemetry.hear(wire, now);
+    telemetry.hear(wire, now, old);
   }
   json counters() {
     return json::parse(telemetry.counters(now, 3, 4));
@@ -52,6 +53,37 @@ TEST(MqttTelemetry, TellsChangesAlone) {
   CHECK_TRUE(changes[2]["reason"] == "slip" && changes[2]["reason_number"] == 98 && changes[2]["slip"] == 1);
   CHECK_TRUE(changes[2]["confirmed"] == 0);
   CHECK_TRUE(counters()["slips"] == 1 && counters()["frames"] == 101 && counters()["changes"] == 3);
+}
+
+// The publisher stood still, and reads what waited: it is counted, and is no word of a board of now.
+TEST(MqttTelemetry, WhatHasWaitedConfirmsNothing) {
+  for (int k = 0; k < 5; ++k) hear(), pass(40);
+  pass(8000);
+  CHECK_TRUE(changes.back()["confirmed"] == 0 && changes.back()["heard"] == 0);
+  frame.state = DeviceState::kSlip, frame.reason = Reason::kSlipDetected, frame.slip = true;
+  for (int k = 0; k < 100; ++k) hear(1, true);
+  CHECK_TRUE(changes.back()["confirmed"] == 0 && changes.back()["heard"] == 0 && changes.back()["slip"] == 1);
+  frame = {.sequence = frame.sequence, .state = DeviceState::kOk, .grip_ok = true};
+  for (int k = 0; k < 100; ++k) hear(1, true);
+  CHECK_TRUE(changes.back()["confirmed"] == 0 && changes.back()["heard"] == 0);
+  hear(), pass(40), hear();
+  CHECK_TRUE(changes.back()["confirmed"] == 1 && changes.back()["heard"] == 1);
+  CHECK_TRUE(counters()["frames"] == 207 && counters()["lost"] == 0 && counters()["slips"] == 1);
+}
+
+// Stopped for 150 ms and more: old until the port is silent once.
+TEST(MqttTelemetry, APortIsOldFromAPauseToItsFirstSilence) {
+  console_tool::Backlog backlog;
+  std::uint64_t at = 1'000'000;
+  const auto turn = [&](std::uint64_t after_ms, bool readable) { return backlog.is_old(readable, at += after_ms); };
+  CHECK_FALSE(turn(0, true));
+  CHECK_FALSE(turn(150, true));
+  CHECK_TRUE(turn(151, true));
+  for (int k = 0; k < 10; ++k) CHECK_TRUE(turn(1, true));
+  CHECK_FALSE(turn(5, false));
+  CHECK_FALSE(turn(5, true));
+  CHECK_TRUE(turn(8000, false));  // what comes with the next turn may have waited as well
+  CHECK_FALSE(turn(5, false));
 }
 
 TEST(MqttTelemetry, SilenceIsToldByTheRuleAndAfterASecond) {

@@ -71,9 +71,17 @@ TEST(Pairs, TheOffsetIsWhereTheFingersMoveAlike) {
     LONGS_EQUAL(-later, found.frames);
     CHECK_TRUE(found.correlation > 0.7);
   }
-  // Further than a 25th of the recording it does not look.
-  CHECK_TRUE(std::abs(find_offset(left, begins_later(left, 40, 2)).frames) <= 18);
+  // Further than a 25th of the recording it does not look, unless it is told to.
+  for (const int later : {40, 110, -40, -110}) {
+    const std::vector<double> right = begins_later(left, later, 2);
+    CHECK_TRUE(std::abs(find_offset(left, right).frames) <= 18);
+    LONGS_EQUAL(-later, find_far_offset(left, right).frames);
+  }
+  LONGS_EQUAL(find_offset(left, begins_later(left, 5, 2)).frames,
+              find_far_offset(left, begins_later(left, 5, 2)).frames);
+  CHECK_TRUE(find_far_offset(left, shake(450, 3)).correlation < kDoubtful);
   LONGS_EQUAL(0, find_offset({}, {}).frames);
+  LONGS_EQUAL(0, find_far_offset({}, {}).frames);
 }
 
 TEST(Pairs, LabelsOfAHandInTheLeftsFrames) {

@@ -36,6 +36,21 @@ std::vector<double> logarithms(std::span<const double> speeds) {
   return values;
 }
 
+// Of lags up to `most`, each of which costs.
+Offset most_alike(std::span<const double> left, std::span<const double> right, int most, double cost) {
+  const std::vector<double> a = logarithms(left);
+  const std::vector<double> b = logarithms(right);
+  Offset best;
+  double most_like = -2.0;
+  for (int lag = -most; lag <= most; ++lag) {
+    const double like = correlation(a, b, lag);
+    if (like - cost * std::abs(lag) <= most_like) continue;
+    most_like = like - cost * std::abs(lag);
+    best = {lag, like};
+  }
+  return best;
+}
+
 std::optional<Frames> moved(std::optional<Frames> frames, int by) {
   if (!frames) return frames;
   frames->from += by;
@@ -83,19 +98,15 @@ std::vector<std::array<std::size_t, 2>> pairs_of(std::span<const ClipLabels> cli
 Offset find_offset(std::span<const double> left, std::span<const double> right) {
   constexpr int kShare = 25;
   constexpr int kLeast = 2;
-  constexpr double kCost = 0.01;
-  const std::vector<double> a = logarithms(left);
-  const std::vector<double> b = logarithms(right);
-  const int most = std::max(kLeast, static_cast<int>(std::min(a.size(), b.size())) / kShare);
-  Offset best;
-  double most_like = -2.0;
-  for (int lag = -most; lag <= most; ++lag) {
-    const double like = correlation(a, b, lag);
-    if (like - kCost * std::abs(lag) <= most_like) continue;
-    most_like = like - kCost * std::abs(lag);
-    best = {lag, like};
-  }
-  return best;
+  const int most = static_cast<int>(std::min(left.size(), right.size())) / kShare;
+  return most_alike(left, right, std::max(kLeast, most), 0.01);
+}
+
+Offset find_far_offset(std::span<const double> left, std::span<const double> right) {
+  constexpr double kClearly = 0.15;
+  const Offset near = find_offset(left, right);
+  const Offset far = most_alike(left, right, static_cast<int>(std::min(left.size(), right.size())) / 2, 0.001);
+  return far.correlation >= near.correlation + kClearly ? far : near;
 }
 
 ClipLabels merged(const ClipLabels& left, const ClipLabels& right, int offset) {

@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "drivers/common/trouble.hpp"
+#include "toolchain/console/backlog.hpp"
 #include "toolchain/console/port.hpp"
 #include "toolchain/console/signals.hpp"
 #include "toolchain/mqtt/client.hpp"
@@ -67,7 +68,8 @@ class Board {
   [[nodiscard]] pollfd broker() const { return {client_.fd(), client_.events(), 0}; }
 
   void turn(short link, short broker, Now at) {
-    if (link != 0) read(at);
+    const bool old = backlog_.is_old(link != 0, at.steady_ms);
+    if (link != 0) read(at, old);
     if (!port_.is_open() && at.steady_ms >= next_open_ms_) open(at);
     telemetry_.tick(at);
     if (client_.turn(broker, at.steady_ms)) {
@@ -96,13 +98,13 @@ class Board {
     said_ = why;
   }
 
-  void read(Now at) {
+  void read(Now at, bool old) {
     std::array<std::uint8_t, 4096> bytes{};
     const int count = port_.read(bytes);
     if (count < 0) {
       port_.close();
     } else {
-      telemetry_.hear(std::span(bytes).first(static_cast<std::size_t>(count)), at);
+      telemetry_.hear(std::span(bytes).first(static_cast<std::size_t>(count)), at, old);
     }
   }
 
@@ -115,6 +117,7 @@ class Board {
   const Options& options_;
   std::string path_, said_;
   Port port_;
+  console_tool::Backlog backlog_;
   Client client_;
   fleet::Telemetry telemetry_;
   std::uint64_t next_open_ms_ = 0, next_counters_ms_ = 0;

@@ -24,13 +24,13 @@ std::string utc(std::int64_t unix_ms) {
 
 }  // namespace
 
-void Telemetry::hear(std::span<const std::uint8_t> bytes, Now now) {
+void Telemetry::hear(std::span<const std::uint8_t> bytes, Now now, bool old) {
   for (const std::uint8_t byte : bytes) {
     holdfast_status status{};
     switch (holdfast_link_push(&receiver_, byte)) {
       case HOLDFAST_KIND_STATUS:
         if (holdfast_link_status(&receiver_, &status) != 0) {
-          take(status, now);
+          take(status, now, old);
         } else {
           ++other_;
         }
@@ -49,19 +49,23 @@ void Telemetry::hear(std::span<const std::uint8_t> bytes, Now now) {
   tick(now);
 }
 
-void Telemetry::take(const holdfast_status& status, Now now) {
+void Telemetry::take(const holdfast_status& status, Now now, bool old) {
   const auto step = static_cast<std::uint16_t>(status.sequence - sequence_);
   if (frames_ > 0 && (step == 0 || step > kMostLost)) ++restarts_;
   if (frames_ > 0 && step > 1 && step <= kMostLost) lost_ += step - 1U;
   sequence_ = status.sequence;
   ++frames_;
-  heard_ms_ = now.steady_ms;
-  holdfast_grip_update(&grip_, &status, static_cast<std::uint32_t>(now.steady_ms));
+  if (old) {
+    grip_ = {};
+  } else {
+    heard_ms_ = now.steady_ms;
+    holdfast_grip_update(&grip_, &status, static_cast<std::uint32_t>(now.steady_ms));
+  }
   State next = now_is_;
   next.state = status.state;
   next.reason = status.reason;
   next.slip = (status.flags & HOLDFAST_FLAG_SLIP) != 0;
-  next.heard = true;
+  next.heard = next.heard || !old;
   next.confirmed = holdfast_grip_ok(&grip_, static_cast<std::uint32_t>(now.steady_ms)) != 0;
   if (next == now_is_) return;
   slips_ += next.slip && !now_is_.slip ? 1U : 0U;

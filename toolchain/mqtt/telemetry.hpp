@@ -25,7 +25,8 @@ class Telemetry {
   // `changed` gets the JSON of each state that differs from the one before.
   explicit Telemetry(std::function<void(std::string)> changed) : changed_(std::move(changed)) {}
 
-  void hear(std::span<const std::uint8_t> bytes, Now now);
+  // `old`: these bytes have waited (console/backlog.hpp). What they say is told and counted, and confirms nothing.
+  void hear(std::span<const std::uint8_t> bytes, Now now, bool old = false);
   // As often as the receiver's rule is to be looked at, also when nothing came.
   void tick(Now now);
 
@@ -39,7 +40,7 @@ class Telemetry {
     bool slip = false, confirmed = false, heard = false;
     friend bool operator==(const State&, const State&) = default;
   };
-  void take(const holdfast_status& status, Now now);
+  void take(const holdfast_status& status, Now now, bool old);
 
   std::function<void(std::string)> changed_;
   holdfast_receiver receiver_{};

@@ -24,6 +24,7 @@
 
 #include "drivers/common/input_file.hpp"
 #include "drivers/common/trouble.hpp"
+#include "toolchain/console/backlog.hpp"
 #include "toolchain/console/port.hpp"
 #include "toolchain/console/signals.hpp"
 #include "toolchain/log/mcap_reader.hpp"
@@ -40,6 +41,7 @@ using std::chrono::steady_clock, std::chrono::milliseconds;
 
 constexpr int kTurnMs = 5;
 constexpr std::uint16_t kUnknownAge = 65535;
+constexpr std::uint16_t kMostLost = 512;  // 20 s at 25 a second; more is another process that counts anew
 constexpr milliseconds kSilent{1000}, kDiagnoseEvery{1000}, kOpenEvery{1000};
 // An answer comes within a turn of the board; the same frame again within a second is executed once (LINK.md).
 constexpr milliseconds kAnswerWithin{100};
@@ -68,8 +70,10 @@ class Bridge {
   Bridge(Dds& dds, const Options& options) : dds_(dds), options_(options) {}
 
   void turn(bool readable) {
-    if (readable) read();
     const steady_clock::time_point at = steady_clock::now();
+    const auto ms = std::chrono::duration_cast<milliseconds>(at.time_since_epoch()).count();
+    const bool old = backlog_.is_old(readable, static_cast<std::uint64_t>(ms));
+    if (readable) read(old);
     if (!port_.is_open() && at >= open_at_) open(at);
     while (const auto command = dds_.take_command()) {
       if (waiting_.size() < kMostCommands) {
@@ -93,7 +97,7 @@ class Bridge {
     if (why.empty() && options_.console) (void)port_.write("\r\nwatch on\r\n");
   }
 
-  void read() {
+  void read(bool old) {
     std::array<std::uint8_t, 4096> bytes{};
     const int count = port_.read(bytes);
     if (count < 0) port_.close();
@@ -102,7 +106,7 @@ class Bridge {
       holdfast_answer answer{};
       switch (holdfast_link_push(&receiver_, bytes[static_cast<std::size_t>(i)])) {
         case HOLDFAST_KIND_STATUS:
-          if (holdfast_link_status(&receiver_, &status) != 0) take(status);
+          if (holdfast_link_status(&receiver_, &status) != 0) take(status, old);
           break;
         case HOLDFAST_KIND_ANSWER:
           holdfast_link_answer(&receiver_, &answer);
@@ -118,11 +122,13 @@ class Bridge {
     }
   }
 
-  void take(const holdfast_status& status) {
+  // `old`: counted, and not published, whose stamp would be of now.
+  void take(const holdfast_status& status, bool old) {
     const auto step = static_cast<std::uint16_t>(status.sequence - last_.sequence);
     log::FrameRecord record;
-    frame_ += frames_ > 0 ? step : 0U;
-    lost_ += frames_ > 0 && step > 1 ? step - 1U : 0U;
+    const bool follows = frames_ > 0 && step > 0 && step <= kMostLost;
+    frame_ += follows ? step : frames_ > 0 ? 1U : 0U;
+    lost_ += follows ? step - 1U : 0U;
     ++frames_;
     const std::chrono::microseconds age{status.age_100us == kUnknownAge ? 0 : std::int64_t{status.age_100us} * 100};
     record.header.stamp = stamp(std::chrono::system_clock::now().time_since_epoch() - age);
@@ -141,6 +147,10 @@ class Bridge {
     record.vy_mm_s = status.vy_um_s / 1000.0;
     record.entropy_nat = status.entropy_nat_q16 / 65536.0;
     record.entropy_rate_nat_s = status.entropy_rate_nat_s_q8 / 256.0;
+    if (old) {
+      last_ = status;
+      return;
+    }
     dds_.write(record);
     const bool news = frames_ == 1 || status.state != last_.state || status.reason != last_.reason;
     last_ = status;
@@ -190,6 +200,7 @@ class Bridge {
   Dds& dds_;
   const Options& options_;
   Port port_;
+  console_tool::Backlog backlog_;
   std::string said_;
   holdfast_receiver receiver_{};
   holdfast_status last_{};

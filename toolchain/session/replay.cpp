@@ -281,16 +281,24 @@ std::string play_right(const ReplayOptions& options, Right& right, std::string& 
   };
   text = fmt::format("Right finger: {}", options.right);
   right.offset = options.offset.value_or(0);
+  bool doubtful = false;
   if (!options.offset) {
     FingerTrack left;
     FingerTrack other;
     if (std::string error = play(options.input, options.reference, left, {}); !error.empty()) return error;
     if (std::string error = play(options.right, options.right_reference, other, {}); !error.empty()) return error;
-    const learn::Offset found = learn::find_offset(speeds_of(left.frames), speeds_of(other.frames));
+    const learn::Offset found = learn::find_far_offset(speeds_of(left.frames), speeds_of(other.frames));
     right.offset = found.frames;
     text += fmt::format(", placed by how the markers move (correlation {:.2f})", found.correlation);
+    doubtful = found.correlation < learn::kDoubtful;
   }
   text += fmt::format("; its frame {} is the left's frame {}", std::max(0, right.offset), std::max(0, -right.offset));
+  if (doubtful) {
+    text +=
+        ". That is doubtful: the markers of the two do not move alike. Likely cause: another grasp, or one in which "
+        "little "
+        "moves. Next: look for a frame that both show, and give --offset";
+  }
   std::vector<Opening> openings;
   if (std::string error = parse_openings(options.opening, openings); !error.empty()) return error;
   std::vector<std::string> opening;
