@@ -147,7 +147,8 @@ class Heard(unittest.TestCase):
         board.fields.update(state=2, reason=0, flags=2)
         board.sequence = (board.sequence - 5000) % 65536  # holdfastd starts anew
         self.until("all is well", lambda: last()["level"] == 0, board.say)
-        self.until("they are counted", lambda: int(last()["values"]["frames"]) > len(slips), board.say)
+        frames = int(last()["values"]["frames"])
+        self.until("they are counted", lambda: int(last()["values"]["frames"]) > frames, board.say)
         self.assertEqual(last()["values"]["lost"], "3")
 
     def test_commands_are_repeated_until_they_are_answered(self):
