@@ -37,7 +37,7 @@ constexpr auto kCheckpointMagic = std::bit_cast<std::array<std::uint8_t, 4>>(che
 // What --set refuses, for CLI11; empty: it was taken.
 std::string set(Params& params, const std::string& setting) {
   const std::size_t equals = setting.find('=');
-  if (equals == std::string::npos) return "'" + setting + "' is no name=value";
+  if (equals == std::string::npos) return "'" + setting + "' is not of the form NAME=VALUE";
   ParamProblem problem;
   if (parse(setting.substr(0, equals), setting.substr(equals + 1), params, &problem).ok()) return {};
   std::string text = "'" + setting + "': " + std::string(problem.rule);
@@ -220,7 +220,7 @@ std::string read_settings(Settings& settings) {
 std::string read_code(const std::filesystem::path& path, std::string& code) {
   constexpr std::size_t kShortest = 6, kLongest = 64;
   std::ifstream in;
-  if (!drivers::open_file(path, in)) return "the code " + path.string() + " is no file";
+  if (!drivers::open_file(path, in)) return "the code " + path.string() + " is not a regular file";
   if (!in || !std::getline(in, code)) return "cannot read the code from " + path.string();
   while (!code.empty() && (code.back() == '\r' || code.back() == ' ')) code.pop_back();
   const bool plain = std::all_of(code.begin(), code.end(), [](char c) { return c > ' ' && c < 0x7F; });

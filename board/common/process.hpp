@@ -72,7 +72,7 @@ struct Settings {
 void add_settings(CLI::App& cli, Settings& settings);
 // Of --empty-file, which all boards have (drivers/common/empty_mark.hpp).
 [[nodiscard]] inline const char* empty_file_help() {
-  return "make this file, and keep its time young, while frames are OK and nothing touches the gel";
+  return "make this file, and update its time, while frames are OK and nothing touches the gel";
 }
 // After the command line was parsed. Empty, or what is wrong.
 [[nodiscard]] std::string read_settings(Settings& settings);

@@ -261,8 +261,10 @@ std::optional<int> make(int argc, char** argv) {
   }
   cli.add_option("--code-file", options.code_file,
                  "the code that unlocks the console, one line; without it the console changes nothing");
-  cli.add_option("--ok-file", options.ok_file, "make this file once so many frames were OK, without a FAULT between:");
-  cli.add_option("--ok-frames", options.ok_frames)->check(CLI::PositiveNumber)->capture_default_str();
+  cli.add_option("--ok-file", options.ok_file, "make this file after --ok-frames OK frames in a row without a FAULT");
+  cli.add_option("--ok-frames", options.ok_frames, "frames for --ok-file")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   cli.add_option("--empty-file", options.empty_file, empty_file_help());
   add_settings(cli, options.settings);
   cli.add_flag("--lower", asked_to_lower,
@@ -292,7 +294,7 @@ std::optional<int> make(int argc, char** argv) {
                 "leave --backend away: v4l2 serves both");
   }
   if (!options.right.empty() && options.right == options.sensor) {
-    return fail(2, "--sensor and --right are the same sensor", "a serial was copied twice",
+    return fail(2, "--sensor and --right are the same sensor", "the same serial number was given twice",
                 "give each finger its own: holdfast doctor lists them");
   }
   appliance = std::make_unique<Appliance>(std::move(options));
@@ -303,7 +305,8 @@ std::optional<int> make(int argc, char** argv) {
   if (!appliance->empty_problem().empty()) say(appliance->empty_problem());
   // A page that was swapped out would cost more than a frame. Without the right to it (LimitMEMLOCK of the unit) it
   // goes on all the same: boards have no swap.
-  if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0) say("memory is not locked");
+  if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
+    say("cannot lock memory (mlockall): page faults may delay frames. Next: raise LimitMEMLOCK");
   heed_signals();
   return std::nullopt;
 }

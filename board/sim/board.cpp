@@ -224,7 +224,7 @@ class NamedPty {
   explicit NamedPty(std::filesystem::path name) : name_(std::move(name)) {
     std::error_code error;
     if (!pty_.opened()) {
-      problem_ = "no pseudo terminal is to be had";
+      problem_ = "cannot open a pseudo terminal";
       return;
     }
     // Of a run that was killed; another link is somebody's.

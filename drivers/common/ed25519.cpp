@@ -21,7 +21,7 @@ bool Ed25519::do_holds(std::span<const std::uint8_t> message,
 
 std::string read_public_key(const std::filesystem::path& path, Ed25519::Key& key) {
   std::ifstream in;
-  if (!open_file(path, in)) return "the owner's key " + path.string() + " is no file";
+  if (!open_file(path, in)) return "the owner's key " + path.string() + " is not a regular file";
   std::string line;
   if (!in || !std::getline(in, line)) return "cannot read the owner's key from " + path.string();
   while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
@@ -30,7 +30,7 @@ std::string read_public_key(const std::filesystem::path& path, Ed25519::Key& key
                    sodium_hex2bin(key.data(), key.size(), line.data(), line.size(), nullptr, &size, nullptr) == 0;
   if (!hex || size != key.size()) return "the owner's key in " + path.string() + " is not 64 hex digits in one line";
   if (crypto_core_ed25519_is_valid_point(key.data()) != 1) {
-    return "the owner's key in " + path.string() + " is no Ed25519 key";
+    return "the owner's key in " + path.string() + " is not an Ed25519 public key";
   }
   return {};
 }

@@ -25,7 +25,7 @@ namespace holdfast::drivers {
 [[nodiscard]] inline std::string open_file(const std::filesystem::path& path, std::string_view next,
                                            std::ifstream& in) {
   if (open_file(path, in)) return {};
-  return trouble(path.string() + ": is no file", "a folder, a device or a pipe was given", next);
+  return trouble(path.string() + ": is not a regular file", "a folder, a device or a pipe was given", next);
 }
 
 }  // namespace holdfast::drivers

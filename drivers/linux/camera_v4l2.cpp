@@ -62,17 +62,17 @@ bool V4l2Camera::open_node() {
   fd_ = kernel_.open(sensor_.node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (fd_ < 0) {
     const bool rights = errno == EACCES || errno == EPERM;
-    return fail("cannot be opened", rights ? "no right to it" : "it is just being unplugged",
+    return fail("cannot be opened", rights ? "no right to it" : "the sensor is being unplugged",
                 rights ? "add the user to the group video" : "plug it in again");
   }
   v4l2_capability capability{};
   if (kernel_.ioctl(fd_, VIDIOC_QUERYCAP, &capability) == -1) {
-    return fail("is no camera", "another device under this name", "holdfast devices lists what is there");
+    return fail("is not a V4L2 device", "another device under this name", "holdfast devices lists what is there");
   }
   constexpr std::uint32_t kNeeded = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
   if ((capability.device_caps & kNeeded) != kNeeded) {
     errno = ENOTSUP;
-    return fail("gives no pictures", "it is the metadata node", "holdfast devices lists what is there");
+    return fail("does not capture video", "it is the metadata node", "holdfast devices lists what is there");
   }
   return true;
 }
@@ -123,7 +123,7 @@ bool V4l2Camera::map_buffers() {
     buffer.memory = V4L2_MEMORY_MMAP;
     buffer.index = static_cast<std::uint32_t>(i);
     if (kernel_.ioctl(fd_, VIDIOC_QUERYBUF, &buffer) == -1) {
-      return fail("tells nothing of a buffer", "it is just being unplugged", "plug the sensor in again");
+      return fail("does not describe its buffers", "the sensor is being unplugged", "plug the sensor in again");
     }
     void* const memory = kernel_.map(fd_, buffer.length, static_cast<off_t>(buffer.m.offset));
     if (memory == MAP_FAILED) {

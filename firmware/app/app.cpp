@@ -63,7 +63,7 @@ Status App::start(const Params& params, bool auto_size) {
     finger->last_rejection = Reason::kNone;
     finger->health = {};
     finger->inputs = {};
-    other_stream(*finger);
+    reset_stream(*finger);
     finger->waiting_since = devices_.clock.now();
     const Reason its = camera_keeper::start(finger->keeper, finger->keeping, finger->camera, finger->waiting_since);
     if (why == Reason::kNone) why = its;
@@ -72,11 +72,11 @@ Status App::start(const Params& params, bool auto_size) {
 }
 
 // Another stream may count its time and its pictures from another start.
-void App::other_stream(Finger& finger) {
+void App::reset_stream(Finger& finger) {
   health::restart(finger.health);
   freshness::restart(finger.state.freshness);
   finger.state.any_frame = false;
-  finger.untold = contact::Event::kNone;
+  finger.pending_event = contact::Event::kNone;
 }
 
 void App::configure(const Params& params) {
@@ -84,7 +84,7 @@ void App::configure(const Params& params) {
   config_.one_may_be_lost = params.lost_finger != 0;
   config_.oldest_frame = lines_config_.oldest_frame;
   if (fingers() > 1) config_.supervisor.hold -= kHandMargin;
-  tells_fingers_ = fingers() > 1 && params.status_version == 2;
+  status_v2_ = fingers() > 1 && params.status_version == 2;
   left_.keeping.sensor = params.left_sensor;
   if (devices_.right != nullptr) devices_.right->keeping.sensor = params.right_sensor;
   const bool live = std::ranges::all_of(each(), [](const Finger* finger) { return finger->camera.live(); });
@@ -171,24 +171,24 @@ App::Polled App::poll(int finger, Micros wait) {
     const bool any = std::ranges::any_of(each(), [](const Finger* one) { return one->keeper.streaming; });
     if (!any) devices_.clock.wait(wait);
     if (devices_.clock.now() - its.waiting_since < kFrameWait) return Polled::kWaiting;
-    nothing_came(finger, its.keeper.why);
+    handle_no_frame(finger, its.keeper.why);
     return Polled::kSignalled;
   }
   hal::Frame frame;
   switch (its.camera.next(frame, wait)) {
     case hal::Capture::kFrame:
       arrived_ = devices_.clock.now();
-      take(its, frame);
+      process_frame(its, frame);
       its.camera.release(frame);
-      conclude(finger);
+      finish_frame(finger);
       time_frame(its);
       return Polled::kSignalled;
     case hal::Capture::kBad:
-      nothing_came(finger, Reason::kJpegDamaged);
+      handle_no_frame(finger, Reason::kJpegDamaged);
       return Polled::kSignalled;
     case hal::Capture::kGone:
       camera_keeper::lost(its.keeper, Reason::kCameraGone, its.keeping.first_retry, devices_.clock.now());
-      nothing_came(finger, Reason::kCameraGone);
+      handle_no_frame(finger, Reason::kCameraGone);
       return Polled::kGone;
     case hal::Capture::kTimeout:
       break;
@@ -198,7 +198,7 @@ App::Polled App::poll(int finger, Micros wait) {
   const bool overdue = supervisor.any_accepted && supervisor.device != DeviceState::kFault &&
                        supervisor::is_silent(supervisor, config_.supervisor, now);
   if (!overdue && now - its.waiting_since < kFrameWait) return Polled::kWaiting;
-  nothing_came(finger, Reason::kNoFrame);
+  handle_no_frame(finger, Reason::kNoFrame);
   return Polled::kSignalled;
 }
 
@@ -208,15 +208,15 @@ void App::time_frame(Finger& finger) {
   if (finger.result.quality.ok()) finger.state.stopwatch.add(Task::kAge, now - finger.result.timestamp);
 }
 
-// Frames that were refused say more than the silence after them.
-void App::nothing_came(int finger, Reason why) {
+// Behind a refused frame its reason says more than the silence after it.
+void App::handle_no_frame(int finger, Reason why) {
   Finger& its = of(finger);
   if (why == Reason::kNoFrame && its.last_rejection != Reason::kNone) why = its.last_rejection;
   if (why != Reason::kNoFrame) its.last_rejection = why;
   its.result.quality = {why};
   report_hang();
   decide(finger);
-  tell();
+  send_status();
 }
 
 bool App::keep_camera(int finger) {
@@ -224,9 +224,9 @@ bool App::keep_camera(int finger) {
   Finger& its = of(finger);
   const Kept kept = camera_keeper::keep(its.keeper, its.keeping, its.camera, devices_.clock);
   if (kept == Kept::kAsItWas) return false;
-  other_stream(its);
+  reset_stream(its);
   const bool due = devices_.clock.now() - its.waiting_since >= kFrameWait;
-  if (kept == Kept::kFailed && due) nothing_came(finger, its.keeper.why);
+  if (kept == Kept::kFailed && due) handle_no_frame(finger, its.keeper.why);
   return kept == Kept::kCame;
 }
 
@@ -250,7 +250,7 @@ void App::report(supervisor::Source source, Reason reason) {
 void App::report_hang() {
   if (!outputs::lowered_meanwhile(lines_, watchdog_)) return;
   outputs_ = fail(Reason::kCaptureHung);
-  tell();
+  send_status();
 }
 
 // Until frames say otherwise, whatever each finger sees.
@@ -281,43 +281,43 @@ bool App::is_stale(const Finger& finger) const {
   return outputs::is_stale(lines_config_, finger.result.timestamp, devices_.clock.now());
 }
 
-// A frame that tells of long ago confirms nothing, nor does one that may; one from the future would lock out all
-// that follow it. Range: any stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
-void App::take(Finger& finger, const hal::Frame& frame) {
+// A stale frame confirms nothing, nor does one without a stamp; one from the future would make all that follow look
+// old. Range: any stamp; where no clock can be (2^62 us) it is cut, so that differences to it fit.
+void App::process_frame(Finger& finger, const hal::Frame& frame) {
   constexpr Micros kFarthest{std::int64_t{1} << 62};
   const Micros timestamp = std::clamp(frame.timestamp, -kFarthest, kFarthest);
   const Micros age = devices_.clock.now() - timestamp;
-  const Status news = finger.camera.live() && !frame.stamped ? Status{Reason::kFrameUnstamped}
-                      : age > lines_config_.oldest_frame     ? Status{Reason::kFrameStale}
-                      : age < -kClockSlack                   ? Status{Reason::kTimeNotForward}
-                                                             : kOkStatus;
-  if (news.ok()) {
+  const Status stamp = finger.camera.live() && !frame.stamped ? Status{Reason::kFrameUnstamped}
+                       : age > lines_config_.oldest_frame     ? Status{Reason::kFrameStale}
+                       : age < -kClockSlack                   ? Status{Reason::kTimeNotForward}
+                                                              : kOkStatus;
+  if (stamp.ok()) {
     finger.result = pipeline::update(finger.state, config_.pipeline, devices_.jpeg, frame);
     if (!finger.result.quality.ok()) return;
     // An event of the contact happens once: what a frame saw that was decided too late is told with the next one.
     contact::Event& event = finger.result.contact.event;
-    if (event == contact::Event::kNone) event = finger.untold;
+    if (event == contact::Event::kNone) event = finger.pending_event;
     const bool too_late = is_stale(finger);
-    finger.untold = too_late ? event : contact::Event::kNone;
+    finger.pending_event = too_late ? event : contact::Event::kNone;
     if (too_late) finger.result.quality = {Reason::kFrameStale};
   } else {
     finger.result.timestamp = timestamp;
     finger.result.sequence = frame.sequence;
-    finger.result.quality = news;
+    finger.result.quality = stamp;
   }
 }
 
 void App::step_markers(const MarkerField& field, Micros timestamp, std::uint32_t sequence) {
   left_.result = pipeline::update_markers(left_.state, config_.pipeline, field, timestamp, sequence);
-  conclude(0);
+  finish_frame(0);
 }
 
 void App::step_features(const Features& features, GridSize grid, Micros timestamp, std::uint32_t sequence) {
   left_.result = pipeline::update_features(left_.state, config_.pipeline, features, grid, timestamp, sequence);
-  conclude(0);
+  finish_frame(0);
 }
 
-void App::conclude(int finger) {
+void App::finish_frame(int finger) {
   Finger& its = of(finger);
   report_hang();
   its.last_rejection = its.result.quality.reason;
@@ -331,7 +331,7 @@ void App::conclude(int finger) {
   its.inputs.of(supervisor::Source::kCameraSettings) = its.camera.steady() ? Reason::kNone : Reason::kCameraControls;
   its.state.stopwatch.begin();
   decide(finger);
-  tell();
+  send_status();
   its.state.stopwatch.lap(Task::kSignal);
 }
 
@@ -370,7 +370,7 @@ void App::signal(const supervisor::Outputs& outputs, Micros timestamp) {
 }
 
 // The hand's state; of pictures the left finger's, also when the right one's frame was decided.
-void App::tell() {
+void App::send_status() {
   const pipeline::Result& result = left_.result;
   status_frame::StatusFrame frame{};
   frame.sequence = report_sequence_;
@@ -390,8 +390,8 @@ void App::tell() {
     frame.entropy_nat_q16 = result.features.entropy.raw();
     frame.entropy_rate_nat_s_q8 = result.features.entropy_rate.raw();
   }
-  if (tells_fingers_) tell_fingers(frame);
-  told_ = frame;
+  if (status_v2_) add_finger_bits(frame);
+  last_status_ = frame;
   if (frame.state == DeviceState::kFault) {
     ok_frames_ = 0;
   } else if (frame.state == DeviceState::kOk && outputs_.accepted) {
@@ -402,7 +402,7 @@ void App::tell() {
   if (!devices_.link.write(std::span(wire).first(size))) count_up(link_refused_);
 }
 
-void App::tell_fingers(status_frame::StatusFrame& frame) const {
+void App::add_finger_bits(status_frame::StatusFrame& frame) const {
   for (int i = 0; i < fingers(); ++i) {
     const auto bit = static_cast<std::uint8_t>(1U << i);
     const DeviceState state = fingers::condition_of(hand_, config_, i, devices_.clock.now()).state;

@@ -43,8 +43,8 @@ struct Finger {
   camera_keeper::Config keeping{};
   camera_keeper::State keeper{};
   Micros waiting_since{};
-  Reason last_rejection = Reason::kNone;          // of the frame seen last
-  contact::Event untold = contact::Event::kNone;  // of a frame that was decided too late to be told
+  Reason last_rejection = Reason::kNone;                 // of the frame seen last
+  contact::Event pending_event = contact::Event::kNone;  // of a frame that was decided too late
 };
 
 // What a board provides. All references outlive the App.
@@ -132,7 +132,7 @@ class App {
   [[nodiscard]] int latest() const { return latest_; }
   [[nodiscard]] bool accepted() const { return of(latest_).result.quality.ok(); }
   [[nodiscard]] const pipeline::Result& result(int finger = 0) const { return of(finger).result; }
-  // What the lines say, for all fingers. `accepted`: ALIVE has changed.
+  // What the lines say, for all fingers. `accepted`: a frame was, and ALIVE has changed unless a line failed.
   [[nodiscard]] const supervisor::Outputs& outputs() const { return outputs_; }
   [[nodiscard]] const pipeline::State& state(int finger = 0) const { return of(finger).state; }
   // The loaded model that decides; null: the one that is compiled in does.
@@ -147,7 +147,7 @@ class App {
     const auto empty = [](const Finger* finger) {
       return finger->result.quality.ok() && finger->result.contact.judged && !finger->result.contact.touching;
     };
-    return accepted() && told_.state == DeviceState::kOk && std::ranges::all_of(each(), empty);
+    return accepted() && last_status_.state == DeviceState::kOk && std::ranges::all_of(each(), empty);
   }
   [[nodiscard]] std::uint32_t link_refused() const { return link_refused_; }
   [[nodiscard]] const supervisor::State& supervisor(int finger = 0) const { return hand_.supervisors[idx(finger)]; }
@@ -156,7 +156,7 @@ class App {
   // Which sensor was stored for this finger (camera_keeper::number_of); 0: any.
   [[nodiscard]] std::int32_t expected(int finger) const { return of(finger).keeping.sensor; }
   // The status frame that was sent last.
-  [[nodiscard]] const status_frame::StatusFrame& told() const { return told_; }
+  [[nodiscard]] const status_frame::StatusFrame& last_status() const { return last_status_; }
   [[nodiscard]] timing::Stopwatch& stopwatch(int finger = 0) { return of(finger).state.stopwatch; }
   // For a thread of its own (app/watchdog.hpp).
   [[nodiscard]] OutputWatchdog& watchdog() { return watchdog_; }
@@ -178,17 +178,17 @@ class App {
   // Those that there are.
   [[nodiscard]] std::span<Finger* const> each() const { return std::span(all_).first(idx(fingers())); }
   [[nodiscard]] Polled poll(int finger, Micros wait);
-  void take(Finger& finger, const hal::Frame& frame);
-  void conclude(int finger);
+  void process_frame(Finger& finger, const hal::Frame& frame);
+  void finish_frame(int finger);
   void decide(int finger);
-  void nothing_came(int finger, Reason why);
-  static void other_stream(Finger& finger);
+  void handle_no_frame(int finger, Reason why);
+  static void reset_stream(Finger& finger);
   [[nodiscard]] bool is_stale(const Finger& finger) const;
   void report_hang();
   [[nodiscard]] supervisor::Outputs fail(Reason why);
   void signal(const supervisor::Outputs& outputs, Micros timestamp);
-  void tell();
-  void tell_fingers(status_frame::StatusFrame& frame) const;
+  void send_status();
+  void add_finger_bits(status_frame::StatusFrame& frame) const;
   void configure(const Params& params);
   void forget_slip();
   void time_frame(Finger& finger);
@@ -208,10 +208,10 @@ class App {
   std::uint64_t ok_frames_ = 0;
   Micros arrived_{};  // the frame that is worked on
   supervisor::Outputs outputs_{};
-  bool tells_fingers_ = false;  // status frames of version 2
+  bool status_v2_ = false;  // status frames of version 2
   bool auto_size_ = false;
   std::uint16_t report_sequence_ = 0;
-  status_frame::StatusFrame told_{};
+  status_frame::StatusFrame last_status_{};
   std::uint32_t link_refused_ = 0;  // status frames that the serial line did not take
 };
 

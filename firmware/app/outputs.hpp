@@ -56,8 +56,8 @@ struct Wanted {
 // The watchdog has lowered GRIP_OK since the last call of this. Ask before update().
 [[nodiscard]] bool lowered_meanwhile(State& state, const OutputWatchdog& watchdog);
 
-// Drives the lines. kNone: they say what was wanted. kFrameStale, kGpioFailed: GRIP_OK was told LOW instead, and the
-// device is at fault.
+// Drives the lines. kNone: both took the level that was wanted. kFrameStale, kGpioFailed: GRIP_OK was driven LOW
+// instead, and the device is at fault.
 [[nodiscard]] Reason update(State& state, const Config& config, hal::Gpio& gpio, const hal::Clock& clock,
                             OutputWatchdog& watchdog, const Wanted& wanted);
 

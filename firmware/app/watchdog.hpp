@@ -17,7 +17,7 @@ namespace holdfast {
 
 class OutputWatchdog {
  public:
-  // The supervisor acts at 150 ms and a receiver at the age of ALIVE; who is still silent then does not run.
+  // The supervisor acts at 150 ms and a receiver at the age of ALIVE; a thread that is silent for longer hangs.
   static constexpr Micros kHold{200'000};
   static constexpr Micros kPeriod{10'000};  // how often watch() is to be called
 

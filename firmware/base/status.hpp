@@ -108,7 +108,7 @@ inline constexpr std::array<ReasonInfo, 50> kReasons{{
     {Reason::kCaptureHung, "capture_hung", "the output watchdog found no accepted frame in time",
      "the thread that reads the camera hangs in the driver, or the board is overloaded",
      "restart holdfastd if it does not recover; give the sensor a USB port of its own"},
-    {Reason::kCameraWrong, "camera_wrong", "another camera answers than the one at the start",
+    {Reason::kCameraWrong, "camera_wrong", "a different sensor is connected than at the start",
      "a second sensor, or one that looks alike, was plugged in",
      "plug the first sensor in again, or restart holdfastd"},
     {Reason::kTooFewDots, "too_few_dots", "too few dark dots in the picture",
@@ -166,12 +166,13 @@ inline constexpr std::array<ReasonInfo, 50> kReasons{{
      "the camera's exposure settles after its start, or follows the picture",
      "keep the gel empty and wait; if it stays, set manual exposure and check the sensor's light"},
     {Reason::kReferenceLoaded, "reference_loaded",
-     "the lattice of the markers is bent: it was not taken for the rest position",
+     "the lattice of the markers is bent: it was refused as rest position",
      "something pressed on the gel while its rest position was being learned",
      "open the gripper and wait; if the gel is empty all the same, send TARE once more"},
     {Reason::kConfig, "config", "settings or the model are lost, damaged or out of range",
      "the power was cut while they were written, the card wears, or they are of another version or another owner",
-     "say stored at the console: it shows each record; then load or save them again, or say stored accept; with an "
+     "give `stored` at the console: it shows each record; then load or save them again, or give `stored accept`; with "
+     "an "
      "owner, load what the owner signed"},
     {Reason::kModel, "model", "the slip model does not fit", "built for another feature set",
      "compile the model again for this firmware"},

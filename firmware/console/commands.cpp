@@ -167,7 +167,7 @@ void sequence(Page& page, std::string_view name, std::uint32_t number) {
   }
 }
 
-// A line that another program of the board left; what no key of text makes is shown as a question mark.
+// A line that another program of the board left; a byte that is not text is shown as a question mark.
 void note(Console& console, std::string_view name, hal::Notes::Of of) {
   Page& page = console.page();
   std::array<char, hal::Notes::kMostBytes> room{};
@@ -468,7 +468,7 @@ constexpr std::array<DeviceRow, 4> kDevices{{
        page.cell(failed ? "no" : "yes");
        Text<80> more;
        more << "GRIP_OK " << (console.daemon().app().outputs().grip_ok ? "HIGH" : "LOW") << ", ALIVE "
-            << (console.daemon().app().told().alive ? "HIGH" : "LOW");
+            << (console.daemon().app().last_status().alive ? "HIGH" : "LOW");
        for (const auto& [input, name] :
             std::array<std::pair<hal::Input, std::string_view>, 4>{{{hal::Input::kTare, "TARE"},
                                                                     {hal::Input::kOpening, "OPENING"},
@@ -1110,7 +1110,7 @@ Answer fault(Console& console, const Words& words, std::int32_t step) {
 }
 
 constexpr std::array<CommandInfo, 26> kCommands{{
-    {"help", "[COMMAND|PARAMETER] [json]", "what can be said, or one thing in detail", false, help},
+    {"help", "[COMMAND|PARAMETER] [json]", "lists the commands, or shows one thing in detail", false, help},
     {"version", "[json]", "firmware, release, last update, board, model", false, version},
     {"status", "[json]", "state, reason, age, rate, markers, last slip", false, status},
     {"tasks", "[clear] [json]", "start, and each stage: p50, p99.9, longest, late", false, tasks},

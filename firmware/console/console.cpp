@@ -414,7 +414,7 @@ void Console::say_state() {
 
 void Console::stream(Stream stream) {
   stream_ = stream;
-  seen_ = daemon_.app().told().sequence;
+  seen_ = daemon_.app().last_status().sequence;
   rest_known_ = false;
   pictures_ = 0;
   screen_at_ = clock_.now();
@@ -422,7 +422,7 @@ void Console::stream(Stream stream) {
 
 void Console::telemetry() {
   if (stream_ == Stream::kNone || !idle() || !out_.at_line_start()) return;
-  const status_frame::StatusFrame& told = daemon_.app().told();
+  const status_frame::StatusFrame& told = daemon_.app().last_status();
   if (told.sequence == seen_) return;
   if (stream_ == Stream::kScreen && clock_.now() - screen_at_ < kScreenEvery) return;
   seen_ = told.sequence;
@@ -494,7 +494,7 @@ void Console::send_frame(std::span<const std::uint8_t> wire) {
 
 void Console::trace_line() {
   if (out_.room() < kStepBytes) return count_up(frames_lost_);
-  const status_frame::StatusFrame& told = daemon_.app().told();
+  const status_frame::StatusFrame& told = daemon_.app().last_status();
   out_.decimal((clock_.now() - started_).count(), 1'000'000, 3);
   out_.put(" s  ");
   out_.put(holdfast::info(told.state).name);

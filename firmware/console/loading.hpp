@@ -16,7 +16,7 @@ namespace holdfast::console {
 
 class Loading {
  public:
-  static constexpr std::size_t kMostBytes = models::kMostBytes;  // 5.7 kB, the longest of all kinds
+  static constexpr std::size_t kMostBytes = models::kMostBytes;  // 5.4 kB, the longest of all kinds
   static_assert(kMostBytes >= settings::kMostBytes);
 
   void begin(sealed::Kind kind) {

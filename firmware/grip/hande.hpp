@@ -101,7 +101,7 @@ struct Feedback {
   std::uint8_t echo = 0;  // of the position wanted
   std::uint8_t current_10ma = 0;
   std::uint8_t fault = 0;               // gFLT
-  Reason fault_reason = Reason::kNone;  // the gravest of what is the matter
+  Reason fault_reason = Reason::kNone;  // of several faults the gravest
   bool latched = false;                 // goes away by Wanted::reactivate only
   bool holding = false;
   bool lost = false;  // was held, and the fingers closed further; until they open or hold again

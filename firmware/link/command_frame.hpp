@@ -69,7 +69,7 @@ inline constexpr std::array<ResultInfo, 7> kResults{{
     {Outcome::kDone, "done", "taken; what comes of it is in the status frames", "-", "-"},
     {Outcome::kTouching, "touching", "refused: something touches the gel", "the object is still between the fingers",
      "open the gripper, or send TARE with argument 1"},
-    {Outcome::kState, "state", "refused: not in this state, or no gripper is set up", "the parameter `gripper` is 0",
+    {Outcome::kState, "state", "refused: no gripper is set up", "the parameter `gripper` is 0",
      "set it to the gripper that is wired, and restart"},
     {Outcome::kUnknown, "unknown", "refused: this firmware does not know the command", "a newer sender",
      "update the firmware"},

@@ -221,7 +221,8 @@ constexpr Status validate(const Params& params, ParamProblem* problem = nullptr)
     return refuse(problem, find_param("right_sensor"), "the same sensor as left_sensor");
   }
   if (params.grid_rows * params.grid_cols > kMaxMarkers) {
-    return refuse(problem, find_param("grid_cols"), "times grid_rows is more than the 128 markers of the fixed memory");
+    return refuse(problem, find_param("grid_cols"),
+                  "too large: times grid_rows it exceeds the 128 markers of the fixed memory");
   }
   return kOkStatus;
 }

@@ -118,7 +118,7 @@ inline constexpr auto kRefusals = std::to_array<RefusalInfo>({
     {Refusal::kTwoParents, "a node is the child of two nodes", kByHand, kCompileAgain},
     {Refusal::kUnreachable, "no path leads to some node", kByHand, kCompileAgain},
     {Refusal::kTooDeep, "the tree is too deep", kByHand, kCompileAgain},
-    {Refusal::kOneWay, "a predicate can go one way only", kByHand, kCompileAgain},
+    {Refusal::kOneWay, "a split is always true or always false", kByHand, kCompileAgain},
     {Refusal::kOneVerdict, "the tree has one answer only", kByHand, kCompileAgain},
 });
 

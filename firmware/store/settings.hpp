@@ -64,8 +64,8 @@ inline constexpr std::array<FoundInfo, 6> kFound{{
   return kFound[static_cast<std::size_t>(found)];
 }
 
-// Values that somebody stored do not count now: the device may not say that all is fine (App::hold) until somebody who
-// may change them has said what counts.
+// Values that somebody stored do not count now: the device may not say that all is fine (App::report) until somebody
+// who may change them has said what counts.
 [[nodiscard]] constexpr bool lost(Found found) {
   return found == Found::kPartly || found == Found::kEither || found == Found::kLost;
 }

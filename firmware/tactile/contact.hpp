@@ -2,8 +2,8 @@
 // Whether anything touches the gel: from the relief in the picture between the dots (imprint.hpp), and from dots that
 // left their rest position. Slip is never raised without contact, and losing it is an event of its own.
 //
-// Two witnesses, because each is blind to something: a smooth flat object presses no relief, a light one moves no dot.
-// Either is enough to begin, both must fall silent for the contact to end, and for longer: at the end of a grip the
+// Two detectors, because each misses a class of objects: a smooth flat object presses no relief, a light one moves no
+// dot. Either is enough to begin, neither may see it for the contact to end, and for longer: at the end of a grip the
 // gel creeps back. The dots alone cannot tell: on the recordings the third largest displacement of the empty gel is
 // below 35 um in 99 of 100 frames, but below 70 in half of the held ones and below 42 in one of twenty that slip. So
 // there is a gate only where there is a picture.
@@ -24,8 +24,8 @@ struct Config {
   std::int32_t end_patches = 3;  // fewer
   std::int32_t begin_um = 80;    // third largest displacement
   std::int32_t end_um = 60;
-  Micros begin_after{40'000};   // so long one of the witnesses must have spoken,
-  Micros end_after{120'000};    // so long both must have been silent
+  Micros begin_after{40'000};   // so long one of the detectors must have seen it,
+  Micros end_after{120'000};    // so long neither
   Micros empty_after{500'000};  // and so long before the gel is taken for empty
 };
 
@@ -34,10 +34,10 @@ enum class Event : std::uint8_t { kNone, kTouched, kLost, kReleased };
 
 struct State {
   bool touching = false;
-  bool known = false;  // a frame came before
-  Micros since{};      // the witnesses say since then what they say now
-  bool spoke = false;  // what they said last
-  bool empty = false;  // nothing has touched the gel for so long that its picture may be learned
+  bool known = false;     // a frame came before
+  Micros since{};         // they have agreed with `detected` since then
+  bool detected = false;  // by either detector, in the last frame
+  bool empty = false;     // nothing has touched the gel for so long that its picture may be learned
 };
 
 struct Contact {
@@ -78,27 +78,27 @@ inline void forget(State& state) {
 // having lasted: a gripper that holds something when the sensor starts is in contact at once.
 [[nodiscard]] inline Contact update(State& state, const Config& config, const DisplacementField& field, Count patches,
                                     bool opening, Micros now) {
-  const bool speaks = state.touching ? patches.raw() >= config.end_patches || displaced(field, config.end_um)
-                                     : patches.raw() >= config.begin_patches || displaced(field, config.begin_um);
+  const bool detected = state.touching ? patches.raw() >= config.end_patches || displaced(field, config.end_um)
+                                       : patches.raw() >= config.begin_patches || displaced(field, config.begin_um);
   Contact out;
-  if (!state.known || speaks != state.spoke) {
+  if (!state.known || detected != state.detected) {
     state.since = state.known ? now : now - config.empty_after;
     state.known = true;
-    state.spoke = speaks;
+    state.detected = detected;
   }
   state.since = std::min(state.since, now);  // where the clock stepped back
   const Micros lasted = now - state.since;
-  if (speaks && !state.touching && lasted >= config.begin_after) {
+  if (detected && !state.touching && lasted >= config.begin_after) {
     state.touching = true;
     out.event = Event::kTouched;
-  } else if (!speaks && state.touching && lasted >= config.end_after) {
+  } else if (!detected && state.touching && lasted >= config.end_after) {
     state.touching = false;
     state.since = now;
     out.event = opening ? Event::kReleased : Event::kLost;
   }
   out.judged = true;
   out.touching = state.touching;
-  state.empty = !state.touching && !speaks && lasted >= config.empty_after;
+  state.empty = !state.touching && !detected && lasted >= config.empty_after;
   return out;
 }
 

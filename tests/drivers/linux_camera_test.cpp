@@ -207,10 +207,10 @@ TEST(LinuxCamera, SaysWhyItDoesNotStart) {
   kernel.refusals["/dev/video0"] = ENOENT;
   fails("just being unplugged");
   device->caps = V4L2_CAP_META_CAPTURE;
-  fails("gives no pictures");
+  fails("does not capture video");
   device->caps = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
   kernel.refused[VIDIOC_QUERYCAP] = ENOTTY;
-  fails("is no camera");
+  fails("is not a V4L2 device");
   kernel.refused[VIDIOC_S_FMT] = EBUSY;
   fails("another program has it open");
   device->width = 640, device->height = 480;
@@ -222,7 +222,7 @@ TEST(LinuxCamera, SaysWhyItDoesNotStart) {
   fails("gives no buffers");
   device->most_buffers = 32;
   kernel.refused[VIDIOC_QUERYBUF] = ENODEV;
-  fails("tells nothing of a buffer");
+  fails("does not describe its buffers");
   kernel.refused[VIDIOC_QBUF] = EIO;
   fails("a buffer is refused");
   kernel.refused[VIDIOC_STREAMON] = EIO;

@@ -110,7 +110,7 @@ TEST(ReplayReference, AContactThatEndsIsLostUnlessSomebodyOpens) {
   LONGS_EQUAL(0, count(opened, "contact_lost"));
   CHECK(count(opened, "opening") > 0);
   // Longer than opening_max_ms it ends by itself, as on the device: 400 ms are the frames 12 to 21.
-  std::ofstream(dir / "short.toml") << "opening_max_ms = 400\n";
+  std::ofstream(dir / "short.toml") << "opening_max_ms = 400\nleft_sensor = 7\n";  // of a device; no recording says so
   const Finished held = run({"replay", in("e.mcap"), "--features", in("f.csv"), "--opening", "12-20", "--opening",
                              "21-49", "--settings", in("short.toml")});
   CHECK_TRUE(held.status == 0);

@@ -370,7 +370,7 @@ TEST(Tool, RefusesAReferenceThatIsNone) {
   }
   refuse("", "--reference", "empty");
   refuse(in("absent.png"), in("absent.png"), "no such file");
-  refuse(dir.path().string(), dir.path().string(), "is no file. Likely cause: a folder,");
+  refuse(dir.path().string(), dir.path().string(), "is not a regular file. Likely cause: a folder,");
   refuse(in("gel.avi"), in("gel.avi"), "not an image");
   const auto image = [&](const char* name, const cv::Mat& picture) {
     test::write_picture(in(name), picture);
@@ -416,7 +416,7 @@ TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
     refused({"replay", in("gel"), "--model", path}, path, said);
   };
   refuse(in("absent.tree"), "no such file");
-  refuse(in("gel"), "is no file. Likely cause: a folder,");
+  refuse(in("gel"), "is not a regular file. Likely cause: a folder,");
   write_file(dir / "m.tree", "");
   refuse(in("m.tree"), "has 0 bytes");
   write_file(dir / "m.tree", model.substr(0, model.size() - 20));

@@ -588,7 +588,7 @@ TEST(SceneFile, ReadsFiles) {
   test::write_file(folder / "slip.json", kSlip);
   CHECK(read_scene_file(folder / "slip.json").scene.has_value());
   CHECK(tells(read_scene_file(folder / "none.json").errors, "none.json: cannot be read. Likely cause: No such file"));
-  CHECK(tells(read_scene_file(folder.path()).errors, "is no file"));
+  CHECK(tells(read_scene_file(folder.path()).errors, "is not a regular file"));
   test::write_file(folder / "long.json", std::string(kMostSceneBytes + 5, ' '));
   CHECK(tells(read_scene_file(folder / "long.json").errors, "long.json:1: too long"));
 }

@@ -196,7 +196,8 @@ TEST(Train, RefusesDamagedData) {
   out_of_range.insert(out_of_range.size() - 1, "99999999");
   refuses(out_of_range, "bad.csv:621: ");
   check_fails({at("none.csv"), "--set", "paper", "--model", at("m.tree")}, "none.csv:1: cannot be read");
-  check_fails({dir.path().string(), "--set", "paper", "--model", at("m.tree")}, "is no file. Likely cause: a folder,");
+  check_fails({dir.path().string(), "--set", "paper", "--model", at("m.tree")},
+              "is not a regular file. Likely cause: a folder,");
 }
 
 TEST(Train, RefusesOneClass) {

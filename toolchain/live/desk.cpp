@@ -113,10 +113,10 @@ std::optional<log::FrameRecord> Desk::turn() {
   if (p.seen == 1) p.first = given.timestamp;
   const App& app = p.daemon.app();
   // By the number of its status frame: one more is sent whenever a picture is overdue.
-  p.frame += static_cast<std::uint16_t>(app.told().sequence - p.sequence);
-  p.sequence = app.told().sequence;
+  p.frame += static_cast<std::uint16_t>(app.last_status().sequence - p.sequence);
+  p.sequence = app.last_status().sequence;
   const double t_s = static_cast<double>((given.timestamp - p.first).count()) * 1e-6;
-  log::FrameRecord record = log::facts_of(app, p.frame, t_s, app.told().alive);
+  log::FrameRecord record = log::facts_of(app, p.frame, t_s, app.last_status().alive);
   if (p.recorder != nullptr) {
     const double scale = luma_input::reduction(pipeline_config(p.config.params).luma, given);
     log::arrows_of(app, scale, p.arrows);
@@ -137,7 +137,7 @@ void Desk::show() {
   if (view.width <= 0 || view.stride != view.width) return;
   const std::span<const std::uint8_t> pixels(
       view.data, static_cast<std::size_t>(view.width) * static_cast<std::size_t>(view.height));
-  hub_.show(app.told().sequence,
+  hub_.show(app.last_status().sequence,
             scene::encode_jpeg(pixels, view.width, view.height, scene::JpegInput::kGrey, kViewQuality));
 }
 

@@ -62,7 +62,7 @@ enum holdfast_reason {
   HOLDFAST_REASON_GPIO_FAILED = 5,  // an output line could not be set
   HOLDFAST_REASON_FRAME_FROZEN = 6,  // the camera sends the same picture again and again
   HOLDFAST_REASON_CAPTURE_HUNG = 7,  // the output watchdog found no accepted frame in time
-  HOLDFAST_REASON_CAMERA_WRONG = 8,  // another camera answers than the one at the start
+  HOLDFAST_REASON_CAMERA_WRONG = 8,  // a different sensor is connected than at the start
   HOLDFAST_REASON_TOO_FEW_DOTS = 32,  // too few dark dots in the picture
   HOLDFAST_REASON_NO_LATTICE = 33,  // the dots do not form a lattice
   HOLDFAST_REASON_GRID_MISMATCH = 34,  // the lattice found has another size than configured
@@ -89,7 +89,7 @@ enum holdfast_reason {
   HOLDFAST_REASON_FORCE_LIMIT = 103,  // the object slips and the grip force is at its limit
   HOLDFAST_REASON_CONTACT_LOST = 104,  // the contact ended without OPENING
   HOLDFAST_REASON_LIGHT_CHANGED = 105,  // the light changed while the rest position was being learned: that begins anew
-  HOLDFAST_REASON_REFERENCE_LOADED = 106,  // the lattice of the markers is bent: it was not taken for the rest position
+  HOLDFAST_REASON_REFERENCE_LOADED = 106,  // the lattice of the markers is bent: it was refused as rest position
   HOLDFAST_REASON_CONFIG = 128,  // settings or the model are lost, damaged or out of range
   HOLDFAST_REASON_MODEL = 129,  // the slip model does not fit
   HOLDFAST_REASON_GRIPPER_SILENT = 160,  // the gripper does not answer
@@ -117,7 +117,7 @@ enum holdfast_command_number {
 enum holdfast_result {
   HOLDFAST_RESULT_DONE = 0,  // taken; what comes of it is in the status frames
   HOLDFAST_RESULT_TOUCHING = 1,  // refused: something touches the gel
-  HOLDFAST_RESULT_STATE = 2,  // refused: not in this state, or no gripper is set up
+  HOLDFAST_RESULT_STATE = 2,  // refused: no gripper is set up
   HOLDFAST_RESULT_UNKNOWN = 3,  // refused: this firmware does not know the command
   HOLDFAST_RESULT_ARGUMENT = 4,  // refused: the argument is out of the command's range
   HOLDFAST_RESULT_LOCKED = 5,  // refused: this is the console's port, and it is locked

@@ -179,6 +179,7 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
       return error;
     }
     if (std::string error = settings_of_toml(text, options.settings, params); !error.empty()) return error;
+    params.left_sensor = params.right_sensor = 0;  // a recording does not say of which sensor it is
   }
   if (std::string error = parse_grid(options.grid, params, auto_grid); !error.empty()) return error;
   if (!parse("mode", options.mode, params).ok() || !find_mode(options.mode)) {

@@ -1045,7 +1045,7 @@ TEST(App, HoldsNothingOnlyByAFrameOfAnEmptyGel) {
   for (int k = 0; k < 42; ++k) {
     const std::uint64_t edges = gpio.edges(Line::kAlive);
     CHECK_TRUE(step());
-    const bool accepted = gpio.edges(Line::kAlive) > edges, ok = app->told().state == DeviceState::kOk;
+    const bool accepted = gpio.edges(Line::kAlive) > edges, ok = app->last_status().state == DeviceState::kOk;
     if (k < 30) {
       CHECK_EQUAL(accepted && ok, app->holds_nothing());
       ++(app->holds_nothing() ? empty : refused);
@@ -1067,7 +1067,7 @@ TEST(App, DoesNotHoldNothingWhereContactIsNotJudged) {
     CHECK_TRUE(step());
     CHECK_FALSE(app->holds_nothing());
   }
-  state_is(DeviceState::kOk, app->told().state);
+  state_is(DeviceState::kOk, app->last_status().state);
 }
 
 // What an update is kept by. Frames while the empty gel is learned, the first after a fault, and those over which OK is
@@ -1080,11 +1080,12 @@ TEST(App, CountsOkFramesSinceTheLastFault) {
   for (int k = 0; k < 48; ++k) {
     const std::uint64_t edges = gpio.edges(Line::kAlive);
     CHECK_TRUE(step());
-    const bool accepted = gpio.edges(Line::kAlive) > edges, ok = app->told().state == DeviceState::kOk;
+    const bool accepted = gpio.edges(Line::kAlive) > edges, ok = app->last_status().state == DeviceState::kOk;
     if (accepted && !ok) ++not_ok;
     if (!accepted && ok) ++held;
     if (accepted && ok) ++expected;
-    if (app->told().state == DeviceState::kFault) before_fault = std::max(before_fault, std::exchange(expected, 0));
+    if (app->last_status().state == DeviceState::kFault)
+      before_fault = std::max(before_fault, std::exchange(expected, 0));
     LONGS_EQUAL(expected, app->ok_frames());
   }
   CHECK_TRUE(before_fault > 15 && expected > 0 && not_ok > 3 && held > 0);

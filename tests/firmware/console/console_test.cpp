@@ -206,7 +206,7 @@ TEST_GROUP(Console) {
     STRCMP_CONTAINS(
         R"("state":"FAULT","reason":"config","what":"settings or the model are lost, damaged or out of range")",
         status.c_str());
-    STRCMP_CONTAINS("say stored at the console", status.c_str());
+    STRCMP_CONTAINS("give `stored` at the console", status.c_str());
   }
   void check_fine() {
     desk.run(400ms);
@@ -1525,11 +1525,11 @@ TEST(Console, StreamsTheEvidenceThatStatusShows) {
   start();
   check_ok("watch on");
   const App& app = desk.daemon->app();
-  for (int k = 0; k < 5000 && !app.told().slip; ++k) desk.run(1ms);
-  CHECK(app.told().slip);
+  for (int k = 0; k < 5000 && !app.last_status().slip; ++k) desk.run(1ms);
+  CHECK(app.last_status().slip);
   (void)desk.heard();
-  const std::uint16_t before = app.told().sequence;
-  for (int k = 0; k < 100 && app.told().sequence == before; ++k) desk.run(1ms);
+  const std::uint16_t before = app.last_status().sequence;
+  for (int k = 0; k < 100 && app.last_status().sequence == before; ++k) desk.run(1ms);
   desk.run(5ms);
   const Heard heard = take_apart(desk.heard());
   LONGS_EQUAL(1, heard.evidences.size());
@@ -1543,7 +1543,7 @@ TEST(Console, StreamsTheEvidenceThatStatusShows) {
   LONGS_EQUAL(result.run, last.run);
   LONGS_EQUAL(0, last.finger);
   const std::string status = desk.say("status json");
-  LONGS_EQUAL(app.told().sequence, last.sequence);  // of no later picture
+  LONGS_EQUAL(app.last_status().sequence, last.sequence);  // of no later picture
   const auto says = [&](const std::string& key, const std::string& value) {
     STRCMP_CONTAINS(("\"" + key + "\":" + value + ",").c_str(), status.c_str());
   };
@@ -1583,11 +1583,11 @@ TEST(Console, TakesTheScaleOfAWeight) {
   (void)desk.unlock();
   check_ok("set shear_scale 2000");
   const App& app = desk.daemon->app();
-  const std::uint16_t before = app.told().sequence;
-  for (int k = 0; k < 100 && app.told().sequence == before; ++k) desk.run(1ms);
+  const std::uint16_t before = app.last_status().sequence;
+  for (int k = 0; k < 100 && app.last_status().sequence == before; ++k) desk.run(1ms);
   check_says("status", "one_weight");
   check_says("status json", R"("load":"one_weight","load_within":)");
-  CHECK(app.told().state == DeviceState::kOk || app.told().state == DeviceState::kSlip);
+  CHECK(app.last_status().state == DeviceState::kOk || app.last_status().state == DeviceState::kSlip);
 }
 
 // LINK.md, What `watch on` takes of a line: 25 * 35 of status, 25 * 30 of evidence, 25 * 20 of load, 5 * 13 * 33 of

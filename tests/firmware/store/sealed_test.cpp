@@ -177,7 +177,7 @@ TEST(Sealed, AKeyIsReadFromItsFile) {
   for (const std::string& text : {good.substr(1), good + "0", "x" + good.substr(1), std::string(64, ' ')}) {
     STRCMP_CONTAINS("is not 64 hex digits in one line", wrong(text + "\n").c_str());
   }
-  STRCMP_CONTAINS("is no Ed25519 key", wrong(std::string(64, '0') + "\n").c_str());
+  STRCMP_CONTAINS("is not an Ed25519 public key", wrong(std::string(64, '0') + "\n").c_str());
 }
 
 TEST_GROUP(SlotStore) {
