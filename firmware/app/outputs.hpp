@@ -57,7 +57,7 @@ struct Wanted {
 [[nodiscard]] bool lowered_meanwhile(State& state, const OutputWatchdog& watchdog);
 
 // Drives the lines. kNone: both took the level that was wanted. kFrameStale, kGpioFailed: GRIP_OK was driven LOW
-// instead, and the device is at fault.
+// instead, and the device is at fault. Once GRIP_OK is LOW without an accepted frame there is nothing left to watch.
 [[nodiscard]] Reason update(State& state, const Config& config, hal::Gpio& gpio, const hal::Clock& clock,
                             OutputWatchdog& watchdog, const Wanted& wanted);
 

@@ -279,6 +279,7 @@ void forget(State& state) {
   contact::forget(state.contact);
   state.judging = {};
   state.decision = {};
+  state.hand_slips = false;
 }
 
 }  // namespace holdfast::pipeline
