@@ -110,7 +110,7 @@ void App::reconfigure(const Params& params) {
   // A model that read no picture had no empty gel learned.
   const bool same = before.luma.scale == now.luma.scale && before.tracker.grid.size == now.tracker.grid.size &&
                     before.displacement.pitch_um == now.displacement.pitch_um &&
-                    before.with_imprint >= now.with_imprint;
+                    (before.with_imprint || !now.with_imprint);
   if (same) {
     if (before.features.histogram_range_um == now.features.histogram_range_um) return;
     for (Finger* const finger : each()) features::forget(finger->state.features);  // E of other bins: no rate of change
