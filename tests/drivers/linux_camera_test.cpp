@@ -205,7 +205,7 @@ TEST(LinuxCamera, SaysWhyItDoesNotStart) {
       "group "
       "video");
   kernel.refusals["/dev/video0"] = ENOENT;
-  fails("just being unplugged");
+  fails("the sensor is being unplugged");
   device->caps = V4L2_CAP_META_CAPTURE;
   fails("does not capture video");
   device->caps = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
