@@ -1141,6 +1141,26 @@ TEST(App, TakesAPictureForTheReference) {
   reason_is(Reason::kConfig, app->learn(wrong, frame).reason);
 }
 
+// A model that reads no picture had no empty gel learned: asked for its features, it begins anew, and not otherwise.
+TEST(App, LearnsTheEmptyGelWhenTheFeaturesOfThePictureAreAskedFor) {
+  film(12);
+  tree = &kSpreadTree;
+  build({}, 4);
+  start();
+  run(12);
+  LONGS_EQUAL(0, app->state().imprint.empty.frames);
+  Params other;
+  other.hold_ms = 300;
+  app->reconfigure(other);
+  CHECK_TRUE(app->state().reference.known);
+  other.all_features = 1;
+  app->reconfigure(other);
+  CHECK_FALSE(app->state().reference.known);
+  run(14);
+  state_is(DeviceState::kOk, app->outputs().state);
+  CHECK_TRUE(app->state().imprint.empty.frames > 0);
+}
+
 // The lattice that was tracked is not the one that is asked for now.
 TEST(App, LooksForAnotherLatticeWhenItIsReconfigured) {
   film(12);

@@ -239,6 +239,33 @@ TEST(Pipeline, DecidesTheSameWithoutTheForces) {
   LONGS_EQUAL(with_forces.features.vx.raw(), result.features.vx.raw());
 }
 
+// A relief that goes by its own pitch in four frames looks as if it stood still. While a slip of the hand is raised, by
+// whichever finger, a picture of three frames ago is looked at as well.
+TEST(Pipeline, LooksAtASecondPictureWhileTheHandSlips) {
+  config.with_imprint = config.judges_contact = true;
+  learn();
+  for (int k = 0; k < 20; ++k) {
+    Picture shown = picture();
+    for (int y = 60; y < 180; ++y) {
+      for (int x = 80; x < 240; ++x) {
+        std::uint8_t& pixel = shown.pixels[static_cast<std::size_t>(y * shown.width + x)];
+        if (pixel > 90) pixel = static_cast<std::uint8_t>(pixel + 8 * ((x + 3 * k) % 12 < 6 ? 1 : -1));
+      }
+    }
+    const auto other = std::make_unique<pipeline::State>(*state);
+    const pipeline::Result alone = give(frame_of(shown));
+    CHECK_TRUE(alone.quality.ok());
+    other->hand_slips = true;
+    other->decision.raised = state->decision.raised = false;
+    hal::Frame frame = frame_of(shown);
+    frame.timestamp = now;
+    const pipeline::Result both = pipeline::update(*other, config, jpeg, frame);
+    if (k < 12) continue;
+    CHECK_TRUE(alone.features.imprint.turnover.raw() < 100);
+    CHECK_TRUE(both.features.imprint.turnover.raw() > 500);
+  }
+}
+
 TEST(Pipeline, RefusesFramesThatDoNotComeForward) {
   learn();
   rejects(Reason::kTimeNotForward, show({}, 0us));
