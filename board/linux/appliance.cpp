@@ -305,8 +305,9 @@ std::optional<int> make(int argc, char** argv) {
   if (!appliance->empty_problem().empty()) say(appliance->empty_problem());
   // A page that was swapped out would cost more than a frame. Without the right to it (LimitMEMLOCK of the unit) it
   // goes on all the same: boards have no swap.
-  if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
+  if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
     say("cannot lock memory (mlockall): page faults may delay frames. Next: raise LimitMEMLOCK");
+  }
   heed_signals();
   return std::nullopt;
 }

@@ -292,7 +292,8 @@ void App::process_frame(Finger& finger, const hal::Frame& frame) {
                        : age < -kClockSlack                   ? Status{Reason::kTimeNotForward}
                                                               : kOkStatus;
   if (stamp.ok()) {
-    finger.result = pipeline::update(finger.state, config_.pipeline, devices_.jpeg, frame);
+    finger.result =
+        pipeline::update(finger.state, config_.pipeline, devices_.jpeg, frame, hand_.fusion.decision.raised);
     if (!finger.result.quality.ok()) return;
     // An event of the contact happens once: what a frame saw that was decided too late is told with the next one.
     contact::Event& event = finger.result.contact.event;
@@ -339,9 +340,6 @@ void App::finish_frame(int finger) {
 void App::decide(int finger) {
   Finger& its = of(finger);
   const fingers::Result decided = fingers::decide(hand_, config_, finger, its.result, devices_.clock.now(), its.inputs);
-  if (fingers() > 1) {
-    for (Finger* const one : each()) one->state.hand_slips = decided.hand.slip;
-  }
   its.result.request = decided.fused.request;
   its.result.verdict = decided.fused.step;
   latest_ = finger;

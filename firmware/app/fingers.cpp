@@ -62,7 +62,7 @@ Config config_of(int fingers, const pipeline::Config& pipeline, const supervisor
 
 Result update(State& state, const Config& config, int finger, JpegDecoder& jpeg, const hal::Frame& frame, Micros now,
               pipeline::Result& seen, const supervisor::Inputs& inputs) {
-  seen = pipeline::update(state.fingers[idx(finger)], config.pipeline, jpeg, frame);
+  seen = pipeline::update(state.fingers[idx(finger)], config.pipeline, jpeg, frame, state.hand.fusion.decision.raised);
   return decide(state.hand, config, finger, seen, now, inputs);
 }
 

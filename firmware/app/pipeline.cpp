@@ -51,13 +51,13 @@ bool begin_anew_in_new_light(State& state, const Config& config, const LumaView&
   return state.light.changed;
 }
 
-[[nodiscard]] Result measure(State& state, const Config& config, const LumaView* luma, Result out);
+[[nodiscard]] Result measure(State& state, const Config& config, const LumaView* luma, bool slips, Result out);
 [[nodiscard]] Result classify(State& state, const Config& config, Result out);
 
 }  // namespace
 
 // See.
-Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame) {
+Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame, bool hand_slips) {
   Result out = stamped(frame.timestamp, frame.sequence);
   LumaView luma;
   state.stopwatch.begin();
@@ -76,7 +76,7 @@ Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::
     return rejected(state, out, lit(luma, s));
   }
   state.stopwatch.lap(Task::kTrack);
-  return measure(state, config, &luma, out);
+  return measure(state, config, &luma, state.decision.raised || hand_slips, out);
 }
 
 namespace {
@@ -129,8 +129,8 @@ void end_resuming(State& state, const LumaView* luma) {
   }
 }
 
-// Markers, and the picture between them where there is one, to features.
-Result measure(State& state, const Config& config, const LumaView* luma, Result out) {
+// Markers, and the picture between them where there is one, to features. `slips`: slip is raised.
+Result measure(State& state, const Config& config, const LumaView* luma, bool slips, Result out) {
   const MarkerField& field = state.tracker.field;
   out.grid = field.grid;
   out.markers = field.valid_count();
@@ -165,9 +165,8 @@ Result measure(State& state, const Config& config, const LumaView* luma, Result 
         field_features::update(state.field, config.field, state.displacement, out.timestamp, state.saturations);
   }
   if (with_picture) {
-    out.features.imprint =
-        imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest, state.reference.pitch,
-                        out.timestamp, state.saturations, state.decision.raised || state.hand_slips);
+    out.features.imprint = imprint::update(state.imprint, config.imprint, *luma, field, state.reference.rest,
+                                           state.reference.pitch, out.timestamp, state.saturations, slips);
   }
   if (with_picture && config.judges_contact) {
     out.contact = contact::update(state.contact, config.contact, state.displacement, out.features.imprint.patches,
@@ -206,7 +205,7 @@ Result update_markers(State& state, const Config& config, const MarkerField& fie
   const Result out = stamped(timestamp, sequence);
   if (const Status s = in_order(state, timestamp); !s.ok()) return rejected(state, out, s);
   state.tracker.field = field;
-  return measure(state, config, nullptr, out);
+  return measure(state, config, nullptr, state.decision.raised, out);
 }
 
 Result update_features(State& state, const Config& config, const Features& features, GridSize grid, Micros timestamp,
@@ -279,7 +278,6 @@ void forget(State& state) {
   contact::forget(state.contact);
   state.judging = {};
   state.decision = {};
-  state.hand_slips = false;
 }
 
 }  // namespace holdfast::pipeline

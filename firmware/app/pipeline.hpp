@@ -74,9 +74,8 @@ struct State {
   Saturations load_saturations;  // of what is only shown: apart, so that the other one is the decision's
   bool opening = false;
   std::int32_t kept_width = 0, kept_height = 0;  // of the picture that it was learned from
-  bool resuming = false;    // reference.rest is an earlier process's and waits for a picture that fits it
-  bool resumed = false;     // it is an earlier process's, as far as is known
-  bool hand_slips = false;  // the hand's slip is raised, by whichever finger
+  bool resuming = false;  // reference.rest is an earlier process's and waits for a picture that fits it
+  bool resumed = false;   // it is an earlier process's, as far as is known
   Micros last_timestamp{};
   bool any_frame = false;
   timing::Stopwatch stopwatch;  // without a clock (App gives it one) it counts nothing
@@ -102,7 +101,9 @@ struct Result {
   GripRequest request = GripRequest::kHold;  // kept from the frame before when this one is rejected
 };
 
-[[nodiscard]] Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame);
+// `hand_slips`: the slip of a hand is raised, by whichever finger.
+[[nodiscard]] Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame,
+                            bool hand_slips = false);
 
 // The same from the markers on, or from the features on: for a simulation that leaves the picture out. Markers in
 // pixels of any picture; they become `state.tracker.field`.

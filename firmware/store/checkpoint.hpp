@@ -111,19 +111,18 @@ template <typename Kept>
   if (contents.empty.frames < 0 || contents.empty.frames > imprint::kEmptyMean) return false;
   if (contents.first.grid != contents.rest.grid) return false;
   if (contents.empty.noise_relief < 0 || contents.empty.noise_relief > imprint::kMostRelief) return false;
-  const auto are_bools = [](const auto& of) {  // another byte in a bool is undefined, so it is looked at as a byte
-    return std::ranges::all_of(std::as_bytes(std::span(of)), [](std::byte one) { return one <= std::byte{1}; });
-  };
-  if (!are_bools(contents.empty.learned) || !are_bools(contents.empty.marked)) return false;
+  // Another byte in a bool is undefined, so it is looked at as a byte.
+  const auto is_bool = [](const bool& one) { return std::bit_cast<std::uint8_t>(one) <= 1; };
+  if (!std::ranges::all_of(contents.empty.learned, is_bool)) return false;
+  if (!std::ranges::all_of(contents.empty.marked, is_bool)) return false;
   // 16 x luma in Q4.
   const auto is_luma = [](std::uint16_t sample_q4) { return sample_q4 <= 16 * 16 * 255; };
   for (const auto& eight : contents.empty.samples_q4) {
     if (!std::ranges::all_of(eight, is_luma)) return false;
   }
   const auto all_in_range = [&](const MarkerField& field) {
-    return std::ranges::all_of(field.markers, [&](const Marker& m) {
-      return in_range(m.x) && in_range(m.y) && std::bit_cast<std::uint8_t>(m.valid) <= 1;
-    });
+    return std::ranges::all_of(field.markers,
+                               [&](const Marker& m) { return in_range(m.x) && in_range(m.y) && is_bool(m.valid); });
   };
   return all_in_range(contents.rest) && all_in_range(contents.first);
 }

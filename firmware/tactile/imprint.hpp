@@ -198,8 +198,8 @@ struct Kept {
   PatchSamples samples{};
 };
 
-// So many frames in a row have nothing to be compared with because of a gap, and no longer: at a stream that never has
-// it is no gap. The lag's lower end at 60 frames a second are 7; gaps that follow each other leave three frames each.
+// At most so many frames in a row are blind: a stream that never has a picture of the right age has no gap. Behind one
+// gap there are 3 at 25 frames a second and 7 at 60; those of gaps that follow each other add up.
 inline constexpr int kMostBlind = 32;
 
 inline constexpr Micros kKeepEvery{35'000};
@@ -225,7 +225,7 @@ struct State {
   std::array<Kept, kKept> kept{};  // a ring
   int count = 0;
   int newest = 0;
-  int blind = kMostBlind;                   // frames since the last one that was compared
+  int blind = kMostBlind;                   // blind frames since the last one that was compared
   Kept last;                                // the frame seen last, whether it is kept or not
   std::array<bool, kMaxPatches> in_view{};  // there: also patches that are marked, or whose empty gel is not known
 };

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether what a port brings is of now. A program that stood still (SIGSTOP, a machine that slept) finds frames that
+// What a bridge has to know of a board's frames beside what they say.
+//
+// Whether what a port brings is of now: a program that stood still (SIGSTOP, a machine that slept) finds frames that
 // waited meanwhile: they describe the past, up to the first silence of the port. tcflush() would leave what the kernel
 // holds behind a full buffer.
 #pragma once
@@ -9,6 +11,9 @@
 #include "toolchain/robot/holdfast_link.h"
 
 namespace holdfast::console_tool {
+
+// A gap in the sequence that is longer, at 25 frames a second 40 s, is taken for a start of holdfastd.
+inline constexpr std::uint16_t kMostLost = 1000;
 
 class Backlog {
  public:

@@ -105,7 +105,8 @@ Offset find_offset(std::span<const double> left, std::span<const double> right) 
 Offset find_far_offset(std::span<const double> left, std::span<const double> right) {
   constexpr double kClearly = 0.15;
   const Offset near = find_offset(left, right);
-  const Offset far = most_alike(left, right, static_cast<int>(std::min(left.size(), right.size())) / 2, 0.001);
+  constexpr int kFarShare = 4;
+  const Offset far = most_alike(left, right, static_cast<int>(std::min(left.size(), right.size())) / kFarShare, 0.001);
   return far.correlation >= near.correlation + kClearly ? far : near;
 }
 

@@ -4,13 +4,14 @@
 #include <ctime>
 #include <nlohmann/json.hpp>
 
+#include "toolchain/console/backlog.hpp"
+
 namespace holdfast::fleet {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-// A gap in the sequence that is longer, at 25 frames a second 40 s, is taken for a start of holdfastd.
-constexpr std::uint16_t kMostLost = 1000;
+using console_tool::kMostLost;
 
 std::string utc(std::int64_t unix_ms) {
   const auto seconds = static_cast<std::time_t>(unix_ms / 1000);

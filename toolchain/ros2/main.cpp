@@ -35,13 +35,13 @@
 namespace holdfast::ros2 {
 namespace {
 
+using console_tool::kMostLost;
 using console_tool::Port;
 using console_tool::Signals;
 using std::chrono::steady_clock, std::chrono::milliseconds;
 
 constexpr int kTurnMs = 5;
 constexpr std::uint16_t kUnknownAge = 65535;
-constexpr std::uint16_t kMostLost = 512;  // 20 s at 25 a second; more is another process that counts anew
 constexpr milliseconds kSilent{1000}, kDiagnoseEvery{1000}, kOpenEvery{1000};
 // An answer comes within a turn of the board; the same frame again within a second is executed once (LINK.md).
 constexpr milliseconds kAnswerWithin{100};
@@ -125,11 +125,15 @@ class Bridge {
   // `old`: counted, and not published, whose stamp would be of now.
   void take(const holdfast_status& status, bool old) {
     const auto step = static_cast<std::uint16_t>(status.sequence - last_.sequence);
-    log::FrameRecord record;
     const bool follows = frames_ > 0 && step > 0 && step <= kMostLost;
     frame_ += follows ? step : frames_ > 0 ? 1U : 0U;
     lost_ += follows ? step - 1U : 0U;
     ++frames_;
+    if (old) {
+      last_ = status;
+      return;
+    }
+    log::FrameRecord record;
     const std::chrono::microseconds age{status.age_100us == kUnknownAge ? 0 : std::int64_t{status.age_100us} * 100};
     record.header.stamp = stamp(std::chrono::system_clock::now().time_since_epoch() - age);
     record.frame = frame_;
@@ -147,10 +151,6 @@ class Bridge {
     record.vy_mm_s = status.vy_um_s / 1000.0;
     record.entropy_nat = status.entropy_nat_q16 / 65536.0;
     record.entropy_rate_nat_s = status.entropy_rate_nat_s_q8 / 256.0;
-    if (old) {
-      last_ = status;
-      return;
-    }
     dds_.write(record);
     const bool news = frames_ == 1 || status.state != last_.state || status.reason != last_.reason;
     last_ = status;

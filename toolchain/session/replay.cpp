@@ -295,9 +295,8 @@ std::string play_right(const ReplayOptions& options, Right& right, std::string& 
   text += fmt::format("; its frame {} is the left's frame {}", std::max(0, right.offset), std::max(0, -right.offset));
   if (doubtful) {
     text +=
-        ". That is doubtful: the markers of the two do not move alike. Likely cause: another grasp, or one in which "
-        "little "
-        "moves. Next: look for a frame that both show, and give --offset";
+        ". That is doubtful: the markers of the two do not move alike. Likely cause: another grasp, or little moves. ";
+    text += "Next: look for a frame that both show, and give --offset";
   }
   std::vector<Opening> openings;
   if (std::string error = parse_openings(options.opening, openings); !error.empty()) return error;

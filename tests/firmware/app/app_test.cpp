@@ -696,27 +696,30 @@ TEST(App, DoesNotVouchForAFrameThatWasDecidedTooLate) {
 // The contact ends once: with a frame that is decided too late the loss is told with the next one.
 TEST(App, TellsALossOfContactThatWasDecidedTooLate) {
   film(1, 6);
-  AgedCamera aged(clock, pictures[0].view(), {}, hal::PixelFormat::kMjpeg);
-  SlowJpeg slow(clock, pictures[0]);
-  App other(Devices{aged, gpio, link, clock, slow, true});
-  CHECK_TRUE(other.start(Params{}).ok());
-  const auto show = [&](const Picture& picture, int frames) {
-    slow.shows = &picture;
-    for (int k = 0; k < frames; ++k) CHECK_TRUE(other.step());
-  };
-  show(pictures[0], 30);
-  show(pictures[6], 12);
-  CHECK_TRUE(other.result().contact.touching);
-  show(pictures[0], 3);
-  CHECK_TRUE(other.result().contact.touching);
-  slow.takes = 110'001us;
-  show(pictures[0], 1);
-  reason_is(Reason::kFrameStale, other.result().quality.reason);
-  CHECK_FALSE(other.state().contact.touching);
-  slow.takes = {};
-  show(pictures[0], 3);  // that end the FAULT
-  state_is(DeviceState::kSlip, other.outputs().state);
-  reason_is(Reason::kContactLost, other.outputs().reason);
+  for (const bool anew : {false, true}) {  // of another stream it says nothing
+    AgedCamera aged(clock, pictures[0].view(), {}, hal::PixelFormat::kMjpeg);
+    SlowJpeg slow(clock, pictures[0]);
+    App other(Devices{aged, gpio, link, clock, slow, true});
+    CHECK_TRUE(other.start(Params{}).ok());
+    const auto show = [&](const Picture& picture, int frames) {
+      slow.shows = &picture;
+      for (int k = 0; k < frames; ++k) CHECK_TRUE(other.step());
+    };
+    show(pictures[0], 30);
+    show(pictures[6], 12);
+    CHECK_TRUE(other.result().contact.touching);
+    show(pictures[0], 3);
+    CHECK_TRUE(other.result().contact.touching);
+    slow.takes = 110'001us;
+    show(pictures[0], 1);
+    reason_is(Reason::kFrameStale, other.result().quality.reason);
+    CHECK_FALSE(other.state().contact.touching);
+    slow.takes = {};
+    if (anew) CHECK_TRUE(other.start(Params{}).ok());
+    show(pictures[0], 3);  // that end the FAULT
+    state_is(anew ? DeviceState::kOk : DeviceState::kSlip, other.outputs().state);
+    reason_is(anew ? Reason::kNone : Reason::kContactLost, other.outputs().reason);
+  }
 }
 
 // Stopped between the lines: before the edge of ALIVE there is none, after it GRIP_OK is taken back at once.

@@ -85,3 +85,13 @@ TEST(Health, JudgesDeadlinesOverTenSeconds) {
     }
   }
 }
+
+// A stream that begins anew is not late for what came before.
+TEST(Health, ForgetsLateFramesWithTheirStream) {
+  for (int k = 0; k < 20; ++k) (void)strain(40ms);
+  for (int k = 0; k < 3; ++k) (void)strain(40ms, 0, 96ms);
+  CHECK_TRUE(strain(40ms) == Reason::kDeadline);
+  health::restart(state);
+  for (int k = 0; k < 20; ++k) CHECK_TRUE(strain(40ms) == Reason::kNone);
+  LONGS_EQUAL(3, state.late_frames);  // since start
+}

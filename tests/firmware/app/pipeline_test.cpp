@@ -255,11 +255,10 @@ TEST(Pipeline, LooksAtASecondPictureWhileTheHandSlips) {
     const auto other = std::make_unique<pipeline::State>(*state);
     const pipeline::Result alone = give(frame_of(shown));
     CHECK_TRUE(alone.quality.ok());
-    other->hand_slips = true;
     other->decision.raised = state->decision.raised = false;
     hal::Frame frame = frame_of(shown);
     frame.timestamp = now;
-    const pipeline::Result both = pipeline::update(*other, config, jpeg, frame);
+    const pipeline::Result both = pipeline::update(*other, config, jpeg, frame, true);
     if (k < 12) continue;
     CHECK_TRUE(alone.features.imprint.turnover.raw() < 100);
     CHECK_TRUE(both.features.imprint.turnover.raw() > 500);
