@@ -73,7 +73,16 @@ commit_of() {
 
 measure() {
   local -A wanted=()
-  local id claim goal run find short again out log figure status=0 all=$(($# == 0))
+  local id claim goal run find short again out log figure built status=0 all=$(($# == 0))
+  # A figure is of the commit that it names: in a clone that was moved on, the programs are of another one.
+  if [[ -x build/sim/bin/holdfast ]]; then
+    built=$(build/sim/bin/holdfast --version)
+    [[ $built == *"+g$(git rev-parse --short=7 HEAD)" ]] || {
+      complain "build/sim is of ${built##*+g}, and this is $(git rev-parse --short=7 HEAD)" "a commit or a checkout since it was built" \
+        "cmake --build --preset sim, then measure again"
+      return 1
+    }
+  fi
   for id in "$@"; do wanted[$id]=1; done
   out=$(mktemp -d)
   while IFS=$'\t' read -r id claim goal run find short again; do
