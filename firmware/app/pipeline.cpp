@@ -56,7 +56,7 @@ bool begin_anew_in_new_light(State& state, const Config& config, const LumaView&
 
 }  // namespace
 
-// See.
+// A camera's frame to markers.
 Result update(State& state, const Config& config, JpegDecoder& jpeg, const hal::Frame& frame, bool hand_slips) {
   Result out = stamped(frame.timestamp, frame.sequence);
   LumaView luma;
@@ -259,6 +259,7 @@ void resume(State& state, const checkpoint::Contents& contents) {
   state.reference.first = contents.first;
   state.reference.pitch = contents.pitch;
   state.imprint.empty = contents.empty;
+  state.imprint.blind = 0;  // the earlier process could compare: its end is a gap
 }
 
 void tare(State& state) {

@@ -144,7 +144,8 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Findings::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},
     {"the setting `latch` is on and ARM has not come since the fault, or since a process that resumed has started",
      &Findings::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
-    {"fewer than `recover_frames` accepted frames in a row since the fault, or since a process that resumed has started",
+    {"since the fault, or since a process that resumed has started, fewer than `recover_frames` accepted frames in a row, "
+     "or the picture has none before it to be compared with",
      &Findings::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
     {"no rest position is known, and the light changed while it was being learned",
      &Findings::light_changed, false, false, DeviceState::kReference, Why::kRow, Reason::kLightChanged},
@@ -267,7 +268,9 @@ inline void arm(State& state) {
   seen.fault = fault != Reason::kNone;
   if (seen.fault) state.good_frames = 0;
   seen.needs_arm = config.latch && !state.armed && (state.faults > 0 || state.resumed);
-  seen.recovering = (state.faults > 0 || state.resumed) && state.good_frames < config.recover_frames;
+  // A frame that is blind cannot show slip: it confirms nothing, where nothing was confirmed before.
+  seen.recovering = (state.faults > 0 || state.resumed) &&
+                    (state.good_frames < config.recover_frames || result.features.imprint.blind);
   seen.learning = !result.referenced;
   seen.light_changed = seen.learning && result.light_changed;
   seen.bent = seen.learning && result.bent;

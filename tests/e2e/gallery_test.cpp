@@ -231,6 +231,32 @@ TEST(Gallery, ASlipOutlastsAGapInTheStream) {
   }
 }
 
+// What has begun to slip while nothing was accepted is not confirmed by the frames that cannot show it.
+TEST(Gallery, ASlipThatBeganInAGapIsNeverFine) {
+  for (const char* const name : {"relief_slip_20_mm_s.json", "turn_grain_40_deg_s.json"}) {
+    Scene scene = test::scene_of(fs::path(kFolder) / name);
+    constexpr double kFrame_s = 0.04;
+    double half_s = 0.0;
+    for (const PlayedFrame& frame : tool::play(scene, Params{})) {
+      if (half_s == 0.0 && frame.level >= SlipLevel::kHalf) half_s = frame.t_s;
+    }
+    for (const Fault fault : {Fault::kDropped, Fault::kBad}) {
+      for (const int lost : {5, 6, 7, 10}) {
+        scene.faults = {{half_s - kFrame_s, lost, fault}};
+        const double back_s = half_s + (lost - 1.5) * kFrame_s;
+        int seen = 0;
+        for (const PlayedFrame& frame : tool::play(scene, Params{})) {
+          if (frame.t_s < back_s || frame.t_s > back_s + 8 * kFrame_s) continue;
+          const std::string where = scene.name + " " + std::to_string(lost) + " at " + std::to_string(frame.t_s);
+          CHECK_TEXT(!frame.grip_ok, where.c_str());
+          seen += frame.accepted && frame.slip ? 1 : 0;
+        }
+        CHECK(seen > 3);
+      }
+    }
+  }
+}
+
 // Frames of 40 ms, an onset at 0.2 s, slip at 0.1 and at 0.32 s.
 TEST(Gallery, AGoalIsReachedAtItsBoundAndNotBeyond) {
   std::vector<PlayedFrame> frames(10);

@@ -205,6 +205,22 @@ TEST(Supervisor, StaysInFaultUntilAFrameIsAccepted) {
   }
 }
 
+// Frames that have nothing to be compared with end no fault, however many; without one they change nothing.
+TEST(Supervisor, AFrameThatIsBlindEndsNoFault) {
+  bring(DeviceState::kOk);
+  pipeline::Result blind = result_of(Input::kGood);
+  blind.features.imprint.blind = true;
+  CHECK_TRUE(supervisor::update(state, config, blind, now += 40ms).grip_ok);
+  (void)feed(Input::kRejected, 151ms);
+  for (int k = 0; k < 10; ++k) {
+    const supervisor::Outputs got = supervisor::update(state, config, blind, now += 40ms);
+    CHECK_TRUE(got.accepted);
+    LONGS_EQUAL(static_cast<int>(DeviceState::kFault), static_cast<int>(got.state));
+    LONGS_EQUAL(static_cast<int>(Reason::kRecovering), static_cast<int>(got.reason));
+  }
+  CHECK_TRUE(feed(Input::kGood).grip_ok);
+}
+
 // Good frames count in a row: a camera that comes and goes stays in FAULT.
 TEST(Supervisor, DoesNotRecoverWhileGoodAndBadFramesTakeTurns) {
   bring(DeviceState::kOk);
