@@ -107,6 +107,25 @@ TEST(Contact, WhatIsLetGoIsNotLost) {
   CHECK(gate.wait(4, 0).event == contact::Event::kLost);
 }
 
+// What a grip leaves in the gel is small and moves no dots. It touches, as far as can be seen, but cannot be lost.
+TEST(Contact, WhatNeverWasFirmIsNotLost) {
+  Gate gate;
+  CHECK(gate.wait(20, 9).touching);
+  CHECK(gate.wait(4, 0).event == contact::Event::kFaded);
+  CHECK_FALSE(gate.state.touching);
+  for (const bool dots : {false, true}) {  // either makes it firm, in one frame, and for as long as it lasts
+    CHECK(gate.wait(20, 9).touching);
+    (void)(dots ? gate.see(0, 3, 81) : gate.see(10));
+    (void)gate.wait(20, 4);
+    CHECK(gate.wait(4, 0).event == contact::Event::kLost);
+  }
+  CHECK(gate.wait(20, 9).touching);  // and no longer
+  CHECK(gate.wait(4, 0).event == contact::Event::kFaded);
+  CHECK(gate.wait(20, 9).touching);
+  gate.opening = true;
+  CHECK(gate.wait(4, 0).event == contact::Event::kReleased);
+}
+
 // The gel creeps back, and a hand may come again: half a second before its picture is learned.
 TEST(Contact, EmptyOnlyAfterHalfASecond) {
   Gate gate;
