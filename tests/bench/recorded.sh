@@ -13,7 +13,8 @@ holdfast=${HOLDFAST:-build/sim/bin/holdfast}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 # shellcheck disable=SC2086  # several files
-"$holdfast" evaluate --recorded $HOLDFAST_LABELS "$@" --out "$work" >/dev/null
+"$holdfast" evaluate --recorded $HOLDFAST_LABELS "$@" --out "$work" >"$work/text"
+sed -nE 's/.*It came ([0-9]+) times in labelled silence, and ([0-9]+) times of.*/losses: \1; \2/p' "$work/text"
 prefix=""
 [[ ${1:-} != --pairs ]] || prefix=pairs_
 

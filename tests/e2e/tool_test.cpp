@@ -941,8 +941,8 @@ TEST(Tool, ReplaysTheSameFileTwiceTheSame) {
 TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   write_frames(dir / "gel", 2);
   const auto summary = nlohmann::json::parse(succeed({"replay", in("gel"), "--json"}).out);
-  const std::set<std::string> expected{"accepted",      "cut",          "frames",      "grid",
-                                       "markers_least", "markers_mean", "reference",   "saturations",
+  const std::set<std::string> expected{"accepted",      "cut",          "frames",      "grid",      "lost_frames",
+                                       "markers_least", "markers_mean", "notes",       "reference", "saturations",
                                        "searches",      "slip_frames",  "slip_times_s"};
   std::set<std::string> keys;
   for (const auto& item : summary.items()) keys.insert(item.key());
@@ -950,7 +950,9 @@ TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   LONGS_EQUAL(2, summary["frames"].get<int>());
   LONGS_EQUAL(2, summary["accepted"].get<int>());
   LONGS_EQUAL(63, summary["markers_least"].get<int>());
-  CHECK(summary["slip_frames"].is_array() && summary["slip_times_s"].is_array());
+  for (const char* const list : {"slip_frames", "slip_times_s", "lost_frames", "notes"}) {
+    CHECK_TEXT(summary[list].is_array(), list);
+  }
   for (const Words& command :
        {Words{}, Words{"replay"}, Words{"sim"}, Words{"scene"}, Words{"scene", "check"}, Words{"scene", "list"},
         Words{"scene", "describe"}, Words{"scene", "make"}, Words{"trade"}, Words{"trade", "sim"},

@@ -174,7 +174,7 @@ TEST(LearnSamples, RefusesDamagedCells) {
       {kTime, "inf", "t_s 'inf' is not a number"},
       {kTime, "-0.1", "t_s '-0.1' is not a number"},
       {kTime, "1e300", "t_s '1e300' is not a number"},
-      {kLabel, "maybe", "label 'maybe' is not hold, slip or open"},
+      {kLabel, "maybe", "label 'maybe' is not hold, slip, open or empty"},
       {kFraction, "1.01", "slip_fraction '1.01' is not a number"},
       {kSlide, "fast", "slide_mm_s 'fast' is not a number"},
       {kAccepted, "2", "accepted '2' is not a number"},

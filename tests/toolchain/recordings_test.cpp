@@ -150,6 +150,8 @@ TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
   studio.refuses(header + "cup__exp_num_1__camera_9,,,0,,,\n", "clip 'cup__exp_num_1__camera_9' is not beside");
   studio.refuses(header + ",,,0,,,\n", "clip ''");
   studio.refuses(header + clip + ",,,2,,,\n", "onset_recorded '2'");
+  studio.refuses("clip,slip_start,slip_end,onset_recorded,silent_intervals,empty_intervals,slip_start\n",
+                 "labels.csv:1: column 'slip_start' is there twice");
   studio.refuses(header + clip + ",5,,1,,,\n", "'5-'");
   studio.refuses(header + clip + ",,5,1,,,\n", "'-5'");
   studio.refuses(header + clip + ",9,5,1,,,\n", "'9-5'");
@@ -170,6 +172,32 @@ TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
   CHECK_FALSE(studio.read(header + clip + ",5,7,1,0-6:low,,\n", samples).has_value());
   const auto broken = studio.read(header + "text,,,0,,,\n", samples);
   CHECK(broken && broken->find("text.avi") != std::string::npos);
+}
+
+// Labels that cannot all be true are named, and count as they stand.
+TEST(Recordings, LabelsThatContradictEachOtherAreNamed) {
+  learn::ClipLabels clip;
+  clip.file = "labels.csv";
+  clip.line = 2;
+  clip.name = "cup";
+  clip.contact = {20, 60};
+  clip.slip = {40, 50};
+  clip.empty = {{0, 19}, {61, 80}};
+  clip.silent.push_back({{22, 30}, learn::Confidence::kHigh});
+  clip.silent.push_back({{28, 36}, learn::Confidence::kHigh});
+  CHECK(learn::contradictions(clip).empty());
+  clip.empty[0].to = 20;
+  clip.slip = {61, 70};
+  clip.silent.push_back({{36, 38}, learn::Confidence::kLow});
+  const std::vector<std::string> found = learn::contradictions(clip);
+  LONGS_EQUAL(3, found.size());
+  STRCMP_EQUAL("labels.csv:2: cup: empty 0-20 and in contact 20-60", found[0].c_str());
+  STRCMP_EQUAL("labels.csv:2: cup: slip 61-70 and in contact 20-60", found[1].c_str());
+  STRCMP_EQUAL("labels.csv:2: cup: silent 28-36 and silent with another confidence 36-38", found[2].c_str());
+  clip.contact->to = learn::kUnknownEnd;
+  STRCMP_EQUAL("labels.csv:2: cup: empty 0-20 and in contact 20-", learn::contradictions(clip)[0].c_str());
+  clip.contact.reset();
+  LONGS_EQUAL(1, learn::contradictions(clip).size());
 }
 
 // Twice the same frames would be twice the minutes, the onsets and the weight.

@@ -37,6 +37,8 @@ struct Trace {
   std::vector<std::uint8_t> slip;  // one a frame; none: the clip could not be replayed
   std::vector<DeviceState> state;
   std::vector<Reason> reason;
+  std::vector<std::uint8_t> touching;
+  std::vector<std::uint8_t> lost;  // the contact ended, and is reported as lost
   std::vector<double> speed_mm_s;  // of the markers' mean
   std::vector<double> imprint_um;  // motion of the imprint against the gel while its relief does not grow
   long accepted = 0;
@@ -49,6 +51,8 @@ struct Trace {
     slip.push_back(app.outputs().slip ? 1 : 0);
     state.push_back(app.outputs().state);
     reason.push_back(result.quality.ok() ? app.outputs().reason : result.quality.reason);
+    touching.push_back(result.contact.touching ? 1 : 0);
+    lost.push_back(result.contact.event == contact::Event::kLost ? 1 : 0);
     speed_mm_s.push_back(known ? std::hypot(f.vx.raw(), f.vy.raw()) / 1000.0 : 0.0);
     const bool moves = known && f.imprint.motion.raw() > 0 && f.imprint.growth.raw() <= learn::kMostGrowth;
     imprint_um.push_back(moves ? std::exp2(f.imprint.motion.raw() / 256.0) : 0.0);
@@ -306,11 +310,35 @@ learn::Table clips_table(const std::vector<Clip>& clips) {
   return table;
 }
 
+// A loss of contact is SLIP as well, though `slip` does not rise: those where the labels know of none.
+std::string losses_of(const std::vector<Clip>& clips) {
+  int silent = 0, empty = 0;
+  for (const Clip& clip : clips) {
+    bool began_empty = false;
+    for (std::size_t t = 0; t < clip.ours.lost.size(); ++t) {
+      const int frame = static_cast<int>(t);
+      if (clip.ours.touching[t] != 0 && t > 0 && clip.ours.touching[t - 1] == 0) {
+        began_empty = clip.labels.is_empty(frame);
+      }
+      if (clip.ours.lost[t] == 0) continue;
+      silent += clip.labels.is_silent(frame) ? 1 : 0;
+      empty += began_empty && clip.labels.is_empty(frame) ? 1 : 0;
+    }
+  }
+  return fmt::format(
+      "SLIP (contact_lost) is no alarm in these tables. It came {} times in labelled silence, and {} times "
+      "of what seemed to touch a gel that is labelled empty",
+      silent, empty);
+}
+
 // What a reader has to know before the figures.
 void warn(const std::vector<Clip>& clips, learn::ReportFacts& facts) {
   int count = 0;
   for (const Clip& clip : clips) {
     if (!clip.ours.error.empty()) facts.warnings.push_back("not replayed: " + clip.ours.error);
+    for (const std::string& one : learn::contradictions(clip.labels)) {
+      facts.warnings.push_back("the labels contradict each other: " + one);
+    }
     count += clip.rest.in_contact ? 1 : 0;
   }
   if (count == 0) return;
@@ -399,7 +427,8 @@ std::string evaluate_recorded(const RecordedOptions& options, learn::ReportFacts
                             clips.size(), objects.size(), options.grid)},
       {"comparison",
        "imprint alone and motion start: one threshold each, for each object by the clips of the others, at no "
-       "more alarms in their silence than holdfast raises there"}};
+       "more alarms in their silence than holdfast raises there"},
+      {"losses of contact", losses_of(clips)}};
   warn(clips, facts);
   tables = {silence_table("silence", "Labelled silence", by_folder),
             trial_table("trials", "Whole trials by phase", by_folder),

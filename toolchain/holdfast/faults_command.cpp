@@ -327,18 +327,23 @@ void add_faults(CLI::App& app, std::vector<Command>& commands) {
   const auto options = std::make_shared<FaultsOptions>();
   CLI::App* command = app.add_subcommand(
       "faults", "let everything around the firmware fail, and measure the time to safe and to recover");
-  command->add_flag("--pairs", options->pairs,
-                    "also every two of the faults from the field at once, and each of them twice");
-  command->add_flag(
+  CLI::Option* const pairs = command->add_flag(
+      "--pairs", options->pairs, "also every two of the faults from the field at once, and each of them twice");
+  CLI::Option* const hand = command->add_flag(
       "--hand", options->hand,
       "of a device of two fingers: each fault of a camera on either finger; with --pairs also each of the "
       "left one's camera with each of the right one's");
+  CLI::Option* const csv =
+      command->add_option("--csv", options->csv, "write a row per run: CSV; of the soak there is none")
+          ->check(not_empty);
   command
       ->add_option("--soak", options->soak,
                    "instead: so many frames with a random fault about every 500; the soak of a release is 2160000")
-      ->check(CLI::Range(std::uint64_t{1000}, std::uint64_t{1'000'000'000}));
+      ->check(CLI::Range(std::uint64_t{1000}, std::uint64_t{1'000'000'000}))
+      ->excludes(pairs)
+      ->excludes(hand)
+      ->excludes(csv);
   command->add_option("--seed", options->seed, "of the soak")->capture_default_str();
-  command->add_option("--csv", options->csv, "write a row per run: CSV")->check(not_empty);
   command->add_flag("--json", options->json, "print a row per run as JSON");
   command->footer(
       "Everything is in virtual time; the judge is another process that reads the lines from shared memory.\n"

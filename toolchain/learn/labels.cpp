@@ -82,7 +82,8 @@ class LabelRow {
                                            {&clip_.event, "event_start", "event_end"}}) {
       if (cell(from).empty() && cell(to).empty()) continue;
       frames->emplace();
-      if (frames == &clip_.contact && cell(to).empty() && to_number(cell(from), clip_.contact->from)) {
+      if (frames == &clip_.contact && cell(to).empty() && to_number(cell(from), clip_.contact->from) &&
+          clip_.contact->from >= 0) {
         clip_.contact->to = kUnknownEnd;
         continue;
       }
@@ -243,6 +244,11 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
     }
     header = cells;
     for (const LabelColumn& column : kLabelColumns) {
+      if (std::ranges::count(header, column.name) < 2) continue;
+      return label_error(clip, fmt::format("column '{}' is there twice", column.name), "a column was copied",
+                         "keep one of the two");
+    }
+    for (const LabelColumn& column : kLabelColumns) {
       if (!column.required || std::ranges::find(header, column.name) != header.end()) continue;
       return label_error(clip, fmt::format("column '{}' is missing", column.name),
                          "no label file, or one without a header",
@@ -253,6 +259,29 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
   clip.line = std::max(clip.line, 1);
   return label_error(clip, "there are no clips", "the file is empty, or was cut off",
                      "give a label file with a line for each clip");
+}
+
+std::vector<std::string> contradictions(const ClipLabels& clip) {
+  std::vector<std::string> found;
+  const auto add = [&](std::string_view what, const Frames& one, std::string_view other_what, const Frames& other) {
+    const std::string to = other.to == kUnknownEnd ? "" : std::to_string(other.to);
+    found.push_back(fmt::format("{}:{}: {}: {} {}-{} and {} {}-{}", clip.file.string(), clip.line, clip.name, what,
+                                one.from, one.to, other_what, other.from, to));
+  };
+  const auto overlap = [](const Frames& a, const Frames& b) { return a.from <= b.to && b.from <= a.to; };
+  if (clip.contact) {
+    for (const Frames& one : clip.empty) {
+      if (overlap(one, *clip.contact)) add("empty", one, "in contact", *clip.contact);
+    }
+    if (clip.slip && !overlap(*clip.slip, *clip.contact)) add("slip", *clip.slip, "in contact", *clip.contact);
+  }
+  for (std::size_t a = 0; a < clip.silent.size(); ++a) {
+    for (std::size_t b = a + 1; b < clip.silent.size(); ++b) {
+      if (clip.silent[a].confidence == clip.silent[b].confidence || !overlap(clip.silent[a], clip.silent[b])) continue;
+      add("silent", clip.silent[a], "silent with another confidence", clip.silent[b]);
+    }
+  }
+  return found;
 }
 
 std::optional<std::string> check_length(const ClipLabels& clip, long frames) {

@@ -83,6 +83,10 @@ struct ClipLabels {
 // included, and no silent or empty interval may overlap its slip. Nothing, or an error line.
 [[nodiscard]] std::optional<std::string> read_labels(const std::filesystem::path& file, std::vector<ClipLabels>& clips);
 
+// What is not certainly wrong but contradicts itself, a line each: a gel that is empty in contact, a slip outside of
+// it, an interval of two confidences.
+[[nodiscard]] std::vector<std::string> contradictions(const ClipLabels& clip);
+
 // Whether the labels end within the clip, which has so many frames. Nothing, or an error line.
 [[nodiscard]] std::optional<std::string> check_length(const ClipLabels& clip, long frames);
 // The same for a clip that was not replayed. Nothing where its frames cannot be counted.

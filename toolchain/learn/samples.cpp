@@ -149,7 +149,7 @@ class Reader {
     constexpr std::array<Label, 4> kLabels{Label::kHold, Label::kSlip, Label::kEmpty, Label::kOpen};
     const auto* const label =
         std::find_if(kLabels.begin(), kLabels.end(), [&](Label l) { return name_of(l) == cells[kLabel]; });
-    if (label == kLabels.end()) return bad_cell(kLabel, cells[kLabel], "hold, slip or open");
+    if (label == kLabels.end()) return bad_cell(kLabel, cells[kLabel], "hold, slip, open or empty");
     row.label = *label;
     int accepted = 0;
     if (Error bad = number(cells, kAccepted, 0, 1, accepted)) return bad;

@@ -456,7 +456,7 @@ class Judge {
   }
 
   [[nodiscard]] TrialResult result() const {
-    constexpr double kLag_s = 0.12;
+    constexpr double kStillCloses_s = 0.12;
     // Half of the contact is a threshold like any other: a rise so shortly before it is early, not false.
     constexpr int kEarlyFrames = 2;
     TrialResult result = result_;
@@ -472,7 +472,7 @@ class Judge {
         break;
       }
       const bool moved = trial_.moved_s > 0.0 && rise.t_s >= trial_.moved_s;
-      ++result.alarms[rise.t_s < trial_.closed_s + kLag_s ? 0U : moved ? 2U : 1U];
+      ++result.alarms[rise.t_s < trial_.closed_s + kStillCloses_s ? 0U : moved ? 2U : 1U];
       result.partial_alarms += rise.partial ? 1 : 0;
     }
     return result;

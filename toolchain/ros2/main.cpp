@@ -126,6 +126,7 @@ class Bridge {
   void take(const holdfast_status& status, bool old) {
     const auto step = static_cast<std::uint16_t>(status.sequence - last_.sequence);
     const bool follows = frames_ > 0 && step > 0 && step <= kMostLost;
+    const bool next = follows && step == 1 && (last_.flags & HOLDFAST_FLAG_FEATURES_VALID) != 0;
     frame_ += follows ? step : frames_ > 0 ? 1U : 0U;
     lost_ += follows ? step - 1U : 0U;
     ++frames_;
@@ -145,7 +146,8 @@ class Bridge {
     record.grip_ok = (status.flags & HOLDFAST_FLAG_GRIP_OK) != 0;
     record.alive = (status.flags & HOLDFAST_FLAG_ALIVE) != 0;
     record.accepted = frames_ > 1 && ((status.flags ^ last_.flags) & HOLDFAST_FLAG_ALIVE) != 0;
-    record.features_valid = record.rates_valid = (status.flags & HOLDFAST_FLAG_FEATURES_VALID) != 0;
+    record.features_valid = (status.flags & HOLDFAST_FLAG_FEATURES_VALID) != 0;
+    record.rates_valid = record.features_valid && next;  // the link has no bit for it
     record.markers = status.markers;
     record.vx_mm_s = status.vx_um_s / 1000.0;
     record.vy_mm_s = status.vy_um_s / 1000.0;
@@ -247,6 +249,7 @@ int play(Dds& dds, const Options& options, Signals& signals) {
       const steady_clock::time_point due =
           begun + std::chrono::nanoseconds(message.logged_ns - first_ns.value_or(message.logged_ns));
       if (!first_ns) first_ns = message.logged_ns;
+      ended = ended || signals.over();  // also where nothing is waited for
       while (!ended && steady_clock::now() < due) {
         const auto left = std::chrono::ceil<milliseconds>(due - steady_clock::now()).count();
         pollfd wait{signals.fd(), POLLIN, 0};

@@ -247,6 +247,8 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     all["saturations"] = summary.saturations;
     all["slip_frames"] = summary.slip_frames;
     all["slip_times_s"] = summary.slip_times_s;
+    all["lost_frames"] = summary.lost_frames;
+    all["notes"] = session.notes();
     fmt::print(out, "{}\n", text_of_json(all));
     return;
   }
@@ -277,6 +279,10 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
   } else {
     fmt::print(out, "slip      raised {} times, first in frame {} at {:.3f} s\n", summary.slip_frames.size(),
                summary.slip_frames.front(), summary.slip_times_s.front());
+  }
+  if (!summary.lost_frames.empty()) {
+    fmt::print(out, "contact   lost {} times, first in frame {}: SLIP (contact_lost), GRIP_OK LOW\n",
+               summary.lost_frames.size(), summary.lost_frames.front());
   }
   if (summary.saturations > 0)
     fmt::print(out, "note      {} times a displacement or feature was beyond its number format and clamped\n",

@@ -175,6 +175,9 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     summary_.slip_frames.push_back(frame);
   }
   slip_before_ = outputs.slip;
+  const bool lost = outputs.state == DeviceState::kSlip && outputs.reason == Reason::kContactLost;
+  if (lost && !lost_before_) summary_.lost_frames.push_back(frame);
+  lost_before_ = lost;
 
   FrameRecord row = log::facts_of(*app_, frame, t_s, gpio_.level(hal::Line::kAlive) == hal::Level::kHigh);
   if (hand_) {

@@ -81,6 +81,7 @@ struct Summary {
   double mean_markers = 0;
   std::vector<double> slip_times_s;  // of each rising edge of `slip`
   std::vector<long> slip_frames;
+  std::vector<long> lost_frames;  // where the contact was lost: SLIP (contact_lost), though `slip` does not rise
   bool grip_ok_fell_with_first_slip = true;  // within the frame that raised it
   Reason last_rejection = Reason::kNone;
   long searches = 0;
@@ -163,6 +164,7 @@ class Session {
   Summary summary_;
   long marker_sum_ = 0;
   bool slip_before_ = false;
+  bool lost_before_ = false;
   std::vector<Arrow> arrows_;
   double best_entropy_ = -1;
   bool slip_kept_ = false;

@@ -142,7 +142,8 @@ std::string OutputFiles::commit() {
 
 std::string refuse_folder(const std::string& folder) {
   std::error_code ignored;
-  const fs::path path = fs::absolute(folder);
+  fs::path path = fs::absolute(folder);
+  if (!path.has_filename()) path = path.parent_path();  // "results/" is a name in the folder that "results" is in
   const bool there = fs::exists(path, ignored);
   if (there ? fs::is_directory(path, ignored) : fs::is_directory(path.parent_path(), ignored)) return {};
   return folder + ": cannot be a folder for the outputs. Likely cause: " +
