@@ -24,7 +24,8 @@ struct Config {
   std::int32_t end_patches = 3;  // fewer
   // Only what was so large, or moved the dots by begin_um, can be lost. The relief that a grip leaves in the gel creeps
   // back for seconds and may begin a contact: on 200 recordings 17 of those ended as a loss on a gel that is labelled
-  // empty, 13 of them never this large; no loss of what was held was (2026-11-29).
+  // empty, 13 of them never this large. Of the other 254 losses 26 never were: ends of an earlier grip in the first six
+  // frames of a clip, and contacts behind the one that was held or in clips that never show the empty gel (2026-11-29).
   std::int32_t firm_patches = 10;
   std::int32_t begin_um = 80;  // third largest displacement
   std::int32_t end_um = 60;
