@@ -104,6 +104,7 @@ inline void forget(State& state) {
     state.touching = false;
     state.since = now;
     out.event = opening ? Event::kReleased : state.firm ? Event::kLost : Event::kFaded;
+    state.firm = false;
   }
   out.judged = true;
   out.touching = state.touching;

@@ -128,7 +128,7 @@ class Heard(unittest.TestCase):
         self.assertTrue(before - 0.040 - 0.001 <= stamp <= after - 0.040 + 0.001)  # exposed 40 ms before it was sent
         want = {
             "frame_id": "gel", "state": 3, "state_name": "SLIP", "reason": 98, "reason_name": "slip", "slip": True,
-            "grip_ok": False, "features_valid": True, "rates_valid": True, "markers": 60, "vx_mm_s": -1.5,
+            "grip_ok": False, "features_valid": True, "rates_valid": False, "markers": 60, "vx_mm_s": -1.5,
             "vy_mm_s": 0.25, "entropy_nat": 2.0, "entropy_rate_nat_s": -4.0, "contact_known": False, "evidence": 0,
             "histogram": [0] * 15,
         }  # fmt: skip
@@ -138,6 +138,7 @@ class Heard(unittest.TestCase):
             return (self.heard("rt/diagnostics") or [{}])[-1]
 
         # Diagnostics come once a second, and a second of silence is stale: the board must go on speaking.
+        self.until("rates", lambda: self.heard("rt/holdfast/slip")[-1]["rates_valid"], board.say)  # none were lost since
         self.until("a warning", lambda: last().get("message") == "SLIP (slip)", board.say)
         self.assertEqual((last()["level"], last()["hardware_id"]), (1, "HF0001"))
         self.until("silence is stale", lambda: last()["level"] == 3)
