@@ -1144,7 +1144,8 @@ TEST(Console, ShowsParameters) {
   check_error("get nothing", Error::kUnknownParameter);
   check_says("get raise_frames json",
              "{\"parameters\":[{\"name\":\"raise_frames\",\"value\":2,\"unit\":\"frames\",\"min\":1,\"max\":10,"
-             "\"default\":2,\"applies\":\"at once\",\"help\":\"slips in a row until the request is raised\"");
+             "\"default\":2,\"applies\":\"at once\",\"help\":\"slips in a row until the request is raised; clear ones "
+             "raise it at once\"");
 }
 
 TEST(Console, ExplainsCommandsAndParameters) {
