@@ -32,9 +32,9 @@ constexpr double kSameLight = 0.1;          // of the mean luma: light that flic
 constexpr double kLuma = 128;
 
 // The relief of an object stands in every frame: the tenth patch from the top has so many times that of the middle one,
-// and so much at all (levels^2). It refuses
-// none of the 109 recordings with an empty interval and 51 of 91 without one (tests/bench/rest.sh, 2026-11-25). A
-// camera with less noise shows less relief more clearly: a simulated knurl of 40 um 10 times and 0.8.
+// and so much at all (levels^2). It refuses none of the 109 recordings with an empty interval and 51 of 91 without one
+// (tests/bench/rest.sh, 2026-11-25). A camera with less noise shows less relief more clearly: a simulated knurl of 40
+// um 10 times and 0.8.
 struct Pressed {
   double times, relief;
 };

@@ -186,9 +186,9 @@ struct FrictionLimit {
 };
 [[nodiscard]] FrictionLimit friction_limit(const Shape& shape, const Gel& gel, double friction, double press_n);
 
-// What becomes of a grasp. The paper has the first two; on them alone the amount of shear tells slip from hold, which
-// it does not outside of a test so three more make the amount worthless. All of it was fixed before anything was
-// trained on it.
+// What becomes of a grasp. The paper has the first two; on them alone the amount of shear tells slip from hold. Outside
+// of a test it does not, so three more make the amount worthless. All of it was fixed before anything was trained on
+// it.
 enum class GraspKind : std::uint8_t { kStatic, kSlip, kMatched, kShaken, kSlow };
 
 struct GraspKindInfo {

@@ -11,7 +11,7 @@
 //   turn_held     the same grasps, turned as fast, but by less than brings half-slip, and back 0.6 s later
 //   slide         a sphere slides at 2 to 100 mm/s under five reliefs
 //   shaken        a bonded sphere with relief is shaken at 1 to 6 Hz for 15 s
-//   smooth        trials of the paper's objects (learn/paper.hpp), all of them without relief
+//   smooth        trials of the paper's objects (play/paper.hpp), all of them without relief
 //   grasp         the same trials as they are
 //   hand          an object between two fingers: by turns a slide and a closing of the above for the left one, and for
 //                 the right one its mirror, without relief in every other pair of them; its frames come at another time

@@ -119,7 +119,7 @@ class Session {
   void decided_by(std::function<Hand()> hand) { hand_ = std::move(hand); }
 
   // After each step() that brought a frame. `scale`: pixels of the input per pixel of the working image.
-  // `bytes`: what the camera gave, for the overlay's picture.
+  // `given`: the camera's frame, for the overlay's picture.
   void record(long frame, double t_s, double scale, const hal::Frame& given);
   // A line of the truth file; the first call writes the header before it.
   void record_truth(const std::string& header, const std::string& line);
@@ -175,14 +175,15 @@ class Session {
   std::vector<Arrow> picture_arrows_;
 };
 
-// "what: cause; next" of the firmware's table, for messages. `found`: lattice seen, for grid reasons.
+// "what: cause; next" of the firmware's table, for messages; with the lattice that was found where the reason is of the
+// grid.
 [[nodiscard]] std::string explain(Reason reason, const App& app);
 
 // Why no frame was accepted; `cause` and `next` are for a session in which none came at all.
 [[nodiscard]] std::string explain_none(const Summary& summary, const App& app, std::string_view cause,
                                        std::string_view next);
 
-// "OK", "9x7", ...
+// "9x7"
 [[nodiscard]] std::string grid_text(GridSize grid);
 
 // "the top row and 2 right columns"; empty when nothing is cut.

@@ -4,7 +4,7 @@
 //
 // Text, format 1 (comments from # to the end of the line; see toolchain/model/slip_v2.tree):
 //   format 1 | name NAME | feature_set SET | feature NAME UNIT Qn (one line each, in the set's order)
-//   node ID: FEATURE <= T ? ID_TRUE : ID_FALSE | leaf ID: hold|slip
+//   node ID: FEATURE <= T ? ID_TRUE : ID_FALSE | leaf ID: hold|slip|slip_now
 // The first problem found ends the work; it says where, what and what to do next.
 #pragma once
 
