@@ -254,6 +254,19 @@ TEST(Tool, RefusesWhatIsNoRecording) {
   refused({"replay", in("secret/0.png")}, in("secret/0.png"), "ermission");
 }
 
+// What cannot be written is refused before a run of hours, not behind it.
+TEST(Tool, RefusesOutputsBeforeALongRun) {
+  const auto refuse = [&](const Words& arguments, const std::string& named, const std::string& said) {
+    check_line(ask(arguments), joined(arguments), named, said);
+  };
+  refuse({"trials", "closing", "--count", "100000", "--csv", in("absent/t.csv")}, in("absent/t.csv"), "No such file");
+  refuse({"evaluate", "--recorded", in("labels.csv"), "--json", in("absent/j.json")}, in("absent/j.json"),
+         "No such file");
+  write_file(dir / "labels.csv", "clip\n");
+  refuse({"trade", "firmware", "--recordings", in("labels.csv"), "--csv", in("labels.csv")}, in("labels.csv"),
+         "would change a label file");
+}
+
 // To open a pipe waits for whoever writes into it: nobody does.
 TEST(Tool, WaitsForNoPipe) {
   for (const char* name : {"pipe", "pipe.json"}) LONGS_EQUAL(0, ::mkfifo(in(name).c_str(), 0600));

@@ -316,6 +316,21 @@ TEST(AtomicFile, RefusesInOneLineAndLeavesNothing) {
   CHECK(std::filesystem::is_character_file("/dev/null"));
 }
 
+TEST(AtomicFile, ALinkStaysALink) {
+  namespace fs = std::filesystem;
+  for (const fs::path& target : {fs::path(dir / "there.csv"), fs::path("not_yet.csv")}) {
+    const fs::path link = dir / ("to_" + target.filename().string());
+    if (target.is_absolute()) write_file(target, "old");
+    fs::create_symlink(target, link);
+    AtomicFile file(link);
+    file.stream() << "new";
+    STRCMP_EQUAL("", file.commit().c_str());
+    CHECK(fs::is_symlink(link));
+    STRCMP_EQUAL("new", read_file(dir / target.filename().string()).c_str());
+  }
+  LONGS_EQUAL(4, files());
+}
+
 TEST(AtomicFile, AFullDiskIsAnErrorAndLeavesNothing) {
   AtomicFile file(dir / "out.csv");
   file.stream().setstate(std::ios::badbit);  // what a failed write leaves

@@ -416,7 +416,9 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
                    "percent of the weight that this gel carries; 50 as shear (two like fingers), 100 as normal")
       ->needs(weight)
       ->check(number_from_to(1.0, 100.0));
-  command->add_option("-o,--output", options->output, "settings to write the scale into, TOML; others in it stay")
+  command
+      ->add_option("-o,--output", options->output,
+                   "settings to write the scale into, TOML; its other values stay, comments do not")
       ->needs(weight)
       ->check(not_empty);
   command->add_flag("--json", options->common.json, "print the figures as JSON, features in raw units");

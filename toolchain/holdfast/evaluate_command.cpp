@@ -70,6 +70,9 @@ std::string refused(const EvaluateOptions& options) {
           input);
     }
   }
+  if (!options.json.empty()) {
+    if (const AtomicFile json(options.json); !json.error().empty()) return json.error();
+  }
   return options.out.empty() ? "" : refuse_folder(options.out);
 }
 

@@ -47,7 +47,7 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   int shard = 1;
   int shards = 1;
   if (const std::string error = parse_shard(options.shard, shard, shards); !error.empty()) return fail(error);
-  OutputFiles outputs(asked(options));
+  OutputFiles outputs(asked(options), options.recordings, "label file");
   if (!outputs.error().empty()) return fail(outputs.error());
   if (shards > 1 && !options.modes.empty()) {
     return fail(
@@ -121,7 +121,9 @@ int trade_settings() {
 }
 
 int trade_show(const TradeShowOptions& options) {
-  OutputFiles outputs(asked(options), options.tables, "table");
+  std::vector<std::string> inputs = options.tables;
+  inputs.push_back(options.counts);
+  OutputFiles outputs(asked(options), inputs, "table");
   if (!outputs.error().empty()) return fail(outputs.error());
   std::vector<trade::Line> lines;
   for (const std::string& path : options.tables) {

@@ -67,6 +67,8 @@ int trials(const TrialsOptions& options) {
   std::string model_text;
   if (const std::string error = settle(options.common, params, auto_grid, tree, model_text); !error.empty())
     return fail(error);
+  OutputFiles outputs({{"--csv", options.csv}}, {options.common.model}, "model");
+  if (!outputs.error().empty()) return fail(outputs.error());
   std::string lines =
       "trial,scene,group,onset_s,delay_frames,closed_s,alarms_closing,alarms_held,alarms_moved,contact_s,alarms_"
       "partial\n";
@@ -93,12 +95,8 @@ int trials(const TrialsOptions& options) {
       if (interrupted()) return fail(interrupted_line());
     }
   }
-  if (!options.csv.empty()) {
-    AtomicFile out(options.csv);
-    if (!out.error().empty()) return fail(out.error());
-    out.stream() << lines;
-    if (const std::string error = out.commit(); !error.empty()) return fail(error);
-  }
+  if (std::ostream* const csv = outputs.stream("--csv")) *csv << lines;
+  if (const std::string error = outputs.commit(); !error.empty()) return fail(error);
   if (options.common.json) {
     nlohmann::json out;
     out["kind"] = options.kind;

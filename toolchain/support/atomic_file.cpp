@@ -39,9 +39,10 @@ AtomicFile::AtomicFile(fs::path path, const fs::path& input, Dash dash) : path_(
          "give another name for the output");
     return;
   }
-  // A link stays a link: its target is replaced.
+  // A link stays a link: its target is replaced, or made where it is not there yet.
   if (fs::is_symlink(fs::symlink_status(path_, ignored))) {
-    const fs::path target = fs::weakly_canonical(path_, ignored);
+    const fs::path target =
+        fs::exists(status) ? fs::canonical(path_, ignored) : path_.parent_path() / fs::read_symlink(path_, ignored);
     if (!ignored) path_ = target;
   }
   temp_ = path_;
@@ -105,7 +106,7 @@ OutputFiles::OutputFiles(const std::vector<Asked>& asked, const std::vector<std:
     const auto& [option, path] = asked[a];
     if (path.empty()) continue;
     for (const std::string& input : inputs) {
-      if (!same_place(path, input)) continue;
+      if (input.empty() || !same_place(path, input)) continue;
       error_ = fmt::format(
           "{}: {} would change a {} of this run. Likely cause: the same name given twice. Next: give another place for "
           "the output",
