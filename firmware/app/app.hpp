@@ -55,7 +55,7 @@ struct Devices {
   hal::Clock& clock;
   JpegDecoder& jpeg;
   // A camera that is not live is judged by the device's rules all the same: a loss of contact that nobody announced is
-  // reported, the rest position follows an empty gel, and a FAULT ends after three frames. Without it none of this
+  // reported, the rest position follows an empty gel, and a FAULT ends as on a device. Without it none of this
   // holds: in a simulation nobody says OPENING. What stays different: a picture may be shown again, and how long a
   // decision took is not judged. Range: frames at least every 150 ms; slower ones would never leave FAULT.
   bool as_device = false;

@@ -144,8 +144,8 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Findings::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},
     {"the setting `latch` is on and ARM has not come since the fault, or since a process that resumed has started",
      &Findings::needs_arm, true, false, DeviceState::kFault, Why::kRow, Reason::kNeedsArm},
-    {"since the fault, or since a process that resumed has started, fewer than `recover_frames` accepted frames in a row, "
-     "or the picture has none before it to be compared with",
+    {"since the fault, or since a process that resumed has started, fewer than `recover_frames` accepted frames in a "
+     "row, or the picture has none before it to be compared with",
      &Findings::recovering, true, false, DeviceState::kFault, Why::kRow, Reason::kRecovering},
     {"no rest position is known, and the light changed while it was being learned",
      &Findings::light_changed, false, false, DeviceState::kReference, Why::kRow, Reason::kLightChanged},

@@ -94,7 +94,6 @@ inline void forget(State& state) {
     state.detected = detected;
   }
   state.since = std::min(state.since, now);  // where the clock stepped back
-  if (!state.touching && !detected) state.firm = false;
   state.firm = state.firm || patches.raw() >= config.firm_patches || displaced(field, config.begin_um);
   const Micros lasted = now - state.since;
   if (detected && !state.touching && lasted >= config.begin_after) {
@@ -104,8 +103,8 @@ inline void forget(State& state) {
     state.touching = false;
     state.since = now;
     out.event = opening ? Event::kReleased : state.firm ? Event::kLost : Event::kFaded;
-    state.firm = false;
   }
+  if (!state.touching && !detected) state.firm = false;
   out.judged = true;
   out.touching = state.touching;
   state.empty = !state.touching && !detected && lasted >= config.empty_after;

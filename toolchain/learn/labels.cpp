@@ -59,6 +59,10 @@ std::optional<Confidence> find_confidence(std::string_view name) {
   return static_cast<Confidence>(at - kConfidenceNames.begin());
 }
 
+bool overlap(const Frames& a, const Frames& b) {
+  return a.from <= b.to && b.from <= a.to;
+}
+
 // One line of the file, by the names of its columns.
 class LabelRow {
  public:
@@ -162,7 +166,7 @@ class LabelRow {
     if (!clip_.slip || clip_.confidence == Confidence::kLow) return {};
     const Frames& slip = *clip_.slip;
     const auto check = [&](const Frames& quiet, std::string_view kind) -> Error {
-      if (quiet.to < slip.from || quiet.from > slip.to) return {};
+      if (!overlap(quiet, slip)) return {};
       return error(fmt::format("{} interval {}-{} overlaps the slip {}-{} of {}", kind, quiet.from, quiet.to, slip.from,
                                slip.to, clip_.name),
                    "a typing error in one of the two", "let the interval end before the slip or begin after it");
@@ -268,7 +272,6 @@ std::vector<std::string> contradictions(const ClipLabels& clip) {
     found.push_back(fmt::format("{}:{}: {}: {} {}-{} and {} {}-{}", clip.file.string(), clip.line, clip.name, what,
                                 one.from, one.to, other_what, other.from, to));
   };
-  const auto overlap = [](const Frames& a, const Frames& b) { return a.from <= b.to && b.from <= a.to; };
   if (clip.contact) {
     for (const Frames& one : clip.empty) {
       if (overlap(one, *clip.contact)) add("empty", one, "in contact", *clip.contact);

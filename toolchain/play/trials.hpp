@@ -71,8 +71,8 @@ struct TrialResult {
   // From the onset to the rise of `slip`, at most two frames early; or, where `slip` is up at the onset, since when:
   // below 0, and that rise is an alarm as well.
   std::optional<int> delay_frames{};
-  // Rises of `slip` before the onset: while the grip closes (and 120 ms after it), while it holds
-  // still, while the object is moved.
+  // Rises of `slip` before the onset: while the grip closes (and 120 ms after it), while it holds still,
+  // while the object is moved.
   std::array<int, 3> alarms{};
   int partial_alarms = 0;  // of them, while a part of the contact slips
 };

@@ -164,6 +164,9 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     ++summary_.accepted;
     marker_sum_ += result.markers;
     summary_.least_markers = summary_.accepted == 1 ? result.markers : std::min(summary_.least_markers, result.markers);
+    const bool lost = outputs.reason == Reason::kContactLost;
+    if (lost && !lost_before_) summary_.lost_frames.push_back(frame);
+    lost_before_ = lost;
   } else {
     summary_.last_rejection = result.quality.reason;
   }
@@ -175,9 +178,6 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     summary_.slip_frames.push_back(frame);
   }
   slip_before_ = outputs.slip;
-  const bool lost = outputs.state == DeviceState::kSlip && outputs.reason == Reason::kContactLost;
-  if (lost && !lost_before_) summary_.lost_frames.push_back(frame);
-  lost_before_ = lost;
 
   FrameRecord row = log::facts_of(*app_, frame, t_s, gpio_.level(hal::Line::kAlive) == hal::Level::kHigh);
   if (hand_) {

@@ -164,7 +164,7 @@ class Session {
   Summary summary_;
   long marker_sum_ = 0;
   bool slip_before_ = false;
-  bool lost_before_ = false;
+  bool lost_before_ = false;  // in the last accepted frame
   std::vector<Arrow> arrows_;
   double best_entropy_ = -1;
   bool slip_kept_ = false;
