@@ -100,7 +100,7 @@ bool decodes_to_itself(std::span<const std::uint8_t> bytes) {
 // A finding in words; empty: nothing to say.
 //   * every message lies in the file, on a channel that is known; as many as are counted
 //   * the same bytes say the same again; a fault lies in the file and has words
-//   * where nothing is wrong, the file was read to its end, and what the index leads to was among the messages
+//   * where nothing is wrong, the file was read to its end
 //   * bytes that are a message of ours are written the same again
 inline std::string check_mcap_bytes(std::span<const std::uint8_t> bytes) {
   std::string finding;
@@ -126,10 +126,7 @@ inline std::string check_mcap_bytes(std::span<const std::uint8_t> bytes) {
     if (fault.what.empty() || fault.at > bytes.size()) return "a fault without words, or outside of the file";
   }
   if (!file.faults.empty()) return "";
-  if (!file.whole) return "broken off, and nothing is wrong";
-  std::sort(seen.begin(), seen.end());
-  const std::vector<McapSeen> indexed = mcap_by_index(bytes);
-  return std::includes(seen.begin(), seen.end(), indexed.begin(), indexed.end()) ? "" : "the index leads elsewhere";
+  return file.whole ? "" : "broken off, and nothing is wrong";
 }
 
 // A small file: `messages` of two channels.

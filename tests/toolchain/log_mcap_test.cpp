@@ -245,7 +245,7 @@ TEST(Mcap, EndsWholeOnADiskThatIsFull) {
   }
 }
 
-TEST(Mcap, HoldsEverythingAgainstEverythingElse) {
+TEST(Mcap, SaysWhatIsWrong) {
   const McapBytes good = without_sums(small_mcap(7));
   STRCMP_EQUAL("", fault_of(good).c_str());
   // Adds `by` to the byte `offset` bytes into the content of record `which` of a kind.
@@ -255,56 +255,18 @@ TEST(Mcap, HoldsEverythingAgainstEverythingElse) {
     bytes[at] = static_cast<std::uint8_t>(bytes[at] + by);
     return bytes;
   };
-  check_fault("a chunk whose times are not those of its messages", changed(Op::kChunk, 0, 0));
-  check_fault("a chunk whose times are not those of its messages", changed(Op::kChunk, 0, 8));
+  constexpr auto kKind = static_cast<std::size_t>(-9);
   check_fault("a chunk that is not as long as it says", changed(Op::kChunk, 0, 16));
   check_fault("a message whose channel is not there", changed(Op::kMessage, 0, 0, 9));
-  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessage, 1, 6));  // another time
-  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessageIndex, 0, 6));   // time
-  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessageIndex, 0, 14));  // place
-  check_fault("an index that is not that of the messages in the chunk", changed(Op::kMessageIndex, 0, 0, 1));
-  for (const std::size_t field : {0U, 8U, 24U}) {
-    check_fault("an index that is not that of its chunk", changed(Op::kChunkIndex, 0, field));
-  }
-  check_fault("an index of a chunk that is not there", changed(Op::kChunkIndex, 0, 16));
-  check_fault("an index that is not that of the chunk's indexes", changed(Op::kChunkIndex, 0, 38));
-  for (const std::size_t count : {0U, 8U, 10U, 14U, 18U, 22U, 26U, 34U, 48U}) {
-    check_fault("the counts are not those of the file", changed(Op::kStatistics, 0, count));
-  }
-  check_fault("an offset of a group that is not there", changed(Op::kSummaryOffset, 0, 0));
-  check_fault("an offset of a group that is not there", changed(Op::kSummaryOffset, 1, 1));
-  check_fault("an offset of a group that is not there", changed(Op::kSummaryOffset, 2, 9));
-  check_fault("the footer has another place for the summary", changed(Op::kFooter, 0, 0));
-  check_fault("the footer has another place for the offsets", changed(Op::kFooter, 0, 8));
-  // The second of each is the summary's.
-  check_fault("a schema that differs from the one before of its number", changed(Op::kSchema, 1, 7));
-  check_fault("a schema that only the summary has", changed(Op::kSchema, 1, 0, 5));
-  check_fault("a channel that differs from the one before of its number", changed(Op::kChannel, 2, 9));
-  check_fault("a channel that only the summary has", changed(Op::kChannel, 2, 0, 5));
   check_fault("a channel whose schema is not there", changed(Op::kChannel, 0, 2, 5));
-  check_fault("a record of a kind that cannot be here", changed(Op::kDataEnd, 0, static_cast<std::size_t>(-9), -15));
+  check_fault("a channel that differs from the one before of its number", changed(Op::kChannel, 1, 0, -1));
+  check_fault("a record of a kind that cannot be here", changed(Op::kMessageIndex, 0, kKind, -7));
+  check_fault("the data have no end", changed(Op::kDataEnd, 0, kKind, -1));
+  check_fault("the footer has another place for the summary", changed(Op::kFooter, 0, 0));
   // Sums that are there and wrong.
   check_fault("a chunk whose check sum is not that of its bytes", changed(Op::kChunk, 0, 24));
   check_fault("the data's check sum is not that of their bytes", changed(Op::kDataEnd, 0, 0));
   check_fault("the summary's check sum is not that of its bytes", changed(Op::kFooter, 0, 16));
-}
-
-// A file may have as many of them as it likes: each was held against the chunk's messages, sorted anew.
-TEST(Mcap, LooksAtTheFirstIndexOfAChannelOnly) {
-  McapBytes bytes = without_sums(small_mcap(7));
-  const McapPlace index = places_of(bytes, Op::kMessageIndex).front();
-  const auto begin = bytes.begin() + static_cast<long>(index.at);
-  const std::size_t end = index.content + index.size;
-  McapBytes second(begin, bytes.begin() + static_cast<long>(end));
-  second[index.content - index.at + 6] ^= 1;  // another time
-  bytes.insert(bytes.begin() + static_cast<long>(end), second.begin(), second.end());
-  bool told = false;
-  const McapFile file = read_mcap(bytes);
-  for (const auto& fault : file.faults) {
-    told = told || fault.what == "a second index of one channel";
-    CHECK_FALSE(fault.what == "an index that is not that of the messages in the chunk");
-  }
-  CHECK_TRUE(told);
 }
 
 TEST(Mcap, SaysNoMoreThanAFewThingsAtOnce) {

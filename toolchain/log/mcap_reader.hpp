@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads an MCAP file and checks all of it: every length, check sum, index and count.
+// Reads an MCAP file and checks every length and check sum in it. What leads there from the end, indexes and counts, is
+// not read: who wrote the sums wrote them, too.
 //
 // One pass over the bytes, in order, so that a file which breaks off still gives what is whole before that. Any bytes
 // will do: it never reads outside of them, ends after one pass, and keeps no more than a few times their size. Views
@@ -27,7 +28,6 @@ struct McapChannel {
   std::uint16_t schema = 0;  // 0: none
   std::string_view topic;
   std::string_view encoding;
-  std::string_view metadata;  // as in the file: a map of texts
   friend bool operator==(const McapChannel&, const McapChannel&) = default;
 };
 
