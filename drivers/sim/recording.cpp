@@ -198,9 +198,6 @@ std::optional<Error> load_image(const fs::path& path, int reduce, hal::PixelForm
   if (const std::string wrong = drivers::open_file(path, "give one image file", file); !wrong.empty()) {
     return Error{wrong};
   }
-  if (!file) {
-    return fail_line(path, "cannot be read", "no such file, or no permission", "check the path");
-  }
   file.read(reinterpret_cast<char*>(head.data()), head.size());
   if (file.gcount() == 0) {
     return fail_line(path, "holds no picture", "the file is empty (0 bytes)", "write or copy it again");

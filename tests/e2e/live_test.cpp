@@ -134,7 +134,9 @@ TEST(LiveTool, SaysWhatItCannotDo) {
     refuses({"live", "--record", in("in.mcap"), option, in("in.mcap"), "--seconds", "1"}, "would change an input");
   }
   STRCMP_EQUAL("mine", read_file(dir / "in.mcap").c_str());
-  refuses({"live", "--board", in("tty"), "--play", kSlip}, "--board goes with none of");
+  for (const Words& own : {Words{"--play", kSlip}, Words{"--mode", "fast"}, Words{"--record", in("r.mcap")}}) {
+    refuses({"live", "--board", in("tty"), own[0], own[1]}, "--board");
+  }
   refuses({"live", "--board", in("tty")}, "tty");
   refuses({"record", in("a.mcap"), "--sensor", "0000-0000", "--seconds", "1"}, "GelSight Mini");
   // A port that another one has: this test.

@@ -428,7 +428,7 @@ TEST(Tool, RefusesSettingsThatItDoesNotKnow) {
   const auto refuse = [&](const std::string& path, const char* said) {
     refused({"replay", in("gel"), "--model", path}, path, said);
   };
-  refuse(in("absent.tree"), "no such file");
+  refuse(in("absent.tree"), "No such file");
   refuse(in("gel"), "is not a regular file. Likely cause: a folder,");
   write_file(dir / "m.tree", "");
   refuse(in("m.tree"), "has 0 bytes");
@@ -514,12 +514,12 @@ TEST(Tool, RefusesToCompileWhatItMayNot) {
     check_line(ask(arguments), joined(arguments), named, said);
   };
   refuse({model, "--header", model}, model, "would change the model");
-  refuse({model, "--header", in("f"), "--binary", in("./f")}, in("./f"), "given for both");
+  refuse({model, "--header", in("f"), "--binary", in("./f")}, in("f"), "given for both");
   refuse({model, "--check"}, "--check", "nothing to compare with");
   refuse({model, "--header", in("absent/t.hpp")}, in("absent/t.hpp"), "No such file");
   refuse({model, "--header", in("other.hpp"), "--binary", in("absent/t.model")}, in("absent/t.model"), "No such file");
   refuse({model, "--header", in("other.hpp"), "--check"}, in("other.hpp"), "is not what");
-  refuse({in("absent.tree")}, in("absent.tree"), "no such file");
+  refuse({in("absent.tree")}, in("absent.tree"), "No such file");
   refuse({in("t.model")}, in("t.model"), "is a compiled model");
   (void)succeed({"model", "seal", in("t.model"), "-o", in("t.sealed")});
   refuse({in("t.sealed")}, in("t.sealed"), "is a sealed record");
@@ -564,10 +564,10 @@ TEST(Tool, RefusesOutputsThatCannotBe) {
   refuse({in("gel.avi"), "--model", in("m.tree"), "--report", in("m.tree")}, in("m.tree"), "an input");
   refuse({in("gel.avi"), "--features", in("f"), "--report", in("gel/../f")}, in("f"), "--features and --report");
   check_line(ask({"sim", kScene, "--truth", in("f"), "--markers", in("f")}), "sim", in("f"), "given for both");
-  // The report can be made and the table of markers can not: none of them may appear.
+  // The table can be made and the picture can not: none of them may appear.
   const Finished full = test::run({"sh", "-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh", kTool, "replay",
                                    in("gel"), "--features", in("f"), "--report", in("r"), "--overlay", in("o")});
-  check_line(full, "full disk", in("r"), "could not be written to its end");
+  check_line(full, "full disk", in("o"), "could not be written to its end");
   CHECK(files() == before);
   CHECK(read_file(dir / "gel.avi") == recording);
   if (::geteuid() == 0) return;  // root may write everywhere
@@ -594,7 +594,7 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"replay", in("gel"), "--grid"}, "--grid", "holdfast replay --help");
   refuse({"replay", "no\nsuch\033[31mfile"}, "no?such?[31mfile", "check the path");
   refuse({"sim"}, "SCENE", "holdfast sim --help");
-  refuse({"sim", in("sphere_slop.json")}, "sphere_slop.json", "check the name");
+  refuse({"sim", in("sphere_slop.json")}, "sphere_slop.json", "No such file");
   refuse({"sim", kScene, "--inject", "here"}, "--inject 'here'", "jpeg");
   refuse({"sim", kScene, "--contact", "soft"}, "--contact 'soft'", "springs");
   refuse({"sim", kScene, "--inject", "markers", "--overlay", in("o.png")}, "--overlay", "--inject grey");
@@ -610,7 +610,8 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"fuse", in("none.csv"), "--markers", markers, "--model", in("x.tree")}, "none.csv", "dataset --recordings");
   refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("x.tree")}, "no.csv", "Next:");
   refuse({"fuse", in("no.csv"), "--markers", in("none.tree"), "--model", in("x.tree")}, "none.tree", "model text");
-  refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("no.csv")}, "no.csv", "overwrite an input");
+  refuse({"fuse", in("no.csv"), "--markers", markers, "--model", in("no.csv")}, "no.csv",
+         "--model would change an input");
   refuse(Words{"trade"}, "subcommand", "holdfast trade --help");
   refuse(Words{"trade", "sim"}, "SCENE", "holdfast trade sim --help");
   refuse({"trade", "sim", kScene, "--repeats", "0"}, "--repeats", "holdfast trade sim --help");
@@ -644,6 +645,11 @@ TEST(Tool, ATableCanGoToStandardOutput) {
       {"sh", "-c", "exec \"$@\" > /dev/full", "sh", kTool, "sim", quick, "--inject", "markers", "--features", "-"});
   LONGS_EQUAL(1, full.status);
   check_line(full, "sim --features -", "-", "could not be written to its end");
+  write_file(dir / "gel.mjpg", Film{}.stream(2));
+  const Finished drawn = test::run({"sh", "-c", "exec \"$@\" > /dev/full", "sh", kTool, "replay", in("gel.mjpg"),
+                                    "--overlay", in("o.png"), "--features", "-"});
+  check_line(drawn, "replay --features -", "-", "could not be written to its end");
+  CHECK_FALSE(fs::exists(dir / "o.png"));
 }
 
 // Whoever reads it has gone before the first line comes, as the end of a pipeline may.

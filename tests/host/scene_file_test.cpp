@@ -524,11 +524,6 @@ TEST(SceneFile, RefusesWhatTheLevelCannotDo) {
   refused_edit(R"("radius_mm": 15)", R"("shape": "box")", 6, {"level springs cannot do shapes ('object.shape')"});
   refused_edit(R"("radius_mm": 15)", R"("texture": {"kind": "bumps", "height_mm": 0.1})", 6,
                {"level springs cannot do shapes ('object.texture.kind')", "a smooth sphere or cone"});
-  for (const std::string gone : {"closed", "kinematic"}) {
-    refused_edit("springs", gone, 5,
-                 {"this level is gone ('level.contact': \"" + gone + "\")", R"(allowed "springs", "grid")",
-                  "a scene of an earlier version", R"(write "springs")"});
-  }
 }
 
 // --- hostile text ---

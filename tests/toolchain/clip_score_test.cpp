@@ -369,7 +369,7 @@ TEST(EvaluateRecorded, WhatCannotBeIsRefusedInOneLine) {
           "labels.csv:2: interval 20-30 ends after the last frame 10 of gel__exp_num_1__camera_0");
   refuses("0,9,3,6,1,6-8:high,,high", "silent interval 6-8 overlaps the slip 3-6");
   refuses("0,9,3,6,1,,0-3,high", "empty interval 0-3 overlaps the slip 3-6");
-  STRCMP_CONTAINS("cannot be read as a label file", refused({"--recorded", (dir / "none.csv").string()}).c_str());
+  STRCMP_CONTAINS("none.csv: cannot be read", refused({"--recorded", (dir / "none.csv").string()}).c_str());
   STRCMP_CONTAINS("neither or both", refused({}).c_str());
   STRCMP_CONTAINS("neither or both", refused({"data.csv", "--recorded", labels}).c_str());
   test::write_file(dir / "labels.csv", kHeader + std::string("gel__exp_num_1__camera_0,,,,,0,,0-10,high\n"));

@@ -404,9 +404,10 @@ TEST(Evaluate, CommandRefusesInOneLineAndWritesNothing) {
   STRCMP_CONTAINS("no unseen objects", refused({good}).c_str());
   STRCMP_CONTAINS("no such set", refused({good, "--sets", "velocity,nonsense"}).c_str());
   STRCMP_CONTAINS("is in", refused({good, one}).c_str());  // the ball's grasps twice
-  STRCMP_CONTAINS("--model: of recordings alone", refused({good, "--model", "none.tree"}).c_str());
+  STRCMP_CONTAINS("--model requires --recorded", refused({good, "--model", "none.tree"}).c_str());
+  STRCMP_CONTAINS("--recorded", refused({"--recorded", "labels.csv", "--seeds", "2"}).c_str());
   STRCMP_CONTAINS("nan", refused({good, "--slip-weight", "nan"}).c_str());
-  STRCMP_CONTAINS("overwrite an input", test::run({kTool, "evaluate", good, "--json", good}).err.c_str());
+  STRCMP_CONTAINS("--json would change an input", test::run({kTool, "evaluate", good, "--json", good}).err.c_str());
   CHECK(test::run({kTool, "evaluate", good}).err.find("no output") != std::string::npos);
   const test::Finished own_folder = test::run({kTool, "evaluate", good, "--out", folder.path().string()});
   STRCMP_CONTAINS("lies in the folder of the outputs", own_folder.err.c_str());

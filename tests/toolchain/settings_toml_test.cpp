@@ -115,6 +115,6 @@ TEST(SettingsToml, AreSignedByTheOwner) {
     test::write_file(dir / "wrong", text);
     check_says(owner.read((dir / "wrong").string()), {"is no key to sign with"});
   }
-  check_says(owner.read((dir / "nothing").string()), {"is no key to sign with"});
+  check_says(owner.read((dir / "nothing").string()), {"cannot be read"});
   check_says(owner.read(keys + "/owner.pub"), {"is no key to sign with"});  // everybody has that one
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Thresholds, and the model that is made of them, on made-up recordings whose answers are known.
-#include "toolchain/learn/detectors.hpp"
+#include "toolchain/learn/threshold.hpp"
 
 #include <algorithm>
 #include <string>
@@ -56,10 +56,8 @@ Samples three() {
   return samples;
 }
 
-double lowest(const Samples& samples, const Budget& budget, std::vector<int> trials = {0, 1, 2}) {
-  std::vector<double> values;
-  CHECK(!imprint_detector().values(samples, trials, values));
-  return threshold_of(samples, imprint_detector(), trials, values, budget, kRaise);
+double lowest(const Samples& samples, const Budget& budget, const std::vector<int>& trials = {0, 1, 2}) {
+  return threshold_of(samples, imprint_motions(samples), trials, budget, kRaise);
 }
 
 treec::Model marker_tree() {
@@ -80,10 +78,10 @@ treec::Model marker_tree() {
 
 }  // namespace
 
-TEST_GROUP(Detectors){};
+TEST_GROUP(Threshold){};
 
 // R: binom.test(12, 14), (0, 10), (10, 10).
-TEST(Detectors, ShareIntervalIsClopperAndPearsons) {
+TEST(Threshold, ShareIntervalIsClopperAndPearsons) {
   DOUBLES_EQUAL(0.5718709, share_interval(12, 14).low, 1e-6);
   DOUBLES_EQUAL(0.9822055, share_interval(12, 14).high, 1e-6);
   DOUBLES_EQUAL(0.0, share_interval(0, 10).low, 0.0);
@@ -93,7 +91,7 @@ TEST(Detectors, ShareIntervalIsClopperAndPearsons) {
 }
 
 // A single frame raises nothing, the empty gel is not in contact: the largest value that comes twice in a row decides.
-TEST(Detectors, ThresholdIsTheLowestThatStaysSilent) {
+TEST(Threshold, IsTheLowestThatStaysSilent) {
   const Samples samples = three();
   DOUBLES_EQUAL(1600, lowest(samples, {0, 0.0}), 0.0);
   DOUBLES_EQUAL(1616, lowest(samples, {0, 16.0}), 0.0);
@@ -102,27 +100,15 @@ TEST(Detectors, ThresholdIsTheLowestThatStaysSilent) {
   DOUBLES_EQUAL(1500, lowest(samples, {4, 0.0}), 0.0);
 }
 
-TEST(Detectors, EachObjectIsJudgedByTheOthers) {
+TEST(Threshold, EachObjectIsJudgedByTheOthers) {
   const Samples samples = three();
-  RecordedScore score;
-  CHECK(!leave_one_out(samples, imprint_detector(), {0, 0.0}, kRaise, score));
+  const RecordedScore score = leave_one_out(samples, {0, 0.0}, kRaise);
   LONGS_EQUAL(3, score.onsets);
   LONGS_EQUAL(2, score.within_10.fresh);  // the box moves by 1550, the others hold at 1600
   LONGS_EQUAL(1, score.hits);             // the pen's last false alarm is up until just before its slip
   LONGS_EQUAL(4, score.held.alarms);      // the pen by the threshold of the cup
   LONGS_EQUAL(0, score.empty.alarms);
   DOUBLES_EQUAL(3 * 19 * 0.04, score.empty.s, 1e-9);
-}
-
-TEST(Detectors, SpeedIsTheLengthOfBothParts) {
-  Samples samples = three();
-  samples.rows[7].x[feature_index("vx_um_s")] = -300;
-  samples.rows[7].x[feature_index("vy_um_s")] = 400;
-  std::vector<double> values;
-  const std::vector<int> none;
-  CHECK(!kDetectors[0].values(samples, none, values));
-  LONGS_EQUAL(samples.rows.size(), values.size());
-  DOUBLES_EQUAL(500.0, values[7], 1e-9);
 }
 
 TEST_GROUP(Fuse){};

@@ -50,8 +50,7 @@ std::string load(Device& device, const std::string& path, std::vector<std::strin
   const sealed::Kind kind = is_of(bytes, sealed::Kind::kModel) ? sealed::Kind::kModel : sealed::Kind::kSettings;
   if (in.bad() || sealed::read(bytes, kind, nullptr, record) != sealed::Refusal::kNone ||
       record.bytes != bytes.size()) {
-    return trouble(path + ": is nothing that a device loads", "no such file, a bad copy, or another one was meant",
-                   kGive);
+    return trouble(path + ": is nothing that a device loads", "a bad copy, or another one was meant", kGive);
   }
   for (const std::string& line : load_lines(bytes)) {
     const Answer answer = device.say(line);

@@ -28,10 +28,7 @@ void Judge::take(const sim::TapeEvent& event) {
   switch (event.kind) {
     case sim::TapeKind::kLine:
       if (static_cast<hal::Line>(event.which) == hal::Line::kGripOk) grip_ok_ = event.value != 0;
-      if (static_cast<hal::Line>(event.which) == hal::Line::kAlive) {
-        alive_at_ = time;
-        ++judgement_.alive_edges;
-      }
+      if (static_cast<hal::Line>(event.which) == hal::Line::kAlive) alive_at_ = time;
       break;
     case sim::TapeKind::kState: {
       const auto state = static_cast<DeviceState>(event.which);
@@ -80,10 +77,7 @@ void Judge::told_fine(Micros from, Micros to) {
     const Micros end = std::min(to, unsafe->to);
     if (end > begin) judgement_.to_safe = std::max(judgement_.to_safe, end - unsafe->from);
     const Micros late = std::max(begin, unsafe->from + kReceiversRule);
-    if (end > late) {
-      judgement_.unsafe_fine += end - late;
-      if (!judgement_.first_at) judgement_.first_at = late;
-    }
+    if (end > late) judgement_.unsafe_fine += end - late;
     ++unsafe;
   }
   // The first "fine" after all that has ended so far; a later fault asks again.

@@ -19,16 +19,14 @@ inline constexpr Micros kReceiversRule{150'000};
 
 struct Judgement {
   Micros unsafe_fine{};              // told "fine" against the rule, in all
-  std::optional<Micros> first_at;    // when it was first
   Micros to_safe{};                  // from the truth's turn to the last "fine" of that fault; the longest
   std::optional<Micros> to_recover;  // from the end of the last fault to "fine"; none: not again
   Micros slowest_recovery{};         // of all that recovered
   Micros fine{};                     // told "fine", in all
-  std::uint64_t alive_edges = 0;
-  std::set<Reason> fault_reasons;  // of every FAULT that was said
-  std::set<Reason> reasons;        // of every state that was said
-  std::uint32_t faults = 0;        // how often FAULT was entered, after the first OK
-  std::vector<Micros> fault_at;    // when
+  std::set<Reason> fault_reasons;    // of every FAULT that was said
+  std::set<Reason> reasons;          // of every state that was said
+  std::uint32_t faults = 0;          // how often FAULT was entered, after the first OK
+  std::vector<Micros> fault_at;      // when
   DeviceState last_state = DeviceState::kBoot;
   Reason last_reason = Reason::kNone;
   bool fine_at_end = false;  // by the lines: the state is what the firmware says

@@ -43,8 +43,6 @@ constexpr Micros kTouch = 1200ms;  // the object is there from then on
 constexpr Micros kGripAt = 300ms;  // GRIP is commanded, long before: the Hand-E takes 1.5 s to be activated
 constexpr Micros kLatency = 40ms;
 
-constexpr Micros kOneFrame = kLatency;
-
 // clang-format off
 constexpr std::array<TroubleInfo, kTroubles> kInfos{{
     {Trouble::kCameraOff, Component::kCamera, "camera_off", true},
@@ -62,7 +60,7 @@ constexpr std::array<TroubleInfo, kTroubles> kInfos{{
     {Trouble::kCameraTruncated, Component::kCamera, "camera_truncated", true},
     {Trouble::kCameraOther, Component::kCamera, "camera_other", true},
     {Trouble::kCameraNoGel, Component::kCamera, "camera_no_gel", true},
-    {Trouble::kCameraSlow, Component::kCamera, "camera_slow", true, kOneFrame},
+    {Trouble::kCameraSlow, Component::kCamera, "camera_slow", true, kLatency},
     {Trouble::kCameraHalfRate, Component::kCamera, "camera_half_rate", false},
     {Trouble::kCameraLate, Component::kCamera, "camera_late", false},
     {Trouble::kCameraStale, Component::kCamera, "camera_stale", true},
@@ -70,12 +68,12 @@ constexpr std::array<TroubleInfo, kTroubles> kInfos{{
     {Trouble::kCameraTwoOfThree, Component::kCamera, "camera_two_of_three", false},
     {Trouble::kStampsBack, Component::kCamera, "stamps_back", true},
     {Trouble::kStampsAhead, Component::kCamera, "stamps_ahead", true},
-    {Trouble::kStampsEqual, Component::kCamera, "stamps_equal", true, kOneFrame},
+    {Trouble::kStampsEqual, Component::kCamera, "stamps_equal", true, kLatency},
     {Trouble::kDark, Component::kCamera, "dark", true},
     {Trouble::kBright, Component::kCamera, "bright", true},
     {Trouble::kFewMarkers, Component::kCamera, "few_markers", false},
     {Trouble::kLostMarkers, Component::kCamera, "lost_markers", true},
-    {Trouble::kClockStuck, Component::kClock, "clock_stuck", true, kOneFrame + App::kClockSlack},
+    {Trouble::kClockStuck, Component::kClock, "clock_stuck", true, kLatency + App::kClockSlack},
     {Trouble::kClockAhead, Component::kClock, "clock_ahead", true},
     {Trouble::kClockBack, Component::kClock, "clock_back", true},
     {Trouble::kClockSlow, Component::kClock, "clock_slow", true, Micros{90'000}},

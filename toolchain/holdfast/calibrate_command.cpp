@@ -14,9 +14,11 @@
 #include <nlohmann/json.hpp>
 #include <variant>
 
+#include "drivers/common/input_file.hpp"
 #include "drivers/sim/recording.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/calibrate.hpp"
+#include "toolchain/learn/dataset.hpp"
 #include "toolchain/learn/firmware_row.hpp"
 #include "toolchain/learn/weigh.hpp"
 #include "toolchain/log/recording_file.hpp"
@@ -34,8 +36,6 @@ namespace {
 
 // 1 s at 25 fps: a spread of so many is known to 14 %. Ten seconds show how slow drifts go, too.
 constexpr std::size_t kLeastFrames = 25;
-// Less is a touch at most (toolchain/learn/dataset.hpp).
-constexpr double kTouch_n = 0.02;
 
 struct CalibrateOptions {
   CommonOptions common;
@@ -113,7 +113,7 @@ std::string watch_scene(const CalibrateOptions& options, Params params, scene::S
     progress.update(truth.frame + 1);
     if (truth.frame > options.to) break;
     if (truth.frame < options.from) continue;
-    if (options.weight_g == 0 && truth.contact.normal_n >= kTouch_n) {
+    if (options.weight_g == 0 && truth.contact.normal_n >= learn::kTouch_n) {
       return fmt::format(
           "{}: not empty: an object presses with {:.2f} N in frame {}. Likely cause: a scene of a grasp. Next: give "
           "tests/scenes/empty_gel.json, or the empty frames with --from and --to",
@@ -262,7 +262,8 @@ std::string write_scale(const std::string& path, const ParamInfo& scale, std::in
   Params params;
   std::string text;
   if (std::filesystem::exists(path)) {
-    if (std::string error = read_small_file(path, "settings", "a TOML file", text); !error.empty()) return error;
+    if (std::string error = drivers::read_file(path, "settings", "give a TOML file", text); !error.empty())
+      return error;
     if (std::string error = settings_of_toml(text, path, params); !error.empty()) return error;
   }
   params.*scale.member = permille;

@@ -39,41 +39,10 @@ struct Output {
   std::string bytes;
 };
 
-// Which output would destroy the model or the other one. Empty: none.
-std::string collision(const CompileOptions& options) {
-  for (const std::string* output : {&options.header, &options.binary}) {
-    if (output->empty() || !same_place(*output, options.model)) continue;
-    return fmt::format(
-        "{}: an output would change the model. Likely cause: the same name given twice. Next: give another place for "
-        "the output",
-        *output);
-  }
-  if (options.header.empty() || options.binary.empty() || !same_place(options.header, options.binary)) return {};
-  return fmt::format(
-      "{}: given for both --header and --binary. Likely cause: a typing error. Next: give each output a file of its "
-      "own",
-      options.binary);
-}
-
 bool holds(const std::string& path, const std::string& bytes) {
   std::ifstream in;
   return drivers::open_file(path, in) && in &&
          std::equal(bytes.begin(), bytes.end(), std::istreambuf_iterator<char>(in), {});
-}
-
-// Every byte is written before the first file appears. Empty, or an error line.
-std::string write(const std::vector<Output>& outputs) {
-  std::vector<std::unique_ptr<AtomicFile>> files;
-  for (const Output& output : outputs) {
-    AtomicFile& file = *files.emplace_back(std::make_unique<AtomicFile>(output.path));
-    if (!file.error().empty()) return file.error();
-    file.stream() << output.bytes;
-    if (!file.stream().flush()) return file.commit();
-  }
-  for (const auto& file : files) {
-    if (std::string error = file->commit(); !error.empty()) return error;
-  }
-  return {};
 }
 
 void print(const treec::Model& model, const CompileOptions& options, const std::vector<Output>& outputs) {
@@ -110,7 +79,10 @@ void print(const treec::Model& model, const CompileOptions& options, const std::
 }
 
 int compile(const CompileOptions& options) {
-  if (const std::string error = collision(options); !error.empty()) return fail(error);
+  std::vector<OutputFiles::Asked> asked;
+  if (!options.check) asked = {{"--header", options.header}, {"--binary", options.binary}};
+  OutputFiles files(asked, {options.model}, "the model");
+  if (!files.error().empty()) return fail(files.error());
   treec::Model model;
   if (const std::string error = read_model(options.model, model); !error.empty()) return fail(error);
   if (fs::path(options.model).filename() != model.name + ".tree") {
@@ -127,7 +99,8 @@ int compile(const CompileOptions& options) {
     outputs.push_back({"binary", options.binary, {binary.begin(), binary.end()}});
   }
   if (!options.check) {
-    if (const std::string error = write(outputs); !error.empty()) return fail(error);
+    for (const Output& output : outputs) *files.stream(std::string("--") + output.option) << output.bytes;
+    if (const std::string error = files.commit(); !error.empty()) return fail(error);
   } else if (outputs.empty()) {
     return fail(
         "--check: nothing to compare with. Likely cause: no output was named. Next: add --header FILE or --binary "

@@ -111,9 +111,7 @@ std::string unlock_by(Device& device, const std::string& path) {
   std::ifstream in;
   if (std::string wrong = drivers::open_file(path, kGive, in); !wrong.empty()) return wrong;
   std::string code;
-  if (!in || !std::getline(in, code)) {
-    return trouble(path + ": the code cannot be read", "no such file, or no right to read it", kGive);
-  }
+  if (!std::getline(in, code)) return trouble(path + ": holds no code", "an empty file", kGive);
   while (!code.empty() && (code.back() == '\r' || code.back() == ' ')) code.pop_back();
   const Answer answer = device.say("unlock " + code);
   return answer.ok() ? std::string{} : answer.error;

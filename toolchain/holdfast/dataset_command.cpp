@@ -12,6 +12,7 @@
 #include <string_view>
 #include <vector>
 
+#include "drivers/sim/scene/file/words.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/plan.hpp"
@@ -121,7 +122,7 @@ int dataset(DatasetOptions options) {
     return fail(error);
   std::vector<std::string> inputs;
   if (const auto error = inputs_of(options, inputs)) return fail(*error);
-  OutputFiles out({{"--out", options.out}}, inputs, "label file, clip or picture");
+  OutputFiles out({{"--out", options.out}}, {inputs.begin(), inputs.end()}, "a label file, clip or picture");
   if (!out.error().empty()) return fail(out.error());
   const double start_s = cpu_s();
   learn::Samples samples;
@@ -132,13 +133,6 @@ int dataset(DatasetOptions options) {
   if (const std::string error = out.commit(); !error.empty()) return fail(error);
   print_made(options, samples, cpu_s() - start_s);
   return 0;
-}
-
-template <typename Table>
-std::string names_of(const Table& table) {
-  std::string names;
-  for (const auto& row : table) names += fmt::format("{}{}", names.empty() ? "" : ", ", row.name);
-  return names;
 }
 
 }  // namespace
@@ -163,9 +157,9 @@ void add_dataset(CLI::App& app, std::vector<Command>& commands) {
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   only_simulated(command->add_flag("--unseen", plan.unseen, "the three objects that training never sees"));
-  only_simulated(command->add_option(
-                     "--kinds", plan.kinds,
-                     fmt::format("of {}; all unless given; the paper has static,slip", names_of(scene::kGraspKinds))))
+  only_simulated(command->add_option("--kinds", plan.kinds,
+                                     fmt::format("of {}; all unless given; the paper has static,slip",
+                                                 scene::file::names_of(scene::kGraspKinds))))
       ->delimiter(',');
   only_simulated(command->add_option("--objects", plan.objects, "some of them, as ball,box")->delimiter(','));
   only_simulated(command->add_option("--inject", options->inject, "where the grasp enters the firmware"))

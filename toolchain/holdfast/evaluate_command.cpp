@@ -16,6 +16,7 @@
 #include <tuple>
 
 #include "drivers/common/input_file.hpp"
+#include "drivers/sim/scene/file/words.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/holdfast/evaluate_recorded.hpp"
 #include "toolchain/learn/evaluate.hpp"
@@ -27,6 +28,9 @@
 
 namespace holdfast::tool {
 namespace {
+
+using scene::file::joined;
+using scene::file::names_of;
 
 namespace fs = std::filesystem;
 
@@ -56,13 +60,8 @@ std::string refused(const EvaluateOptions& options) {
   if (options.out.empty() && options.json.empty() && options.recorded.labels.empty()) {
     return "no output is asked for. Likely cause: --out forgotten. Next: give --out FOLDER or --json J.json";
   }
-  for (const std::string& input : options.inputs()) {
-    if (!options.json.empty() && same_place(input, options.json)) {
-      return fmt::format(
-          "{}: an output would overwrite an input. Likely cause: the same name given twice. Next: give "
-          "another name for the output",
-          options.json);
-    }
+  const std::vector<std::string> inputs = options.inputs();
+  for (const std::string& input : inputs) {
     if (!options.out.empty() && same_place(fs::absolute(input).parent_path(), options.out)) {
       return fmt::format(
           "{}: an input lies in the folder of the outputs, which may replace it. Likely cause: --out is the data's own "
@@ -70,8 +69,8 @@ std::string refused(const EvaluateOptions& options) {
           input);
     }
   }
-  if (!options.json.empty()) {
-    if (const AtomicFile json(options.json); !json.error().empty()) return json.error();
+  if (const OutputFiles early({{"--json", options.json}}, {inputs.begin(), inputs.end()}); !early.error().empty()) {
+    return early.error();
   }
   return options.out.empty() ? "" : refuse_folder(options.out);
 }
@@ -83,7 +82,6 @@ std::string load(const std::string& path, learn::Samples& all, std::map<GraspKey
   constexpr std::string_view kMake = "make samples with holdfast dataset";
   std::ifstream in;
   if (std::string wrong = drivers::open_file(path, kMake, in); !wrong.empty()) return wrong;
-  if (!in) return trouble(path + ": cannot be read", "no such file, or no right to read it", kMake);
   learn::Samples some;
   if (auto error = learn::read_csv(in, path, some)) return *error;
   for (const learn::Trial& trial : some.trials) {
@@ -100,13 +98,6 @@ std::string load(const std::string& path, learn::Samples& all, std::map<GraspKey
   return {};
 }
 
-template <typename Item, typename Name>
-std::string names_of(const std::vector<Item>& items, const Name& name) {
-  std::string names;
-  for (const Item& item : items) names += fmt::format("{}{}", names.empty() ? "" : ", ", name(item));
-  return names;
-}
-
 // The options of the work from those of the command line. Empty, or an error line.
 std::string settle(const EvaluateOptions& asked, learn::Options& options) {
   // The paper's way to look at grasps: by the markers alone, each feature for itself. The others on request.
@@ -116,9 +107,8 @@ std::string settle(const EvaluateOptions& asked, learn::Options& options) {
   for (const std::string& name : asked.sets) {
     const FeatureSet* set = find_feature_set(name);
     if (set == nullptr) {
-      const std::vector<FeatureSet> all(kFeatureSets.begin(), kFeatureSets.end());
       return fmt::format("--sets '{}': no such set. Likely cause: a typing error. Next: give some of {}", name,
-                         names_of(all, [](const FeatureSet& known) { return known.name; }));
+                         names_of(kFeatureSets));
     }
     options.sets.push_back(set);
   }
@@ -154,13 +144,12 @@ learn::ReportFacts facts_of(const EvaluateOptions& asked, const learn::Options& 
     return fmt::format("{} trials, {} frames judged: {} hold, {} slip; {} more not judged", of.trials.size(),
                        hold + slip, hold, slip, static_cast<long>(of.rows.size()) - hold - slip);
   };
-  const auto as_is = [](const auto& name) { return name; };
   facts.facts = {
-      {"data", fmt::format("{}: {}", facts.source, names_of(asked.data, as_is))},
+      {"data", fmt::format("{}: {}", facts.source, joined(asked.data))},
       {"samples", rows(samples)},
-      {"objects",
-       names_of(objects, [](const std::string& name) { return learn::is_unseen(name) ? name + " (unseen)" : name; })},
-      {"kinds of grasp", names_of(kinds, as_is)}};
+      {"objects", joined(objects, ", ",
+                         [](const std::string& name) { return learn::is_unseen(name) ? name + " (unseen)" : name; })},
+      {"kinds of grasp", joined(kinds)}};
   facts.facts.emplace_back("seeds", fmt::format("{}", options.seeds));
   const learn::Settings& tree = options.tree;
   facts.facts.emplace_back("own tree",
@@ -196,16 +185,32 @@ std::string json_of(const learn::ReportFacts& facts, const std::vector<learn::Ta
   return out.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + '\n';
 }
 
+// All that was asked for, or nothing. Empty, or an error line.
+std::string write(const EvaluateOptions& asked, const learn::ReportFacts& facts,
+                  const std::vector<learn::Table>& tables) {
+  std::error_code failed;
+  const bool made = !asked.out.empty() && fs::create_directory(asked.out, failed);
+  if (failed) return asked.out + ": cannot be made: " + failed.message() + ". Next: check the folder above it";
+  std::vector<OutputFiles::Asked> places{{"--json", asked.json}};
+  for (const learn::Table& table : tables) {
+    if (!asked.out.empty()) places.push_back({table.id, fs::path(asked.out) / (table.id + ".csv")});
+  }
+  std::string problem;
+  {
+    OutputFiles files(places);
+    if (std::ostream* const json = files.stream("--json")) *json << json_of(facts, tables);
+    for (const learn::Table& table : tables) {
+      if (std::ostream* const csv = files.stream(table.id)) *csv << learn::csv(table);
+    }
+    problem = files.commit();
+  }
+  if (!problem.empty() && made) fs::remove(asked.out, failed);  // stays unless empty
+  return problem;
+}
+
 // Writes what was asked for, and prints it. The exit status.
 int put_out(const EvaluateOptions& asked, const learn::ReportFacts& facts, const std::vector<learn::Table>& tables) {
-  std::vector<std::pair<fs::path, std::string>> outputs;
-  if (!asked.out.empty()) {
-    const fs::path folder = asked.out;
-    for (const learn::Table& table : tables) outputs.emplace_back(folder / (table.id + ".csv"), learn::csv(table));
-  }
-  if (!asked.json.empty()) outputs.emplace_back(asked.json, json_of(facts, tables));
-  if (const std::string error = write_all(asked.out, outputs); !error.empty()) return fail(error);
-
+  if (const std::string error = write(asked, facts, tables); !error.empty()) return fail(error);
   for (const auto& [name, value] : facts.facts) fmt::print("{:15} {}\n", name, printable(value));
   for (const std::string& warning : facts.warnings) fmt::print("{:15} {}\n", "note", printable(warning));
   for (const learn::Table& table : tables) {
@@ -267,11 +272,6 @@ int evaluate(const EvaluateOptions& asked) {
         "give either samples or --recorded with label files. Likely cause: neither or both are given. Next: holdfast "
         "evaluate --help shows how");
   }
-  if (asked.recorded.labels.empty() && (asked.pairs || !asked.models.empty())) {
-    return fail(fmt::format(
-        "{}: of recordings alone. Likely cause: --recorded forgotten. Next: give --recorded with label files",
-        asked.pairs ? "--pairs" : "--model"));
-  }
   if (const std::string error = refused(asked); !error.empty()) return fail(error);
   return asked.data.empty() ? evaluate_clips(asked) : evaluate_samples(asked);
 }
@@ -293,51 +293,63 @@ void add_evaluate(CLI::App& app, std::vector<Command>& commands) {
       app.add_subcommand("evaluate", "the paper's tables on your samples, or the firmware on labelled recordings");
   command->add_option("DATA", options->data, "samples of holdfast dataset: CSV files")->check(not_empty);
   RecordedOptions& recorded = options->recorded;
-  command
-      ->add_option("--recorded", recorded.labels,
-                   "instead of samples: label files beside their clips, each of which is replayed; detection and false "
-                   "alarms in labelled silence and by phase of the whole trial")
-      ->check(not_empty);
+  CLI::Option* const clips =
+      command
+          ->add_option("--recorded", recorded.labels,
+                       "instead of samples: label files beside their clips, each of which is replayed; detection and "
+                       "false alarms in labelled silence and by phase of the whole trial")
+          ->check(not_empty);
   command
       ->add_option("--empty", recorded.empty,
                    "with --recorded: picture of the empty gel for clips that never show it; else empty_CAMERA.png "
                    "beside the labels, CAMERA being what follows the last __ of the clip's name")
-      ->check(not_empty);
-  command->add_flag(
-      "--pairs", options->pairs,
-      "with --recorded: clips whose names differ after the last __ alone are the left and the right finger "
-      "of a hand; each alone, both fused, and the thresholds of the fused decision");
-  command->add_option("--grid", recorded.grid, "with --recorded: as of replay")->capture_default_str();
+      ->check(not_empty)
+      ->needs(clips);
+  command
+      ->add_flag("--pairs", options->pairs,
+                 "with --recorded: clips whose names differ after the last __ alone are the left and the right finger "
+                 "of a hand; each alone, both fused, and the thresholds of the fused decision")
+      ->needs(clips);
+  command->add_option("--grid", recorded.grid, "with --recorded: as of replay")->capture_default_str()->needs(clips);
   recorded.jobs = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   command->add_option("--jobs", recorded.jobs, "with --recorded: clips replayed at the same time")
       ->check(CLI::Range(1, 1024))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->needs(clips);
   command->add_option("--model", options->models, "with --recorded: the model that decides, as slip_v6.tree")
-      ->check(not_empty);
+      ->check(not_empty)
+      ->needs(clips);
   command->add_option("--out", options->out, "folder for all tables: CSV")->check(not_empty);
   command->add_option("--json", options->json, "all tables: JSON")->check(not_empty);
   command->add_option("--seeds", options->seeds, "repetitions with other folds: intervals are over these")
       ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->excludes(clips);
   command
       ->add_option("--sets", options->sets,
                    "sets of features, as entropy,paper; unless given, all that do not read the imprint")
-      ->delimiter(',');
-  command->add_flag("--without-unseen", options->without_unseen, "leave Table III out: the data has no unseen objects");
+      ->delimiter(',')
+      ->excludes(clips);
+  command->add_flag("--without-unseen", options->without_unseen, "leave Table III out: the data has no unseen objects")
+      ->excludes(clips);
   command->add_option("--depth", options->tree.max_depth, "of our tree")
       ->check(CLI::Range(1, treec::kMaxDepth))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->excludes(clips);
   command->add_option("--min-leaf", options->tree.min_leaf, "rows of a leaf of our tree")
       ->check(CLI::Range(1, 1'000'000))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->excludes(clips);
   command->add_option("--prune", options->tree.prune, "share of the weight that a leaf of our tree must pay")
       ->check(number_from_to(0.0, 1.0))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->excludes(clips);
   command
       ->add_option("--slip-weight", options->tree.slip_weight,
                    "of a slip row of our tree; below 1: fewer false alarms, later detection")
       ->check(number_from_to(0.001, 1000.0))
-      ->capture_default_str();
+      ->capture_default_str()
+      ->excludes(clips);
   command->footer("Columns of a label file, one clip a line; frames count from 0, intervals include both ends:\n" +
                   label_columns() +
                   "Examples:\n"

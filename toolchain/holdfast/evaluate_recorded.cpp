@@ -16,10 +16,10 @@
 
 #include "base/math.hpp"
 #include "toolchain/learn/clip_score.hpp"
-#include "toolchain/learn/detectors.hpp"
 #include "toolchain/learn/evaluate.hpp"
 #include "toolchain/learn/labels.hpp"
 #include "toolchain/learn/recorded.hpp"
+#include "toolchain/learn/threshold.hpp"
 #include "toolchain/session/replay.hpp"
 #include "toolchain/support/cli.hpp"
 

@@ -283,9 +283,8 @@ int soak(const FaultsOptions& options) {
 
 int run_faults(const FaultsOptions& options) {
   if (options.soak > 0) return soak(options);
-  std::optional<AtomicFile> csv;
-  if (!options.csv.empty()) csv.emplace(options.csv);
-  if (csv && !csv->error().empty()) return fail(csv->error());
+  OutputFiles files({{"--csv", options.csv}});
+  if (!files.error().empty()) return fail(files.error());
   const long active = faults_from_the_field();
   const auto cameras = std::count_if(faults::rows().begin(), faults::rows().end(), [](const faults::Row& row) {
     return row.trouble && faults::is_camera(*row.trouble);
@@ -310,10 +309,8 @@ int run_faults(const FaultsOptions& options) {
     if (options.pairs) print_pairs(suite.runs());
     fmt::print("{} runs, {} failed\n", suite.runs().size(), suite.failed());
   }
-  if (csv) {
-    csv->stream() << csv_of(suite.runs());
-    if (const std::string error = csv->commit(); !error.empty()) return fail(error);
-  }
+  if (std::ostream* const csv = files.stream("--csv")) *csv << csv_of(suite.runs());
+  if (const std::string error = files.commit(); !error.empty()) return fail(error);
   if (suite.failed() == 0) return 0;
   return fail(
       fmt::format("{} of {} faults did not end well. Likely cause: a change of the supervisor or of a driver. "

@@ -62,15 +62,10 @@ nlohmann::json json_of(const learn::Fused& fused) {
 }
 
 int fuse(const FuseOptions& options) {
-  std::vector<std::string> inputs = options.recordings;
-  inputs.push_back(options.markers);
-  for (const std::string& input : inputs) {
-    if (!same_place(input, options.model)) continue;
-    return fail(fmt::format(
-        "{}: the model would overwrite an input. Likely cause: the same name given twice. Next: give another name for "
-        "the model",
-        options.model));
-  }
+  std::vector<fs::path> inputs(options.recordings.begin(), options.recordings.end());
+  inputs.emplace_back(options.markers);
+  OutputFiles files({{"--model", options.model}}, inputs);
+  if (!files.error().empty()) return fail(files.error());
   treec::Model markers;
   if (const std::string error = read_model(options.markers, markers); !error.empty()) return fail(error);
   learn::Samples samples;
@@ -78,7 +73,6 @@ int fuse(const FuseOptions& options) {
     constexpr std::string_view kMake = "make samples with holdfast dataset --recordings";
     std::ifstream in;
     if (const std::string wrong = drivers::open_file(path, kMake, in); !wrong.empty()) return fail(wrong);
-    if (!in) return fail(trouble(path + ": cannot be read", "no such file, or no right to read it", kMake));
     learn::Samples some;
     if (const auto error = learn::read_csv(in, path, some)) return fail(*error);
     learn::append(samples, std::move(some));
@@ -100,10 +94,8 @@ int fuse(const FuseOptions& options) {
   auto problem = treec::parse(text, again);
   if (!problem) problem = treec::check(again);
   if (problem) return fail(treec::describe(*problem, options.model));
-  AtomicFile file(options.model);
-  if (!file.error().empty()) return fail(file.error());
-  file.stream() << text;
-  if (const std::string error = file.commit(); !error.empty()) return fail(error);
+  *files.stream("--model") << text;
+  if (const std::string error = files.commit(); !error.empty()) return fail(error);
 
   if (options.json) {
     nlohmann::json out;

@@ -299,13 +299,6 @@ int run_board(const LiveOptions& options) {
                       "the cable was pulled, or the board started anew", "plug it in, and start anew"));
 }
 
-int run_live(const LiveOptions& options) {
-  if (options.board.empty()) return run_desk(options, true);
-  if (options.record.empty() && options.play.empty() && options.sensor.empty()) return run_board(options);
-  return fail(trouble("--board goes with none of --play, --sensor and --record", "the picture stays on the board",
-                      "holdfast console --record keeps what a board tells"));
-}
-
 void add_source_options(CLI::App* command, LiveOptions& options) {
   command->add_option("--sensor", options.sensor, "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one")
       ->check(not_empty);
@@ -335,11 +328,17 @@ void add_live(CLI::App& app, std::vector<Command>& commands) {
   CLI::App* const command =
       app.add_subcommand("live", "the sensor on this computer in the browser: picture, decision, console");
   add_source_options(command, *options);
-  command
-      ->add_option("--board", options->board,
-                   "instead: the page for a board whose console is on this serial port; the picture stays there")
-      ->check(not_empty);
-  command->add_option("--record", options->record, "record it as well: MCAP, pictures untouched")->check(not_empty);
+  CLI::Option* const board =
+      command
+          ->add_option("--board", options->board,
+                       "instead: the page for a board whose console is on this serial port; the picture stays there")
+          ->check(not_empty);
+  for (const char* own : {"--sensor", "--play", "--grid", "--mode", "--model"}) {
+    board->excludes(command->get_option(own));
+  }
+  command->add_option("--record", options->record, "record it as well: MCAP, pictures untouched")
+      ->check(not_empty)
+      ->excludes(board);
   command->add_option("--port", options->port, "of the page on 127.0.0.1; 0: any that is free")
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
@@ -348,7 +347,8 @@ void add_live(CLI::App& app, std::vector<Command>& commands) {
       "several "
       "pages at once. No lines are driven: this shows and records, it guards no grasp.\n"
       "Example:\n  holdfast live --record grasp.mcap\n  holdfast live --play tests/scenes/sphere_slip.json");
-  commands.push_back({command, [options] { return run_live(*options); }});
+  commands.push_back(
+      {command, [options] { return options->board.empty() ? run_desk(*options, true) : run_board(*options); }});
 }
 
 void add_record(CLI::App& app, std::vector<Command>& commands) {

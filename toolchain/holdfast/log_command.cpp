@@ -111,7 +111,7 @@ int write_out(const LogOptions& options) {
   }
   const sim::MappedFile mapped(options.file);
   if (mapped.bytes().empty()) return fail(unreadable(options.file));
-  OutputFiles outputs({{"--csv", options.csv}, {"--mjpg", options.mjpg}}, {options.file}, "log");
+  OutputFiles outputs({{"--csv", options.csv}, {"--mjpg", options.mjpg}}, {options.file}, "a log");
   if (!outputs.error().empty()) return fail(outputs.error());
   std::ostream* const csv = outputs.stream("--csv");
   std::ostream* const mjpg = outputs.stream("--mjpg");

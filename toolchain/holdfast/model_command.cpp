@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/common/input_file.hpp"
 #include "store/models.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/sealed/record_file.hpp"
@@ -54,7 +55,7 @@ int seal_model(const ModelOptions& options) {
   model::Tree tree;
   if (!options.compiled_in) {
     if (const std::string error =
-            read_small_file(options.seal.input, "model", "what holdfast compile --binary wrote", bytes);
+            drivers::read_file(options.seal.input, "model", "give what holdfast compile --binary wrote", bytes);
         !error.empty()) {
       return fail(error);
     }

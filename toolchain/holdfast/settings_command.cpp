@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/common/input_file.hpp"
 #include "store/settings.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/sealed/owner_key.hpp"
@@ -28,7 +29,7 @@ struct SettingsOptions {
 int compile_settings(const SettingsOptions& options) {
   const SealOptions& seal = options.seal;
   std::string text;
-  if (const std::string error = read_small_file(seal.input, "settings", "a TOML file", text); !error.empty()) {
+  if (const std::string error = drivers::read_file(seal.input, "settings", "give a TOML file", text); !error.empty()) {
     return fail(error);
   }
   Params params;

@@ -2,18 +2,37 @@
 // holdfast sim: a simulated grasp through the whole firmware, checked against its own truth and the scene's promises.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <memory>
 
 #include "drivers/sim/scene/file/scene_file.hpp"
+#include "drivers/sim/scene/file/words.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/play/play.hpp"
 #include "toolchain/support/progress.hpp"
 #include "vision/luma_input.hpp"
 
 namespace holdfast::tool {
+
+// A scene that is valid at the level it will be played at; prints what is wrong.
+std::optional<scene::Scene> load_scene(const std::string& path) {
+  const scene::SceneResult read = scene::read_scene_file(path);
+  for (const std::string& line : read.errors) (void)fail(line);
+  for (const std::string& line : read.warnings) note(line);
+  return read.scene;
+}
+
 namespace {
+
+struct SimOptions {
+  CommonOptions common;
+  std::string scene;
+  std::string inject;   // instead of the scene's; empty = the scene's
+  std::string contact;  // likewise
+};
 
 constexpr const char* kTruthHeader =
     "frame,t_s,normal_n,shear_x_n,shear_y_n,moment_nmm,depth_mm,contact_radius_mm,stick_radius_mm,slip_fraction,gross,"
@@ -53,33 +72,21 @@ std::optional<std::size_t> index_of(const std::array<std::string_view, N>& names
   return static_cast<std::size_t>(found - names.begin());
 }
 
-template <std::size_t N>
-std::string list_of(const std::array<std::string_view, N>& names) {
-  return fmt::format("{}", fmt::join(names, ", "));
-}
-
 // What the command line says instead of the scene. Empty, or an error line.
 std::string override_level(const SimOptions& options, scene::Scene& scene) {
   if (!options.inject.empty()) {
     const auto inject = index_of(scene::kInjectNames, options.inject);
     if (!inject) {
       return fmt::format("--inject '{}': no such place. Likely cause: a typing error. Next: give one of {}",
-                         options.inject, list_of(scene::kInjectNames));
+                         options.inject, scene::file::joined(scene::kInjectNames));
     }
     scene.level.inject = static_cast<scene::Inject>(*inject);
   }
   if (!options.contact.empty()) {
     const auto contact = index_of(scene::kContactLevelNames, options.contact);
-    if (index_of(scene::kGoneContactLevels, options.contact)) {
-      return fmt::format(
-          "--contact '{0}': this level is gone. Likely cause: a command of an earlier version. Next: give springs, "
-          "which "
-          "is as fast and models all that {0} did",
-          options.contact);
-    }
     if (!contact) {
       return fmt::format("--contact '{}': no such level. Likely cause: a typing error. Next: give one of {}",
-                         options.contact, list_of(scene::kContactLevelNames));
+                         options.contact, scene::file::joined(scene::kContactLevelNames));
     }
     scene.level.contact = static_cast<scene::ContactLevel>(*contact);
   }
@@ -103,16 +110,6 @@ std::vector<std::string> doubts_of(const scene::Scene& scene, double deepest_mm,
                     last_s, scene.duration_s));
   }
   return doubts;
-}
-
-}  // namespace
-
-// A scene that is valid at the level it will be played at; prints what is wrong.
-std::optional<scene::Scene> load_scene(const std::string& path) {
-  const scene::SceneResult read = scene::read_scene_file(path);
-  for (const std::string& line : read.errors) (void)fail(line);
-  for (const std::string& line : read.warnings) note(line);
-  return read.scene;
 }
 
 int sim_grasp(const SimOptions& options) {
@@ -203,18 +200,14 @@ int sim_grasp(const SimOptions& options) {
   for (const std::string_view what : scene::omissions(scene.level.contact)) {
     left_out += fmt::format("{}{}", left_out.empty() ? "" : "; ", what);
   }
-  const std::vector<std::string> doubts = doubts_of(scene, deepest_mm, last_s);
-  std::vector<std::string> said{fmt::format(
+  for (std::string& doubt : doubts_of(scene, deepest_mm, last_s)) session.note(std::move(doubt));
+  const std::string said = fmt::format(
       "Simulated at contact level {}, which leaves out: {}. Onset means that more than half of the contact's area "
       "slips.",
-      contact, left_out)};
-  said.insert(said.end(), doubts.begin(), doubts.end());
-  if (const std::string error = session.commit(marks, fraction, said); !error.empty()) return fail(error);
+      contact, left_out);
+  if (const std::string error = session.commit(marks, fraction, {said}); !error.empty()) return fail(error);
   print_summary(session, summary, common);
-  if (!common.json) {
-    for (const std::string& doubt : doubts) fmt::print(common.paths.people(), "note      {}\n", doubt);
-    fmt::print(common.paths.people(), "lines\n{}", session.gpio_timeline());
-  }
+  if (!common.json) fmt::print(common.paths.people(), "lines\n{}", session.gpio_timeline());
 
   std::vector<Promise> promises = check_promises(scene.expect, frames);
   if (!summary.slip_frames.empty()) {
@@ -240,6 +233,26 @@ int sim_grasp(const SimOptions& options) {
       fmt::format("scene {}: not as expected: {}. Likely cause: the scene, the model or the features changed. "
                   "Next: look at the report, and at 'expect' in {}",
                   scene.name, broken, options.scene));
+}
+
+}  // namespace
+
+void add_sim(CLI::App& app, std::vector<Command>& commands) {
+  const auto options = std::make_shared<SimOptions>();
+  options->common.grid.clear();  // the scene says
+  CLI::App* const command = app.add_subcommand("sim", "play a scene through the firmware and check what it expects");
+  command->add_option("SCENE", options->scene, "scene file; tests/scenes has a gallery")->required()->check(not_empty);
+  command->add_option("--inject", options->inject, "enter here instead: features, markers, grey or jpeg");
+  command->add_option("--contact", options->contact, "with this contact level instead: springs or grid");
+  command->add_option("--truth", options->common.paths.truth, "write the simulated truth, one row per frame: CSV")
+      ->check(not_empty);
+  command
+      ->add_option("--truth-markers", options->common.paths.truth_markers,
+                   "write where the markers really are, one row per marker and frame: CSV")
+      ->check(not_empty);
+  add_common_options(*command, options->common);
+  command->footer("Example:\n  holdfast sim tests/scenes/sphere_slip.json --report slip.html --truth truth.csv");
+  commands.push_back({command, [options] { return sim_grasp(*options); }});
 }
 
 }  // namespace holdfast::tool

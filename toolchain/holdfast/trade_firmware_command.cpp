@@ -2,9 +2,11 @@
 // holdfast trade firmware: what each setting costs and leaves wrong; holdfast trade show: the same from its tables.
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <memory>
 #include <numeric>
 #include <optional>
 #include <set>
@@ -25,6 +27,21 @@
 namespace holdfast::tool {
 namespace {
 
+struct FirmwareOptions {
+  std::string csv;
+  std::string modes;
+  std::string shard = "1/1";
+  int films = 6;
+  std::vector<std::string> recordings;
+};
+
+struct ShowOptions {
+  std::vector<std::string> tables;
+  std::string csv;
+  std::string modes;
+  std::string counts;
+};
+
 template <typename Options>
 std::vector<OutputFiles::Asked> asked(const Options& options) {
   return {{"--csv", options.csv}, {"--modes", options.modes}};
@@ -41,13 +58,11 @@ int put_out(const std::vector<trade::Line>& lines, bool whole, OutputFiles& outp
   return 0;
 }
 
-}  // namespace
-
-int trade_firmware(const TradeFirmwareOptions& options) {
+int trade_firmware(const FirmwareOptions& options) {
   int shard = 1;
   int shards = 1;
   if (const std::string error = parse_shard(options.shard, shard, shards); !error.empty()) return fail(error);
-  OutputFiles outputs(asked(options), options.recordings, "label file");
+  OutputFiles outputs(asked(options), {options.recordings.begin(), options.recordings.end()}, "a label file");
   if (!outputs.error().empty()) return fail(outputs.error());
   if (shards > 1 && !options.modes.empty()) {
     return fail(
@@ -111,6 +126,7 @@ int trade_firmware(const TradeFirmwareOptions& options) {
   return put_out(lines, shards == 1, outputs);
 }
 
+// Each setting that can be shown pictures, a line of words each.
 int trade_settings() {
   std::set<std::string> known;
   for (const trade::Point& point : trade::points()) {
@@ -120,17 +136,16 @@ int trade_settings() {
   return 0;
 }
 
-int trade_show(const TradeShowOptions& options) {
-  std::vector<std::string> inputs = options.tables;
-  inputs.push_back(options.counts);
-  OutputFiles outputs(asked(options), inputs, "table");
+int trade_show(const ShowOptions& options) {
+  std::vector<std::filesystem::path> inputs(options.tables.begin(), options.tables.end());
+  inputs.emplace_back(options.counts);
+  OutputFiles outputs(asked(options), inputs, "a table");
   if (!outputs.error().empty()) return fail(outputs.error());
   std::vector<trade::Line> lines;
   for (const std::string& path : options.tables) {
     constexpr std::string_view kGive = "give what holdfast trade firmware --csv wrote";
     std::ifstream in;
     if (const std::string wrong = drivers::open_file(path, kGive, in); !wrong.empty()) return fail(wrong);
-    if (!in) return fail(trouble(path + ": cannot be read", "no such file, or no right to read it", kGive));
     if (const auto error = trade::read_csv(in, path, lines)) return fail(*error);
   }
   if (const auto error = trade::put_together(lines)) return fail(*error);
@@ -138,10 +153,56 @@ int trade_show(const TradeShowOptions& options) {
     constexpr std::string_view kCount = "count the instructions with tests/bench/count_settings.sh";
     std::ifstream in;
     if (const std::string wrong = drivers::open_file(options.counts, kCount, in); !wrong.empty()) return fail(wrong);
-    if (!in) return fail(trouble(options.counts + ": cannot be read", "no such file, or no right to read it", kCount));
     if (const auto error = trade::read_counts(in, options.counts, lines)) return fail(*error);
   }
   return put_out(lines, true, outputs);
+}
+
+}  // namespace
+
+void add_trade_firmware(CLI::App& trade, std::vector<Command>& commands) {
+  const auto measured = std::make_shared<FirmwareOptions>();
+  CLI::App* const firmware = trade.add_subcommand(
+      "firmware", "settings of the firmware: time and memory against markers, entropy and decisions");
+  const auto add_outputs = [](CLI::App* command, std::string& csv, std::string& modes) {
+    command->add_option("--csv", csv, "write the table: CSV")->check(not_empty);
+    command->add_option("--modes", modes, "write the shipped modes as a table: Markdown")->check(not_empty);
+  };
+  add_outputs(firmware, measured->csv, measured->modes);
+  firmware->add_option("--shard", measured->shard, "piece I of N of the settings, for N runs side by side")
+      ->capture_default_str();
+  firmware->add_option("--films", measured->films, "grasps filmed by the camera, 11 s and more each; 0: none")
+      ->check(CLI::Range(0, 6))
+      ->capture_default_str();
+  firmware
+      ->add_option("--recordings", measured->recordings,
+                   "label files of recorded clips, to be judged as well: CSV (holdfast dataset --help)")
+      ->check(not_empty);
+  firmware->footer(
+      "Example:\n"
+      "  holdfast trade firmware --recordings clips/labels.csv more/labels.csv --csv trade.csv\n"
+      "Side by side with GNU parallel, then merged into the whole:\n"
+      "  parallel holdfast trade firmware --shard {}/8 --csv part_{}.csv ::: {1..8}\n"
+      "  holdfast trade show part_{1..8}.csv --csv trade.csv\n"
+      "The same as a Slurm array:\n"
+      "  sbatch --array=1-8 --wrap='holdfast trade firmware --shard $SLURM_ARRAY_TASK_ID/8 "
+      "--csv part_$SLURM_ARRAY_TASK_ID.csv'");
+  commands.push_back({firmware, [measured] { return trade_firmware(*measured); }});
+
+  const auto shown = std::make_shared<ShowOptions>();
+  CLI::App* const show = trade.add_subcommand("show", "put pieces of `trade firmware` together, and read them off");
+  show->add_option("CSV", shown->tables, "the pieces, in any order")->required()->check(not_empty);
+  add_outputs(show, shown->csv, shown->modes);
+  show->add_option("--counts", shown->counts,
+                   "the instruction counts of tests/bench/count_settings.sh, to be put in as well: CSV")
+      ->check(not_empty);
+  show->footer("Example:\n  holdfast trade show part_{1..8}.csv --csv trade.csv");
+  commands.push_back({show, [shown] { return trade_show(*shown); }});
+
+  CLI::App* const settings = trade.add_subcommand(
+      "settings", "the settings that `trade firmware` shows pictures to, as programs understand them that count");
+  settings->footer("Example:\n  holdfast trade settings");
+  commands.push_back({settings, trade_settings});
 }
 
 }  // namespace holdfast::tool

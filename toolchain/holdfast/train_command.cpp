@@ -26,6 +26,7 @@
 #include "base/crc32.hpp"
 #include "base/math.hpp"
 #include "drivers/common/input_file.hpp"
+#include "drivers/sim/scene/file/words.hpp"
 #include "slip/decision.hpp"
 #include "slip/model.hpp"
 #include "toolchain/holdfast/commands.hpp"
@@ -85,10 +86,8 @@ Error read(const std::vector<std::string>& paths, Data& data) {
     if (std::string wrong = drivers::open_file(path, "make samples with holdfast dataset", in); !wrong.empty()) {
       return wrong;
     }
-    std::string bytes;
-    if (in) bytes.assign(std::istreambuf_iterator<char>(in), {});
+    const std::string bytes(std::istreambuf_iterator<char>(in), {});
     std::istringstream text(bytes);
-    if (!in) text.setstate(std::ios::badbit);
     learn::Samples samples;
     if (auto error = learn::read_csv(text, path, samples)) return *error;
 
@@ -403,28 +402,9 @@ void print_json(const Data& data, const FeatureSet& set, const TrainOptions& opt
   fmt::print("{}\n", text_of_json(out));
 }
 
-template <typename Names>
-std::string list_of(const Names& names) {
-  return fmt::format("{}", fmt::join(names, ", "));
-}
-
-std::vector<std::string_view> set_names() {
-  std::vector<std::string_view> names;
-  names.reserve(kFeatureSets.size());
-  for (const FeatureSet& set : kFeatureSets) names.push_back(set.name);
-  return names;
-}
-
-// Checks the model's place and name before any work. Empty, or an error line.
-Error settle_model(TrainOptions& options) {
+// The model's name, before any work. Empty, or an error line.
+Error settle_name(TrainOptions& options) {
   if (options.model.empty()) return {};
-  for (const std::string& file : options.files) {
-    if (!same_place(options.model, file)) continue;
-    return fmt::format(
-        "{}: the model would overwrite its data. Likely cause: the same name given twice. Next: give another name for "
-        "the model",
-        options.model);
-  }
   if (options.name.empty()) options.name = std::filesystem::path(options.model).stem().string();
   treec::Model named;  // as far as the parser comes: the name
   (void)treec::parse(fmt::format("format 1\nname {}\n", options.name), named);
@@ -439,15 +419,14 @@ int train(TrainOptions options) {
   const FeatureSet* const set = find_feature_set(options.set);
   if (set == nullptr) {
     return fail(fmt::format("--set '{}': no such set. Likely cause: a typing error. Next: give one of {}", options.set,
-                            list_of(set_names())));
+                            scene::file::names_of(kFeatureSets)));
   }
-  if (const Error error = settle_model(options); !error.empty()) return fail(error);
-  std::optional<AtomicFile> out;
-  if (!options.model.empty()) out.emplace(options.model);
-  if (out && !out->error().empty()) return fail(out->error());
-
+  if (const Error error = settle_name(options); !error.empty()) return fail(error);
   Data data;
   if (const Error error = read(options.files, data); !error.empty()) return fail(error);
+  OutputFiles files({{"--model", options.model}}, {options.files.begin(), options.files.end()}, "the data");
+  if (!files.error().empty()) return fail(files.error());
+  std::ostream* const out = files.stream("--model");
   std::vector<Fold> folds;
   if (const Error error = make_folds(data, *set, options.folds, options.settings, folds); !error.empty()) {
     return fail(error);
@@ -455,18 +434,18 @@ int train(TrainOptions options) {
   Figures figures;
   if (const Error error = cross_validate(data, folds, options.settings, figures); !error.empty()) return fail(error);
   treec::Model model;
-  if (out) {
+  if (out != nullptr) {
     std::string text;
     if (const Error error = make_model(data, *set, options, figures, model, text); !error.empty()) return fail(error);
-    out->stream() << text;
-    if (const Error error = out->commit(); !error.empty()) return fail(error);
+    *out << text;
+    if (const Error error = files.commit(); !error.empty()) return fail(error);
   }
   if (options.json) {
     print_json(data, *set, options, figures, model);
     return 0;
   }
   print(data, *set, options, figures);
-  if (out) {
+  if (out != nullptr) {
     fmt::print("written   {}: {}, {} nodes, depth {}, CRC-32 {:08X}\n", options.model, model.name, model.nodes.size(),
                treec::depth(model), model.text_crc32);
   }
@@ -480,7 +459,9 @@ void add_train(CLI::App& app, std::vector<Command>& commands) {
   Settings& settings = options->settings;
   CLI::App* command = app.add_subcommand("train", "train the decision tree of slip, a model");
   command->add_option("DATA", options->files, "samples that holdfast dataset wrote: CSV")->required()->check(not_empty);
-  command->add_option("--set", options->set, fmt::format("features to learn from: {}", list_of(set_names())))
+  command
+      ->add_option("--set", options->set,
+                   fmt::format("features to learn from: {}", scene::file::names_of(kFeatureSets)))
       ->required();
   CLI::Option* model = command->add_option("--model", options->model, "write the tree: model text")->check(not_empty);
   command->add_option("--name", options->name, "of the model (the file's, without its ending)")

@@ -67,7 +67,7 @@ int trials(const TrialsOptions& options) {
   std::string model_text;
   if (const std::string error = settle(options.common, params, auto_grid, tree, model_text); !error.empty())
     return fail(error);
-  OutputFiles outputs({{"--csv", options.csv}}, {options.common.model}, "model");
+  OutputFiles outputs({{"--csv", options.csv}}, {options.common.model}, "a model");
   if (!outputs.error().empty()) return fail(outputs.error());
   std::string lines =
       "trial,scene,group,onset_s,delay_frames,closed_s,alarms_closing,alarms_held,alarms_moved,contact_s,alarms_"

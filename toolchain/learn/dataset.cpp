@@ -11,8 +11,6 @@
 namespace holdfast::learn {
 namespace {
 
-// Less is a touch at most: the gel's own noise is as large.
-constexpr double kTouch_n = 0.02;
 // Of the trial's largest force. Whoever presses with less is letting go: what slides then, is meant to.
 constexpr double kReleaseShare = 0.5;
 

@@ -34,6 +34,7 @@ struct Truth {
   double normal_n = 0.0;
   scene::SlipLevel level = scene::SlipLevel::kNone;
 };
+inline constexpr double kTouch_n = 0.02;  // less is a touch at most: the gel's own noise is as large
 [[nodiscard]] std::vector<Label> labels_of(std::span<const Truth> truth);
 
 // Plays one scene by the default parameters and appends its trial, with these labels.

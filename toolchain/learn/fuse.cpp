@@ -16,22 +16,17 @@
 namespace holdfast::learn {
 namespace {
 
-using Error = std::optional<std::string>;
-
 constexpr int kRaise = 1;  // the imprint needs no second frame
 constexpr std::string_view kSet = "grasp";
 constexpr std::string_view kFlow = "flow_residual_um_s";
 constexpr std::string_view kGrowth = "imprint_growth_log2_q8";
 
-Error read_threshold(const Samples& recordings, Fused& out) {
-  const Detector& detector = imprint_detector();
+void read_threshold(const Samples& recordings, Fused& out) {
   std::vector<int> all(recordings.trials.size());
   std::iota(all.begin(), all.end(), 0);
-  std::vector<double> values;
-  if (auto error = detector.values(recordings, all, values)) return error;
-  out.threshold =
-      static_cast<int>(std::lround(threshold_of(recordings, detector, all, values, kImprintBudget, kRaise)));
-  return leave_one_out(recordings, detector, kImprintBudget, kRaise, out.unseen);
+  const std::vector<double> motions = imprint_motions(recordings);
+  out.threshold = static_cast<int>(std::lround(threshold_of(recordings, motions, all, kImprintBudget, kRaise)));
+  out.unseen = leave_one_out(recordings, kImprintBudget, kRaise);
 }
 
 int index_of(const treec::Model& model, std::string_view feature) {
@@ -96,7 +91,7 @@ std::optional<std::string> fuse(const Samples& recordings, const treec::Model& m
     return "the samples have no recordings with frames that hold and frames that slip. Likely cause: simulated samples "
            "were given. Next: make them with holdfast dataset --recordings";
   }
-  if (auto error = read_threshold(recordings, out)) return error;
+  read_threshold(recordings, out);
 
   treec::Model& model = out.model;
   const FeatureSet& set = *find_feature_set(kSet);

@@ -20,9 +20,9 @@
 #include <optional>
 #include <string>
 
-#include "toolchain/learn/detectors.hpp"
 #include "toolchain/learn/recorded.hpp"
 #include "toolchain/learn/samples.hpp"
+#include "toolchain/learn/threshold.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
 namespace holdfast::learn {

@@ -213,12 +213,6 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
       !wrong.empty()) {
     return wrong;
   }
-  if (!in) {
-    return fmt::format(
-        "{}: cannot be read as a label file. Likely cause: no such file, or no right to read it. Next: give the "
-        "labels.csv that lies beside the clips",
-        file.string());
-  }
   std::vector<std::string> header;
   ClipLabels clip;
   clip.file = file;

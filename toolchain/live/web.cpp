@@ -190,6 +190,7 @@ struct Web::Server {
   std::mutex doubt_mutex;
   std::optional<std::chrono::steady_clock::time_point> doubt;  // when a page gave a code of its own
   int port = 0;
+  std::atomic<bool> ended = false;
   std::thread thread;
 };
 
@@ -209,7 +210,12 @@ std::string Web::start(int port) {
     }
     server_->port = port;
   }
-  server_->thread = std::thread([server = server_.get()] { server->http.listen_after_bind(); });
+  server_->thread = std::thread([server = server_.get()] {
+    (void)server->http.listen_after_bind();
+    server->ended = true;
+  });
+  // The library forgets a stop() that comes before it listens.
+  while (!server_->http.is_running() && !server_->ended) std::this_thread::yield();
   return {};
 }
 

@@ -68,7 +68,7 @@ std::string OwnerKey::read(const std::string& path) {
   sodium_memzero(line.data(), line.size());
   sodium_memzero(seed.data(), seed.size());
   if (good) return {};
-  return trouble(path + ": is no key to sign with", "no such file, no right to read it, or another one", kGive);
+  return trouble(path + ": is no key to sign with", "another file", kGive);
 }
 
 void OwnerKey::sign(std::span<std::uint8_t> record) const {

@@ -17,12 +17,6 @@
 #include "toolchain/support/cli.hpp"
 
 namespace holdfast::tool {
-namespace {
-
-constexpr std::size_t kMostText = 1U << 16U;
-
-}  // namespace
-
 void add_seal_options(CLI::App& command, SealOptions& options) {
   command.add_option("-o,--output", options.output, "write the record that a device loads")
       ->required()
@@ -35,47 +29,29 @@ void add_seal_options(CLI::App& command, SealOptions& options) {
           CLI::Range(std::uint32_t{1}, UINT32_MAX - 1));  // behind the last one there is none (store/slot_store.hpp)
 }
 
-std::string read_small_file(const std::string& path, const char* what, const char* wanted, std::string& bytes) {
-  std::ifstream in;
-  if (std::string wrong = drivers::open_file(path, fmt::format("give {}", wanted), in); !wrong.empty()) return wrong;
-  bytes.resize(kMostText);
-  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  bytes.resize(static_cast<std::size_t>(std::max<std::streamsize>(in.gcount(), 0)));
-  if (!in.bad() && in.eof()) return {};
-  return fmt::format(
-      "{}: {}{}. Likely cause: no such file, no right to read it, or another one was meant. Next: give {}", path,
-      bytes.empty() ? "cannot be read" : "is larger than any ", bytes.empty() ? "" : what, wanted);
-}
-
 std::string write_record(sealed::Kind kind, std::span<const std::uint8_t> payload, const SealOptions& options,
                          std::uint32_t& sequence) {
   OwnerKey key;
   if (!options.key.empty()) {
-    if (same_place(options.output, options.key)) {
-      return trouble(options.output + ": would overwrite the key that signs it",
-                     "the same file is given for -o and for --sign", "give another name for the output");
-    }
     if (std::string error = key.read(options.key); !error.empty()) return error;
   }
   sequence = options.sequence != 0 ? options.sequence : static_cast<std::uint32_t>(std::time(nullptr));
   std::vector<std::uint8_t> record(payload.size() + sealed::kAround);
   (void)sealed::write(kind, sequence, payload, record);
   if (!options.key.empty()) key.sign(record);
-  AtomicFile file(options.output, options.input);
-  if (!file.error().empty()) return file.error();
-  file.stream().write(reinterpret_cast<const char*>(record.data()), static_cast<std::streamsize>(record.size()));
-  return file.commit();
+  OutputFiles files({{"-o", options.output}}, {options.input, options.key});
+  if (!files.error().empty()) return files.error();
+  files.stream("-o")->write(reinterpret_cast<const char*>(record.data()), static_cast<std::streamsize>(record.size()));
+  return files.commit();
 }
 
 std::string read_record(sealed::Kind kind, const std::string& path, const std::string& owner_key, std::string& bytes,
                         sealed::Record& record) {
   const bool settings = kind == sealed::Kind::kSettings;
   const char* const what = settings ? "settings" : "model";
-  if (std::string error = read_small_file(
-          path, what, settings ? "what holdfast settings compile wrote" : "what holdfast model seal wrote", bytes);
-      !error.empty()) {
-    return error;
-  }
+  const char* const give =
+      settings ? "give what holdfast settings compile wrote" : "give what holdfast model seal wrote";
+  if (std::string error = drivers::read_file(path, what, give, bytes); !error.empty()) return error;
   std::unique_ptr<drivers::Ed25519> owner;
   if (!owner_key.empty()) {
     drivers::Ed25519::Key key{};

@@ -25,11 +25,6 @@ struct SealOptions {
 // -o, --sign and --sequence.
 void add_seal_options(CLI::App& command, SealOptions& options);
 
-// A small file, whole. Empty, or one line: what, likely cause, next step; `what` of it, as in "is larger than any
-// <what>", and `wanted` are for that line.
-[[nodiscard]] std::string read_small_file(const std::string& path, const char* what, const char* wanted,
-                                          std::string& bytes);
-
 // Empty, or one line; `sequence`: the number that it got.
 [[nodiscard]] std::string write_record(sealed::Kind kind, std::span<const std::uint8_t> payload,
                                        const SealOptions& options, std::uint32_t& sequence);

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "drivers/sim/media.hpp"
-#include "toolchain/support/atomic_file.hpp"
 
 namespace holdfast::tool {
 namespace {
@@ -76,10 +75,7 @@ class Canvas {
 
 }  // namespace
 
-std::string write_overlay(const std::filesystem::path& path, const cv::Mat& picture, std::span<const Arrow> arrows,
-                          double factor, const std::filesystem::path& input) {
-  AtomicFile file(path, input);
-  if (!file.error().empty()) return file.error();
+std::string write_overlay(std::ostream& out, const cv::Mat& picture, std::span<const Arrow> arrows, double factor) {
   try {
     Canvas canvas(picture, std::max(1, (kOverlayWidth + picture.cols - 1) / std::max(1, picture.cols)));
     for (const Arrow& a : arrows) {
@@ -90,11 +86,11 @@ std::string write_overlay(const std::filesystem::path& path, const cv::Mat& pict
     canvas.caption(fmt::format("displacement x {:g}", factor) + (lost > 0 ? fmt::format(", {} lost", lost) : ""));
     std::vector<unsigned char> bytes;
     (void)sim::media().encode(".png", canvas.image(), bytes);
-    file.stream().write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   } catch (const cv::Exception& problem) {
-    return fmt::format("{}: the picture cannot be drawn: {}; report it with the input", path.string(), problem.err);
+    return fmt::format("the picture cannot be drawn: {}; report it with the input", problem.err);
   }
-  return file.commit();
+  return {};
 }
 
 }  // namespace holdfast::tool

@@ -58,6 +58,8 @@ struct Opening {
   [[nodiscard]] bool has(long frame) const { return frame >= from && frame <= to; }
 };
 
+constexpr long kMostFrames = 1'000'000'000;
+
 std::string parse_openings(const std::vector<std::string>& texts, std::vector<Opening>& openings) {
   for (const std::string& text : texts) {
     Opening one;
@@ -65,7 +67,7 @@ std::string parse_openings(const std::vector<std::string>& texts, std::vector<Op
     const auto [dash, first_error] = std::from_chars(text.data(), end, one.from);
     if (first_error == std::errc{} && dash != end && *dash == '-') {
       const auto [rest, last_error] = std::from_chars(dash + 1, end, one.to);
-      if (last_error == std::errc{} && rest == end && one.from >= 0 && one.from <= one.to) {
+      if (last_error == std::errc{} && rest == end && one.from >= 0 && one.from <= one.to && one.to <= kMostFrames) {
         openings.push_back(one);
         continue;
       }

@@ -13,7 +13,6 @@
 
 #include "slip/evidence.hpp"
 #include "toolchain/session/page.hpp"
-#include "toolchain/support/atomic_file.hpp"
 #include "toolchain/support/escape.hpp"
 
 namespace holdfast::tool {
@@ -192,7 +191,6 @@ std::string summary_table(const std::vector<FrameRecord>& frames, const ReportIn
   }
   out += row("GRIP_OK HIGH", fmt::format("{} frames ({})", s.grip_ok, percent(s.grip_ok, frames.size())));
   out += row("Saturated values", std::to_string(info.saturations));
-  for (const auto& [name, value] : info.facts) out += row(name, value);
   return out + "</table>";
 }
 
@@ -289,14 +287,6 @@ std::string Report::html(const ReportInfo& info) const {
       "<p class=\"note\" style=\"margin-top:28px\">GRIP_OK counts only while the last ALIVE edge is younger than 150 "
       "ms. Holdfast is not a certified safety function.</p>\n";
   return out + "</div>\n" + page::end(track_.json(info));
-}
-
-std::string Report::write(const std::filesystem::path& path, const ReportInfo& info,
-                          const std::filesystem::path& input) const {
-  AtomicFile file(path, input);
-  if (!file.error().empty()) return file.error();
-  file.stream() << html(info);
-  return file.commit();
 }
 
 }  // namespace holdfast::tool

@@ -9,7 +9,6 @@
 #pragma once
 
 #include <array>
-#include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
@@ -43,7 +42,6 @@ struct ReportInfo {
   std::string mode;
   std::string model;
   std::string reference;
-  std::vector<std::pair<std::string, std::string>> facts;  // more rows of the summary, in order
   std::vector<std::string> notes;
   std::vector<TruthMark> marks;
   std::optional<TruthSeries> series;
@@ -58,9 +56,6 @@ class Report {
   void add(const FrameRecord& frame, std::span<const Arrow> arrows, const TrackPicture& picture = {});
 
   [[nodiscard]] std::string html(const ReportInfo& info) const;
-  // Atomic; returns empty, or one line that says what is wrong.
-  [[nodiscard]] std::string write(const std::filesystem::path& path, const ReportInfo& info,
-                                  const std::filesystem::path& input = {}) const;
 
  private:
   std::vector<FrameRecord> frames_;

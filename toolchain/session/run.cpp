@@ -55,39 +55,19 @@ std::string parse_grid(const std::string& text, Params& params, bool& auto_grid)
 }
 
 // Models are small: what is larger than any of them, or has no end, is not read.
-constexpr std::streamsize kMostModelBytes = 1 << 20;
+constexpr std::size_t kMostModelBytes = 1 << 20;
 
 std::string read_model_file(const std::string& path, std::string& bytes) {
-  std::ifstream in;
-  if (std::string wrong = drivers::open_file(path, "give a model text or what holdfast compile --binary wrote", in);
-      !wrong.empty()) {
+  constexpr std::string_view kGive = "give a model text or what holdfast compile --binary wrote";
+  if (std::string wrong = drivers::read_file(path, "model", kGive, bytes, kMostModelBytes); !wrong.empty())
     return wrong;
+  if (bytes.empty()) return trouble(path + ": has 0 bytes", "a copy that broke off, or a full disk", "copy it again");
+  if (bytes.starts_with(
+          std::string_view(reinterpret_cast<const char*>(sealed::kMagic.data()), sealed::kMagic.size()))) {
+    return trouble(path + ": is a sealed record", "what holdfast model seal wrote was given in place of what it read",
+                   "give the model text, or what holdfast compile --binary wrote, before it was sealed");
   }
-  if (in) {
-    bytes.resize(kMostModelBytes);
-    in.read(bytes.data(), kMostModelBytes);
-    bytes.resize(static_cast<std::size_t>(in.gcount()));
-    if (!in.bad() && in.eof() && bytes.empty()) {
-      return fmt::format(
-          "{}: has 0 bytes. Likely cause: a copy that broke off, or a full disk. Next: copy or make it again", path);
-    }
-    if (bytes.starts_with(
-            std::string_view(reinterpret_cast<const char*>(sealed::kMagic.data()), sealed::kMagic.size()))) {
-      return trouble(path + ": is a sealed record", "what holdfast model seal wrote was given in place of what it read",
-                     "give the model text, or what holdfast compile --binary wrote, before it was sealed");
-    }
-    if (!in.bad() && in.eof()) return {};
-    if (!in.bad()) {
-      return fmt::format(
-          "{}: is larger than any model. Likely cause: another file. Next: give a model text or what "
-          "holdfast compile --binary wrote",
-          path);
-    }
-  }
-  return fmt::format(
-      "{}: cannot be read as a model. Likely cause: no such file, or no right to read it. Next: give a model text "
-      "such as toolchain/model/slip_v2.tree",
-      path);
+  return {};
 }
 
 std::string parse_model(const std::string& path, std::string_view text, treec::Model& model) {
@@ -175,7 +155,8 @@ std::string settle(const CommonOptions& options, Params& params, bool& auto_grid
                    std::string& model_text) {
   if (!options.settings.empty()) {
     std::string text;
-    if (std::string error = read_small_file(options.settings, "settings", "a TOML file", text); !error.empty()) {
+    if (std::string error = drivers::read_file(options.settings, "settings", "give a TOML file", text);
+        !error.empty()) {
       return error;
     }
     if (std::string error = settings_of_toml(text, options.settings, params); !error.empty()) return error;
@@ -228,6 +209,15 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
   const std::optional<EmptyGel>& gel = session.empty_gel();
   const grid::Cut& cut = session.app().state().tracker.cut;
   const GridSize grid = session.app().state().tracker.field.grid;
+  std::vector<std::string> notes = session.notes();
+  const reference::State& reference = session.app().state().reference;
+  const std::int32_t most_bend = reference::Config{}.most_bend_permille;
+  if (const std::int32_t bend = reference::bend_permille(reference.rest); reference.known && bend > most_bend) {
+    notes.push_back(
+        fmt::format("the rest position is bent by {} thousandths of a pitch ({} at most on an empty gel): something "
+                    "pressed on the gel. Next: give a picture of the empty gel with --reference",
+                    bend, most_bend));
+  }
   if (options.json) {
     nlohmann::json all;
     all["frames"] = summary.frames;
@@ -248,7 +238,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     all["slip_frames"] = summary.slip_frames;
     all["slip_times_s"] = summary.slip_times_s;
     all["lost_frames"] = summary.lost_frames;
-    all["notes"] = session.notes();
+    all["notes"] = notes;
     fmt::print(out, "{}\n", text_of_json(all));
     return;
   }
@@ -264,16 +254,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     fmt::print(out, "grid      {} kept; left out, because the picture's edge cuts it: {}\n", grid_text(grid),
                cut_text(cut));
   }
-  const reference::State& reference = session.app().state().reference;
-  const std::int32_t most_bend = reference::Config{}.most_bend_permille;
-  if (const std::int32_t bend = reference::bend_permille(reference.rest); reference.known && bend > most_bend) {
-    fmt::print(
-        out,
-        "note      the rest position is bent by {} thousandths of a pitch ({} at most on an empty gel): something "
-        "pressed on the gel. Next: give a picture of the empty gel with --reference\n",
-        bend, most_bend);
-  }
-  for (const std::string& text : session.notes()) fmt::print(out, "note      {}\n", text);
+  for (const std::string& text : notes) fmt::print(out, "note      {}\n", text);
   if (summary.slip_frames.empty()) {
     fmt::print(out, "slip      never raised\n");
   } else {
@@ -288,7 +269,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     fmt::print(out, "note      {} times a displacement or feature was beyond its number format and clamped\n",
                summary.saturations);
   for (const auto& [name, path] : options.paths.named()) {
-    if (!path->empty() && *path != "-") fmt::print(out, "written   {}: {}\n", name, path->string());
+    if (!path->empty() && *path != "-") fmt::print(out, "written   {}: {}\n", name.substr(2), path->string());
   }
 }
 

@@ -22,35 +22,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Which output would destroy another one or something that the run reads, or cannot be where it was asked for. Empty:
-// none. A folder of images is read as a whole: a file more in it may be a frame more at the next run.
-std::string collision(const OutputPaths& paths, const std::vector<fs::path>& inputs) {
-  const auto outputs = paths.named();
-  for (const auto* one = outputs.begin(); one != outputs.end(); ++one) {
-    const auto& [name, path] = *one;
-    if (path->empty()) continue;
-    if (*path == "-" && (path == &paths.report || path == &paths.overlay || path == &paths.mcap)) {
-      return fmt::format(
-          "--{} -: standard output takes a table. Likely cause: a report, a picture or an MCAP file was meant for a "
-          "pipe. Next: give it a file, or a path such as ./-",
-          name);
-    }
-    for (const fs::path& input : inputs) {
-      if (input.empty()) continue;
-      std::error_code ignored;
-      const bool inside = fs::is_directory(input, ignored) && same_place(fs::absolute(*path).parent_path(), input);
-      if (!inside && !same_place(*path, input)) continue;
-      return fmt::format(
-          "{}: --{} would change {} input of this run. Likely cause: the same name given twice, or an output beside "
-          "the pictures. Next: give another place for the output",
-          path->string(), name, inside ? "the folder that is an" : "an");
-    }
-    for (const auto* other = std::next(one); other != outputs.end(); ++other) {
-      if (other->second->empty() || !same_place(*path, *other->second)) continue;
-      return fmt::format(
-          "{}: given for both --{} and --{}. Likely cause: a typing error. Next: give each output a file of its own",
-          path->string(), name, other->first);
-    }
+std::vector<OutputFiles::Asked> asked(const OutputPaths& paths) {
+  std::vector<OutputFiles::Asked> files;
+  for (const auto& [option, path] : paths.named()) files.push_back({option, *path, Dash::kStandardOutput});
+  return files;
+}
+
+// A report, a picture or an MCAP file that is asked for on standard output. Empty: none is.
+std::string not_printed(const OutputPaths& paths) {
+  for (const auto& [option, path] : paths.named()) {
+    if (*path != "-" || (path != &paths.report && path != &paths.overlay && path != &paths.mcap)) continue;
+    return fmt::format(
+        "{} -: standard output takes a table. Likely cause: a report, a picture or an MCAP file was meant for a pipe. "
+        "Next: give it a file, or a path such as ./-",
+        option);
   }
   return {};
 }
@@ -103,17 +88,10 @@ std::string explain_none(const Summary& summary, const App& app, std::string_vie
 Session::Session(SessionInfo info, OutputPaths paths)
     : info_(std::move(info)),
       paths_(std::move(paths)),
-      error_(collision(paths_, info_.inputs)),
+      error_(not_printed(paths_)),
+      files_(asked(paths_), info_.inputs),
       gpio_(clock_, 1 << 20) {
-  if (!error_.empty()) return;
-  features_ = open(paths_.features);
-  markers_ = open(paths_.markers);
-  truth_ = open(paths_.truth);
-  truth_markers_ = open(paths_.truth_markers);
-  report_file_ = open(paths_.report);
-  log_ = open(paths_.log);
-  mcap_ = open(paths_.mcap);
-  (void)open(paths_.overlay);  // write_overlay() opens it for itself; whether it can is known now
+  if (error_.empty()) error_ = files_.error();
   if (error_.empty() && !(paths_.overlay.empty() && paths_.report.empty())) {  // both hold pictures
     try {
       (void)sim::media();
@@ -121,16 +99,15 @@ Session::Session(SessionInfo info, OutputPaths paths)
       error_ = problem.what();
     }
   }
-  if (markers_) markers_->stream() << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
-  if (log_) log_->stream() << log::csv_header();
-  if (mcap_) frame_log_ = std::make_unique<log::FrameLog>(mcap_->stream());
-}
-
-std::unique_ptr<AtomicFile> Session::open(const std::filesystem::path& path) {
-  if (path.empty()) return nullptr;
-  auto file = std::make_unique<AtomicFile>(path, fs::path(), Dash::kStandardOutput);
-  if (error_.empty()) error_ = file->error();
-  return file;
+  if (!error_.empty()) return;
+  features_ = files_.stream("--features");
+  markers_ = files_.stream("--markers");
+  truth_ = files_.stream("--truth");
+  truth_markers_ = files_.stream("--truth-markers");
+  log_ = files_.stream("--log");
+  if (markers_ != nullptr) *markers_ << "frame,row,col,valid,x_px,y_px,dx_px,dy_px\n";
+  if (log_ != nullptr) *log_ << log::csv_header();
+  if (std::ostream* const mcap = files_.stream("--mcap")) frame_log_ = std::make_unique<log::FrameLog>(*mcap);
 }
 
 void Session::use(const EmptyGel& gel) {
@@ -185,26 +162,26 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
     row.slip = outputs.slip;
     row.grip_ok = outputs.grip_ok;
   }
-  if (features_) write_features(row, hand);
+  if (features_ != nullptr) write_features(row, hand);
 
   const MarkerField& field = app_->state().tracker.field;
   const MarkerField& rest = app_->state().reference.rest;
   log::arrows_of(*app_, scale, arrows_);
-  for (std::size_t i = 0; markers_ && i < arrows_.size(); ++i) {
+  for (std::size_t i = 0; markers_ != nullptr && i < arrows_.size(); ++i) {
     const Arrow& arrow = arrows_[i];
     const int k = static_cast<int>(i);
-    fmt::print(markers_->stream(), "{},{},{},{},{:.4f},{:.4f},{:.4f},{:.4f}\n", frame, k / field.grid.cols,
-               k % field.grid.cols, arrow.valid ? 1 : 0, arrow.x_px, arrow.y_px, arrow.dx_px, arrow.dy_px);
+    fmt::print(*markers_, "{},{},{},{},{:.4f},{:.4f},{:.4f},{:.4f}\n", frame, k / field.grid.cols, k % field.grid.cols,
+               arrow.valid ? 1 : 0, arrow.x_px, arrow.y_px, arrow.dx_px, arrow.dy_px);
   }
-  if (!accepted && markers_ && app_->state().reference.known) {
+  if (!accepted && markers_ != nullptr && app_->state().reference.known) {
     // A rejected frame tells nothing, but keeps its rows: frames times markers is a full table.
     for (int i = 0; i < rest.grid.count(); ++i) {
-      fmt::print(markers_->stream(), "{},{},{},0,,,,\n", frame, i / rest.grid.cols, i % rest.grid.cols);
+      fmt::print(*markers_, "{},{},{},0,,,,\n", frame, i / rest.grid.cols, i % rest.grid.cols);
     }
   }
 
   if (!paths_.report.empty()) report_.add(row, arrows_, picture_of(scale, given));
-  if (log_) log_->stream() << log::csv_row(row);
+  if (log_ != nullptr) *log_ << log::csv_row(row);
   if (frame_log_) {
     // A grey picture is the working picture; arrows are in pixels of the input.
     const bool grey = given.format == hal::PixelFormat::kLuma8;
@@ -256,8 +233,8 @@ void Session::write_features(const FrameRecord& row, const Hand& hand) {
   add("friction_use", loaded && row.friction_use > 0, "{:.3f}", row.friction_use);
   add("load_within", loaded, "{:d}", row.load_within);
   add("load_basis", loaded, "{}", load::kBasisNames[static_cast<std::size_t>(row.load_basis)]);
-  if (summary_.frames <= 1) features_->stream() << names << hand.names << '\n';
-  features_->stream() << cells << hand.cells << '\n';
+  if (summary_.frames <= 1) *features_ << names << hand.names << '\n';
+  *features_ << cells << hand.cells << '\n';
 }
 
 // The picture for the page: as the firmware saw it, at its working size. A frame that was rejected shows none: what it
@@ -286,15 +263,15 @@ void Session::keep_for_overlay(double scale, const hal::Frame& given) {
 }
 
 void Session::record_truth(const std::string& header, const std::string& line) {
-  if (!truth_) return;
-  if (summary_.frames <= 1) truth_->stream() << header << '\n';
-  truth_->stream() << line << '\n';
+  if (truth_ == nullptr) return;
+  if (summary_.frames <= 1) *truth_ << header << '\n';
+  *truth_ << line << '\n';
 }
 
 void Session::record_truth_markers(const std::string& header, const std::string& lines) {
-  if (!truth_markers_) return;
-  if (summary_.frames <= 1) truth_markers_->stream() << header << '\n';
-  truth_markers_->stream() << lines;
+  if (truth_markers_ == nullptr) return;
+  if (summary_.frames <= 1) *truth_markers_ << header << '\n';
+  *truth_markers_ << lines;
 }
 
 Summary Session::summary() const {
@@ -307,7 +284,7 @@ Summary Session::summary() const {
 
 std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSeries> series,
                             std::vector<std::string> notes) {
-  if (report_file_) {
+  if (std::ostream* const out = files_.stream("--report")) {
     ReportInfo report{};
     report.clip = info_.clip;
     const GridSize grid = app_->state().tracker.field.grid;
@@ -327,27 +304,16 @@ std::string Session::commit(std::vector<TruthMark> marks, std::optional<TruthSer
     report.notes.insert(report.notes.end(), notes.begin(), notes.end());
     report.histogram_range_mm = info_.params.histogram_range_um / 1000.0;
     report.saturations = saturated(app_->state());
-    report_file_->stream() << report_.html(report);
+    *out << report_.html(report);
   }
   if (frame_log_) frame_log_->finish();
-  // What may still fail comes first: every byte is written, then the overlay, and only then files are renamed.
-  std::array files{features_.get(),    markers_.get(), truth_.get(), truth_markers_.get(),
-                   report_file_.get(), log_.get(),     mcap_.get()};
-  std::partition(files.begin(), files.end(), [](const AtomicFile* file) { return file != nullptr && file->prints(); });
-  for (AtomicFile* file : files) {
-    if (file != nullptr && !file->stream().flush()) return file->commit();
+  if (std::ostream* const out = files_.stream("--overlay")) {
+    if (const std::string error = draw_overlay(*out); !error.empty()) return paths_.overlay.string() + ": " + error;
   }
-  if (!paths_.overlay.empty()) {
-    if (std::string error = draw_overlay(); !error.empty()) return error;
-  }
-  for (AtomicFile* file : files) {
-    if (file == nullptr) continue;
-    if (std::string error = file->commit(); !error.empty()) return error;
-  }
-  return {};
+  return files_.commit();
 }
 
-std::string Session::draw_overlay() const {
+std::string Session::draw_overlay(std::ostream& out) const {
   cv::Mat picture;
   std::vector<Arrow> arrows = picture_arrows_;
   if (picture_format_ == hal::PixelFormat::kMjpeg) {
@@ -360,7 +326,7 @@ std::string Session::draw_overlay() const {
     }
   }
   constexpr double kArrowFactor = 3.0;  // displacements are a few pixels of 320; longer arrows can be read
-  return write_overlay(paths_.overlay, picture, arrows, kArrowFactor);
+  return write_overlay(out, picture, arrows, kArrowFactor);
 }
 
 std::string Session::gpio_timeline() const {

@@ -44,16 +44,16 @@ struct OutputPaths {
   std::filesystem::path truth;          // simulated grasps only
   std::filesystem::path truth_markers;  // likewise
 
-  // With the names of their options, without the dashes; a path may be empty.
+  // With their options; a path may be empty.
   [[nodiscard]] std::array<std::pair<std::string_view, const std::filesystem::path*>, 8> named() const {
-    return {{{"features", &features},
-             {"markers", &markers},
-             {"truth", &truth},
-             {"truth-markers", &truth_markers},
-             {"overlay", &overlay},
-             {"log", &log},
-             {"mcap", &mcap},
-             {"report", &report}}};
+    return {{{"--features", &features},
+             {"--markers", &markers},
+             {"--truth", &truth},
+             {"--truth-markers", &truth_markers},
+             {"--overlay", &overlay},
+             {"--log", &log},
+             {"--mcap", &mcap},
+             {"--report", &report}}};
   }
   // Where what is said to people goes: not where a table goes.
   [[nodiscard]] std::FILE* people() const {
@@ -138,17 +138,18 @@ class Session {
   [[nodiscard]] std::string gpio_timeline() const;
 
  private:
-  [[nodiscard]] std::unique_ptr<AtomicFile> open(const std::filesystem::path& path);
   void write_features(const FrameRecord& row, const Hand& hand);
   [[nodiscard]] TrackPicture picture_of(double scale, const hal::Frame& given) const;
   void keep_for_overlay(double scale, const hal::Frame& given);
-  [[nodiscard]] std::string draw_overlay() const;
+  [[nodiscard]] std::string draw_overlay(std::ostream& out) const;
 
   SessionInfo info_;
   std::optional<EmptyGel> empty_gel_;
   OutputPaths paths_;
   std::string error_;
-  std::unique_ptr<AtomicFile> features_, markers_, truth_, truth_markers_, report_file_, log_, mcap_;
+  OutputFiles files_;
+  std::ostream *features_ = nullptr, *markers_ = nullptr, *truth_ = nullptr, *truth_markers_ = nullptr,
+               *log_ = nullptr;  // null: not asked for
   sim::Clock clock_;
   sim::Gpio gpio_;
   sim::Serial link_;

@@ -22,7 +22,7 @@ bool same_place(const std::filesystem::path& a, const std::filesystem::path& b) 
   return !place.empty() && place == std::filesystem::weakly_canonical(std::filesystem::absolute(b, ignored), ignored);
 }
 
-AtomicFile::AtomicFile(fs::path path, const fs::path& input, Dash dash) : path_(std::move(path)) {
+AtomicFile::AtomicFile(fs::path path, Dash dash) : path_(std::move(path)) {
   if (dash == Dash::kStandardOutput && path_ == "-") {
     printed_ = std::make_unique<std::ostringstream>();
     return;
@@ -32,11 +32,6 @@ AtomicFile::AtomicFile(fs::path path, const fs::path& input, Dash dash) : path_(
   if (fs::exists(status) && !fs::is_regular_file(status)) {
     fail("cannot be written", fs::is_directory(status) ? "it is a folder" : "it is a device or pipe",
          "give the name of a file");
-    return;
-  }
-  if (!input.empty() && fs::equivalent(path_, input, ignored)) {
-    fail("would overwrite the input", "the same file is given as input and as output",
-         "give another name for the output");
     return;
   }
   // A link stays a link: its target is replaced, or made where it is not there yet.
@@ -100,27 +95,31 @@ void AtomicFile::fail(const std::string& what, const std::string& cause, const s
   error_ = path_.string() + ": " + what + ": " + cause + "; " + next;
 }
 
-OutputFiles::OutputFiles(const std::vector<Asked>& asked, const std::vector<std::string>& inputs,
-                         std::string_view kind) {
-  for (std::size_t a = 0; a < asked.size() && error_.empty(); ++a) {
-    const auto& [option, path] = asked[a];
+OutputFiles::OutputFiles(const std::vector<Asked>& asked, const std::vector<fs::path>& inputs, std::string_view kind) {
+  std::error_code ignored;
+  for (auto one = asked.begin(); one != asked.end() && error_.empty(); ++one) {
+    const auto& [option, path, dash] = *one;
     if (path.empty()) continue;
-    for (const std::string& input : inputs) {
-      if (input.empty() || !same_place(path, input)) continue;
+    for (const fs::path& input : inputs) {
+      if (input.empty()) continue;
+      const bool inside =
+          fs::is_directory(input, ignored) && same_place(fs::absolute(path, ignored).parent_path(), input);
+      if (!inside && !same_place(path, input)) continue;
       error_ = fmt::format(
-          "{}: {} would change a {} of this run. Likely cause: the same name given twice. Next: give another place for "
-          "the output",
-          input, option, kind);
+          "{}: {} would change {}{} of this run. Likely cause: the same name given twice, or an output beside the "
+          "pictures. Next: give another place for the output",
+          path.string(), option, inside ? "the folder that is " : "", kind);
       return;
     }
-    for (std::size_t b = 0; b < a; ++b) {
-      if (asked[b].path.empty() || !same_place(path, asked[b].path)) continue;
+    const auto twin = std::find_if(
+        asked.begin(), one, [&](const Asked& other) { return !other.path.empty() && same_place(path, other.path); });
+    if (twin != one) {
       error_ = fmt::format(
-          "{}: given for both {} and {}. Likely cause: a typing error. Next: give each output a file of its own", path,
-          asked[b].option, option);
+          "{}: given for both {} and {}. Likely cause: a typing error. Next: give each output a file of its own",
+          twin->path.string(), twin->option, option);
       return;
     }
-    files_.push_back({option, std::make_unique<AtomicFile>(path)});
+    files_.push_back({option, std::make_unique<AtomicFile>(path, dash)});
     error_ = files_.back().file->error();
   }
 }
@@ -130,11 +129,13 @@ std::ostream* OutputFiles::stream(std::string_view option) const {
   return found == files_.end() ? nullptr : &found->file->stream();
 }
 
-// Every byte is written before the first file appears.
 std::string OutputFiles::commit() {
+  if (!error_.empty()) return error_;
   for (const Open& open : files_) {
     if (!open.file->stream().flush()) return open.file->commit();
   }
+  // What is printed goes first: it cannot be taken back, and may fail.
+  std::ranges::stable_partition(files_, [](const Open& open) { return open.file->prints(); });
   for (const Open& open : files_) {
     if (std::string error = open.file->commit(); !error.empty()) return error;
   }
@@ -149,29 +150,6 @@ std::string refuse_folder(const std::string& folder) {
   if (there ? fs::is_directory(path, ignored) : fs::is_directory(path.parent_path(), ignored)) return {};
   return folder + ": cannot be a folder for the outputs. Likely cause: " +
          (there ? "a file has that name" : "the folder above it is not there") + ". Next: give another place";
-}
-
-std::string write_all(const std::string& folder, const std::vector<std::pair<fs::path, std::string>>& outputs) {
-  std::error_code error;
-  const bool made = !folder.empty() && fs::create_directory(folder, error);
-  if (error) return folder + ": cannot be made: " + error.message() + ". Next: check the folder above it";
-  std::string problem;
-  {
-    std::vector<std::unique_ptr<AtomicFile>> files;
-    for (const auto& [path, bytes] : outputs) {
-      files.push_back(std::make_unique<AtomicFile>(path));
-      if (problem = files.back()->error(); !problem.empty()) break;
-      files.back()->stream() << bytes;
-      if (files.back()->stream().flush()) continue;
-      problem = files.back()->commit();
-      break;
-    }
-    for (const auto& file : files) {
-      if (problem.empty()) problem = file->commit();
-    }
-  }
-  if (!problem.empty() && made) fs::remove(folder, error);  // stays unless empty
-  return problem;
 }
 
 }  // namespace holdfast::tool

@@ -2,7 +2,7 @@
 // An output file that appears only when it is complete.
 //
 // Written as `path.tmp-PID` beside its place and renamed by commit(); without commit() nothing is left
-// behind. Refuses what a rename would destroy: the input of the same run, a folder, a device (`/dev/null`).
+// behind. Refuses what a rename would destroy: a folder, a device (`/dev/null`).
 // A Dash::kStandardOutput is not a file named `-`: it is kept in memory and printed by commit(), all of it or nothing.
 // Errors are one line: file, what, likely cause, next step. Not for several writers of one path in one process.
 #pragma once
@@ -14,7 +14,6 @@
 #include <sstream>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 namespace holdfast::tool {
@@ -27,7 +26,7 @@ enum class Dash : std::uint8_t { kFile, kStandardOutput };
 
 class AtomicFile {
  public:
-  explicit AtomicFile(std::filesystem::path path, const std::filesystem::path& input = {}, Dash dash = Dash::kFile);
+  explicit AtomicFile(std::filesystem::path path, Dash dash = Dash::kFile);
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
@@ -35,7 +34,7 @@ class AtomicFile {
   // Why the file cannot be written, as far as known; empty: good. Ask early, before a long run.
   [[nodiscard]] const std::string& error() const { return error_; }
   [[nodiscard]] std::ostream& stream() { return printed_ ? static_cast<std::ostream&>(*printed_) : stream_; }
-  // It is no file. Of several the first to be put in its place: what was printed cannot be taken back, and may fail.
+  // It is no file.
   [[nodiscard]] bool prints() const { return printed_ != nullptr; }
   // After a write that failed: gives what stands behind the first `length` bytes back to the disk, and the stream goes
   // on from there. Whether it can.
@@ -61,16 +60,19 @@ class OutputFiles {
  public:
   struct Asked {
     std::string_view option;
-    std::string path;  // empty: not asked for
+    std::filesystem::path path;  // empty: not asked for
+    Dash dash = Dash::kFile;
   };
-  // No file may be another one's, or an input's, which is a `kind` for people.
-  OutputFiles(const std::vector<Asked>& asked, const std::vector<std::string>& inputs = {}, std::string_view kind = {});
+  // None may be another one, or one of `inputs`, each of which is `kind` for people. An input that is a folder is read
+  // as a whole: a file more in it may be a picture more at the next run.
+  explicit OutputFiles(const std::vector<Asked>& asked, const std::vector<std::filesystem::path>& inputs = {},
+                       std::string_view kind = "an input");
 
   // Why they cannot be written, as far as known; empty: good.
   [[nodiscard]] const std::string& error() const { return error_; }
   // Null: not asked for.
   [[nodiscard]] std::ostream* stream(std::string_view option) const;
-  // Empty, or the error line.
+  // Every byte is written before the first file appears. Empty, or the error line.
   [[nodiscard]] std::string commit();
 
  private:
@@ -85,9 +87,5 @@ class OutputFiles {
 // Why no folder of outputs can be there, as far as known before a long run; empty: good. It need not exist, the one
 // above it must.
 [[nodiscard]] std::string refuse_folder(const std::string& folder);
-
-// All files with their bytes, or none. Makes `folder` unless it is empty. Empty, or the error line.
-[[nodiscard]] std::string write_all(const std::string& folder,
-                                    const std::vector<std::pair<std::filesystem::path, std::string>>& outputs);
 
 }  // namespace holdfast::tool

@@ -24,8 +24,6 @@ inline constexpr std::array<std::string_view, 4> kInjectNames{"features", "marke
 // How the contact is computed, cheapest first.
 enum class ContactLevel { kSprings, kGrid };
 inline constexpr std::array<std::string_view, 2> kContactLevelNames{"springs", "grid"};
-// Levels of earlier versions, which springs replace: as fast, and they model all that those did.
-inline constexpr std::array<std::string_view, 2> kGoneContactLevels{"kinematic", "closed"};
 
 struct Level {
   Inject inject = Inject::kMarkers;

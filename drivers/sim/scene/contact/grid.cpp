@@ -703,7 +703,6 @@ void GridContact::Solver::descend_shear() {
     if (energy > last + 1e-13 * std::abs(last)) {
       // Newton went too far round the discs. On the straight way there (discs are convex) the energy is a parabola: to
       // its lowest point, and on by a step along the residual that is short enough to descend for certain.
-      ++stats_.setbacks;
       double slope = 0.0;
       double curve = 0.0;
       double steepest = 0.0;

@@ -79,7 +79,6 @@ struct GridStats {
   int passes = 0;
   int press_products = 0;  // of the influence matrix with a vector: what the time goes into
   int shear_products = 0;
-  int setbacks = 0;  // steps of Newton's that led uphill and were replaced
   int contact_cells = 0;
   double press_residual = 0.0;  // of the motion
   double shear_residual = 0.0;

@@ -189,11 +189,6 @@ void Reading::read_field(const Node& node, const std::string& path, const Field&
       if (node.kind != Node::Kind::kText) return wrong_kind();
       const auto found = std::ranges::find(field.names, node.text);
       if (found != field.names.end()) return field.set(record, std::int64_t{found - field.names.begin()});
-      if (field.path == "level.contact" &&
-          std::ranges::find(kGoneContactLevels, node.text) != kGoneContactLevels.end()) {
-        return refuse("this level is gone", "a scene of an earlier version",
-                      "write \"springs\", which is as fast and models all that " + node.text + " did", may);
-      }
       const std::string near(nearest(node.text, {field.names.begin(), field.names.end()}));
       return refuse("unknown value", kTypo, near.empty() ? "choose one of them" : "write \"" + near + "\"",
                     may + (near.empty() ? "" : "; nearest is \"" + near + "\""));

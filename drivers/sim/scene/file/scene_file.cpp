@@ -133,14 +133,12 @@ SceneResult read_scene_file(const std::filesystem::path& path) {
                             ". Next: " + next);
     return result;
   };
-  errno = 0;
   std::ifstream file;
   if (const std::string wrong = drivers::open_file(path, "give a scene file (tests/scenes)", file); !wrong.empty()) {
     SceneResult result;
     result.errors.push_back(json::shown_file(wrong));
     return result;
   }
-  if (!file) return refused("cannot be read", std::strerror(errno), "check the name and its permissions");
   std::string text(kMostSceneBytes + 1, '\0');
   file.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(file.gcount()));

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How numbers, lists of words and typing errors are told in messages about scene files.
+// How numbers, lists of words and typing errors are told in messages about scene files, and in others.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -13,11 +14,17 @@ using Words = std::vector<std::string_view>;
 // The shortest text that gives the number again.
 [[nodiscard]] std::string shown(double number);
 
-template <typename Range>
-[[nodiscard]] std::string joined(const Range& words, std::string_view between = ", ") {
+template <typename Range, typename Name = std::identity>
+[[nodiscard]] std::string joined(const Range& words, std::string_view between = ", ", Name name = {}) {
   std::string out;
-  for (const auto& word : words) out.append(out.empty() ? "" : between).append(word);
+  for (const auto& word : words) out.append(out.empty() ? "" : between).append(std::invoke(name, word));
   return out;
+}
+
+// Of a table whose rows have names.
+template <typename Rows>
+[[nodiscard]] std::string names_of(const Rows& rows) {
+  return joined(rows, ", ", [](const auto& row) { return row.name; });
 }
 
 // The word that was meant, if half of it is right, in capitals or not; else empty. A word that the other begins with is
