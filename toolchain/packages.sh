@@ -44,7 +44,6 @@ build libtomlplusplus-dev 3.3.0+ds-1
 test ccache 4.8+really4.7.5-1
 test libcpputest-dev 4.0-2
 test libmodbus-dev 3.1.6-2.1+deb12u1
-test librapidcheck-dev 0~1033-08b5058-3
 test clang-format 1:14.0-55.7~deb12u1
 test valgrind 1:3.19.0-1
 test tmux 3.3a-3

@@ -8,6 +8,8 @@
 #include <random>
 #include <vector>
 
+#include "tests/support/draw.hpp"
+
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast;
@@ -25,25 +27,18 @@ TEST(Math, RoundsQuotientsToNearestAndHalvesAwayFromZero) {
   LONGS_EQUAL(5, div_round(5, 1));
 }
 
-// long double holds every int64 exactly on x86; elsewhere the range is kept to 2^50, exact in any double.
-TEST(Math, RoundsAsLongDoubleDoes) {
-  std::mt19937_64 random(1);
+// |n - q d| <= d / 2, in integers: no rounding in the oracle. Over the whole range: the rest fits even where the
+// product is rounded away from a numerator of 2^62.
+TEST(Math, TheRestOfAQuotientIsHalfTheDenominatorAtMost) {
+  test::Draw draw(1);
   for (int i = 0; i < 200'000; ++i) {
-    const auto numerator = static_cast<std::int64_t>(random() >> 14) - (std::int64_t{1} << 49);
-    const auto denominator = static_cast<std::int64_t>(random() >> (14 + random() % 48)) + 1;
-    const std::int64_t quotient = div_round(numerator, denominator);
-    // |n - q d| <= d / 2, in integers: no rounding in the oracle.
-    const std::int64_t rest = numerator - quotient * denominator;
-    CHECK_TRUE(2 * std::abs(rest) <= denominator);
-    if (2 * std::abs(rest) == denominator) CHECK_TRUE(std::abs(quotient * denominator) > std::abs(numerator));
+    constexpr std::int64_t kEnd = std::int64_t{1} << 62;
+    const std::int64_t numerator = draw.of(-kEnd, kEnd);
+    const std::int64_t denominator = draw.of(1, std::int64_t{1} << draw.of(0, 61));
+    const std::int64_t rest = numerator - div_round(numerator, denominator) * denominator;
+    CHECK_TRUE(std::abs(rest) <= denominator / 2);
+    if (denominator % 2 == 0 && std::abs(rest) == denominator / 2) CHECK_TRUE((rest < 0) == (numerator > 0));
   }
-}
-
-TEST(Math, RoundsAtTheEndsOfItsRange) {
-  constexpr std::int64_t kBig = std::int64_t{1} << 62;
-  CHECK_TRUE(kBig == div_round(kBig, 1));
-  CHECK_TRUE(-kBig == div_round(-kBig, 1));
-  CHECK_TRUE(2 == div_round(kBig, std::int64_t{1} << 61));
 }
 
 TEST(Math, RootIsTheLargestWhoseSquareFits) {
@@ -65,20 +60,27 @@ TEST(Math, RootIsTheLargestWhoseSquareFits) {
   for (int i = 0; i < 100'000; ++i) check(random() >> (random() % 64));
 }
 
-// log2 rounded down: the integers on both sides of every power 2^(k/256). What lies nearer to a step than 2^-22 LSB may
-// fall on its other side (math.hpp), and long double cannot tell nearer ones than 1e-6 from below.
+// log2 rounded down: small values, any, and the integers on both sides of every power 2^(k/256). What lies nearer to a
+// step than 2^-22 LSB may fall on its other side (math.hpp), and long double cannot tell nearer ones than 1e-6 from
+// below.
 TEST(Math, Log2StepsWhereThePowersOfTwoDo) {
+  const auto check = [](std::uint64_t value) {
+    const long double exact = 256.0L * std::log2(static_cast<long double>(value));
+    const std::int32_t got = log2_q8(value);
+    CHECK_TRUE(static_cast<long double>(got) <= exact + 1e-6L);
+    CHECK_TRUE(static_cast<long double>(got) >= exact - 1.0L - 1e-6L);
+    const long double over = exact - std::floor(exact);
+    if (over > 0x1p-22L && over < 1.0L - 1e-6L) LONGS_EQUAL(static_cast<long>(std::floor(exact)), got);
+  };
+  for (std::uint64_t value = 1; value < 5000; ++value) check(value);
+  std::mt19937_64 random(4);
+  for (int i = 0; i < 20'000; ++i) check(std::max<std::uint64_t>(random() >> (random() % 64), 1));
+  check(UINT64_MAX);
   for (int k = 1; k < 64 * 256; ++k) {
     const long double step = std::exp2(static_cast<long double>(k) / 256.0L);
     const auto below = static_cast<std::uint64_t>(step);
-    for (const std::uint64_t value : {below, below + 1}) {
-      const long double exact = 256.0L * std::log2(static_cast<long double>(value));
-      const std::int32_t got = log2_q8(value);
-      CHECK_TRUE(static_cast<long double>(got) <= exact + 1e-6L);
-      CHECK_TRUE(static_cast<long double>(got) >= exact - 1.0L - 1e-6L);
-      const long double over = exact - std::floor(exact);
-      if (over > 0x1p-22L && over < 1.0L - 1e-6L) LONGS_EQUAL(static_cast<long>(std::floor(exact)), got);
-    }
+    check(below);
+    check(below + 1);
   }
 }
 

@@ -34,6 +34,11 @@ TEST(Units, ClampsAtBothEndsAndCountsEachClamp) {
   check_limits<PixelsQ8>();
   check_limits<Micrometres>();
   check_limits<MicrometresPerSec>();
+  check_limits<MicrometresQ4>();
+  check_limits<StrainPpmPerSec>();
+  check_limits<ShareQ10>();
+  check_limits<Log2Q8>();
+  check_limits<Count>();
   check_limits<NatsQ16>();
   check_limits<NatsPerSecQ8>();
 }
