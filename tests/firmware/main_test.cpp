@@ -31,14 +31,6 @@ class Lines final : public hal::Gpio {
   [[nodiscard]] std::optional<hal::Level> do_read(hal::Input) override { return std::nullopt; }
 };
 
-class NoCamera final : public hal::Camera {
- private:
-  [[nodiscard]] bool do_start() override { return false; }
-  [[nodiscard]] hal::Capture do_next(hal::Frame&, Micros) override { return hal::Capture::kGone; }
-  void do_release(const hal::Frame&) override {}
-  void do_stop() override {}
-};
-
 class NoPort final : public hal::Serial {
  private:
   [[nodiscard]] bool do_write(std::span<const std::uint8_t>) override { return true; }
@@ -48,7 +40,7 @@ class NoPort final : public hal::Serial {
 struct Board {
   sim::Clock clock;
   Lines lines;
-  NoCamera camera;
+  test::NoCamera camera;
   NoPort port;
   hal::NoKeep keep;
   test::NoJpeg jpeg;

@@ -76,24 +76,13 @@ class ConsoleDesk {
   console::Place place{
       .board = "desk", .code = kCode, .settings = &stored, .models = &stored_models, .faults = &faults};
 
-  // Pictures of an empty gel, or of one that is dragged further and further after `still` of them.
-  void film(int still = 8, int dragged = 0) {
-    const scene::PictureConfig view = scene::cropped_320x240();
-    pictures_.clear();
-    for (int k = 0; k < still + dragged; ++k) {
-      const double drag = k < still ? 0.0 : std::min(0.3 * (k - still + 1), 1.8);
-      pictures_.push_back(reference_model::picture_of(
-          view, reference_model::lattice_px({}, view, reference_model::gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
-          300 + static_cast<std::uint64_t>(k)));
-    }
-  }
+  void film(int still = 8, int dragged = 0) { pictures_ = drag_film(still, dragged); }
 
   void start() {
     if (pictures_.empty()) film();
-    std::vector<LumaView> views;
-    for (const reference_model::Picture& picture : pictures_) views.push_back(picture.view());
     memory_ = std::make_unique<sim::CameraMemory>(
-        clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
+        clock, luma_views(pictures_),
+        sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
     camera = std::make_unique<sim::SwitchedCamera>(*memory_, std::size_t{320 * 240});
     daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep, &supply},
                                       tree != nullptr ? tree : stored_tree());

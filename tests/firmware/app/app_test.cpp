@@ -219,14 +219,6 @@ class DoubtfulCamera final : public hal::Camera {
   const sim::Clock& clock_;
 };
 
-// A camera that does not open.
-class NoCamera final : public hal::Camera {
-  [[nodiscard]] bool do_start() override { return false; }
-  [[nodiscard]] hal::Capture do_next(hal::Frame&, Micros) override { return hal::Capture::kGone; }
-  void do_release(const hal::Frame&) override {}
-  void do_stop() override {}
-};
-
 void state_is(DeviceState want, DeviceState got) {
   LONGS_EQUAL(static_cast<int>(want), static_cast<int>(got));
 }
@@ -259,23 +251,15 @@ TEST_GROUP(App) {
     pictures.shrink_to_fit();
   }
 
-  // `count` pictures of the empty gel, then those of a local drag that grows and stays.
   void film(int empty, int dragged = 0) {
-    const scene::PictureConfig view = scene::cropped_320x240();
-    for (int k = 0; k < empty + dragged; ++k) {
-      const double drag = k < empty ? 0.0 : std::min(1.8, 0.3 * (k - empty + 1));
-      pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
-                                    300 + static_cast<std::uint64_t>(k)));
-    }
+    pictures = test::drag_film(empty, dragged);
   }
 
   const model::Tree* tree = nullptr;  // in place of the compiled one
 
   void build(std::vector<sim::FaultSpan> faults = {}, std::uint64_t cycles = 1) {
-    std::vector<LumaView> views;
-    for (const Picture& picture : pictures) views.push_back(picture.view());
-    memory =
-        std::make_unique<sim::CameraMemory>(clock, views, sim::CameraMemory::Config{.cycles = cycles, .live = true});
+    memory = std::make_unique<sim::CameraMemory>(clock, test::luma_views(pictures),
+                                                 sim::CameraMemory::Config{.cycles = cycles, .live = true});
     camera = std::make_unique<sim::FaultyCamera>(*memory, clock, std::move(faults), std::size_t{320 * 240});
     app = std::make_unique<App>(Devices{*camera, gpio, link, clock, jpeg}, tree);
   }
@@ -367,7 +351,7 @@ TEST(App, RefusesToStartWithoutSoundParametersLinesOrCamera) {
   reason_is(Reason::kConfig, app->start(wrong).reason);
   gpio.fail_next(1);
   reason_is(Reason::kGpioFailed, app->start(Params{}).reason);
-  NoCamera none;
+  test::NoCamera none;
   App blind(Devices{none, gpio, link, clock, jpeg});
   reason_is(Reason::kCameraGone, blind.start(Params{}).reason);
   CHECK_TRUE(gpio.level(Line::kGripOk) == Level::kLow);
@@ -761,20 +745,6 @@ TEST(App, DoesNotVouchForAFrameASecondOld) {
   CHECK_TRUE(told_fine());
 }
 
-// One stamp an hour ahead was believed, and everything after it refused for an hour.
-TEST(App, RecoversFromOneTimestampInTheFuture) {
-  film(12);
-  build({{20, 1, sim::CameraFault::kBackwards, -1h}}, 3);
-  start();
-  run(20);
-  CHECK_TRUE(step());
-  reason_is(Reason::kTimeNotForward, app->outputs().reason);
-  run(1);
-  state_is(DeviceState::kOk, app->outputs().state);
-  reason_is(Reason::kNone, app->outputs().reason);
-  CHECK_TRUE(told_fine());
-}
-
 // Stamped when it was taken, a frame looks fresh however long it lay in a buffer: nobody may be told "fine" by it.
 TEST(App, FramesOfUnknownAgeVouchForNothing) {
   film(12);
@@ -1096,22 +1066,6 @@ TEST(App, CountsOkFramesSinceTheLastFault) {
   app->stop();
   CHECK_TRUE(app->start(Params{}).ok());
   LONGS_EQUAL(0, app->ok_frames());
-}
-
-TEST(App, FaultsWhileALineRefusesAndComesBack) {
-  film(12);
-  build({}, 6);
-  start();
-  run(5);  // REFERENCE: GRIP_OK is told LOW first
-  gpio.fail_next(1);
-  const std::uint64_t edges = gpio.edges(Line::kAlive);
-  CHECK_TRUE(step());
-  state_is(DeviceState::kFault, app->outputs().state);
-  reason_is(Reason::kGpioFailed, app->outputs().reason);
-  LONGS_EQUAL(edges, gpio.edges(Line::kAlive));
-  run(25 + 3);
-  state_is(DeviceState::kOk, app->outputs().state);
-  CHECK_TRUE(told_fine());
 }
 
 // The link full: counted, and nothing else changes.

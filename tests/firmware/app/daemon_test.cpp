@@ -152,23 +152,8 @@ TEST_GROUP(Daemon) {
 
   // Eight pictures of the gel, empty or pressed on, shown over and over.
   void film(bool pressed = false) {
-    const scene::PictureConfig view = scene::cropped_320x240();
     pictures.clear();
-    for (std::uint64_t k = 0; k < 8; ++k) {
-      const double drag = pressed ? 0.6 : 0.0;
-      pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)), 300 + k));
-    }
-  }
-
-  // `still` pictures of the empty gel, then those of a drag that grows over six frames and stays.
-  void film_slip(int still) {
-    const scene::PictureConfig view = scene::cropped_320x240();
-    pictures.clear();
-    for (int k = 0; k < still + 12; ++k) {
-      const double drag = std::clamp(0.3 * (k - still + 1), 0.0, 1.8);
-      pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
-                                    300 + static_cast<std::uint64_t>(k)));
-    }
+    for (std::uint64_t k = 0; k < 8; ++k) pictures.push_back(test::dragged_gel(pressed ? 0.6 : 0.0, 300 + k));
   }
 
   void build(std::vector<sim::FaultSpan> faults = {}, std::string_view identity = "28D1-D7C6") {
@@ -184,10 +169,9 @@ TEST_GROUP(Daemon) {
     start();
   }
   void plug(std::vector<sim::FaultSpan> faults, std::string_view identity) {
-    std::vector<LumaView> views;
-    for (const Picture& picture : pictures) views.push_back(picture.view());
     memory = std::make_unique<sim::CameraMemory>(
-        clock, views, sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
+        clock, test::luma_views(pictures),
+        sim::CameraMemory::Config{.cycles = 1'000'000, .live = true, .identity = identity});
     camera = std::make_unique<sim::FaultyCamera>(*memory, clock, std::move(faults), std::size_t{320 * 240});
     socket = std::make_unique<Socket>(*camera, clock, identity);
   }
@@ -408,7 +392,7 @@ TEST(Daemon, EndsAnOpeningThatIsSaidAgainAndAgain) {
 
 // A robot that never stops saying OPENING is told of the slip behind its time, not only of none.
 TEST(Daemon, TellsOfASlipUnderAnOpeningThatIsHeld) {
-  film_slip(70);  // a slip after 2.8 s, and after 6.1 s again
+  pictures = test::drag_film(70, 12);  // a slip after 2.8 s, and after 6.1 s again
   tree = &kSpreadTree;
   build();
   run(500ms);
@@ -1109,7 +1093,7 @@ TEST(Daemon, IsDegradedWhileTheBoardsSupplyIsLow) {
 
 // From the picture to the fingers: what slips is held harder, up to the limit, and the limit is told.
 TEST(Daemon, TightensWhileItSlipsUpToTheLimit) {
-  film_slip(70);
+  pictures = test::drag_film(70, 12);
   tree = &kSpreadTree;
   use(Gripper::kHandE);
   params.max_force = params.start_force + 8;

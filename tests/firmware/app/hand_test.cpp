@@ -96,16 +96,12 @@ TEST_GROUP(Hand) {
   Micros told_until{};  // a receiver was told "fine" up to then
 
   void setup() override {
-    const scene::PictureConfig view = scene::cropped_320x240();
-    for (std::uint64_t k = 0; k < 8; ++k) {
-      pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, 0.0, 0.0)), 300 + k));
-    }
-    film();
+    film(8);
     gripper = std::make_unique<sim::HandE>(clock);
   }
-  void film() {
-    std::vector<LumaView> views;
-    for (const Picture& picture : pictures) views.push_back(picture.view());
+  void film(int still, int dragged = 0) {
+    pictures = test::drag_film(still, dragged);
+    const std::vector<LumaView> views = test::luma_views(pictures);
     for (std::size_t i = 0; i < 2; ++i) {  // the right one's frames arrive 15 ms behind the left one's
       const sim::CameraMemory::Config config{.latency = i == 0 ? 40ms : 55ms, .cycles = 1'000'000, .live = true};
       memory[i] = std::make_unique<sim::CameraMemory>(clock, views, config);
@@ -388,14 +384,7 @@ TEST(Hand, StatusFramesTellOfEachFingerWhereTheyAreAskedFor) {
 // An object that is dragged touches both gels; when it is gone without a word, both fingers are well and the grip is
 // not.
 TEST(Hand, StatusFramesTellOfContactAndOfItsLoss) {
-  const scene::PictureConfig view = scene::cropped_320x240();
-  pictures.clear();
-  for (int k = 0; k < 60; ++k) {
-    const double drag = k < 30 ? 0.0 : std::min(1.8, 0.3 * (k - 29));
-    pictures.push_back(picture_of(view, lattice_px({}, view, gaussian({0.4, -0.3}, 4.0, drag, 0.3 * drag)),
-                                  300 + static_cast<std::uint64_t>(k)));
-  }
-  film();
+  film(30, 30);
   params.status_version = 2;
   start();
   run(1s);
