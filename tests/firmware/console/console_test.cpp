@@ -122,6 +122,23 @@ TEST_GROUP(Console) {
     CHECK(desk.started);
     desk.run(1s);
   }
+  void start_unlocked() {
+    start();
+    (void)desk.unlock();
+  }
+  // The cable is out for a moment.
+  void plug_anew() {
+    desk.host.hang_up();
+    desk.run(10ms);
+    desk.host.reconnect();
+  }
+  // What the key for the line before brings.
+  std::string line_before() {
+    (void)desk.heard();
+    desk.type("\x1B[A");
+    desk.run(50ms);
+    return desk.heard();
+  }
   void teardown() override {
     desk.end();
   }
@@ -339,17 +356,13 @@ TEST(Console, KeepsTheCodeOutOfTheHistory) {
   start();
   check_ok("version");
   (void)desk.unlock();
-  (void)desk.heard();
-  desk.type("\x1B[A");
-  desk.run(50ms);
-  const std::string shown = desk.heard();
+  const std::string shown = line_before();
   STRCMP_CONTAINS("version", shown.c_str());
   CHECK(shown.find(test::ConsoleDesk::kCode) == std::string::npos);
 }
 
 TEST(Console, SetsAndRefusesByTheTable) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("set raise_frames 3");
   check_ok("set hold_ms = 300");
   check_ok("set max_gap_ms=300");
@@ -386,8 +399,7 @@ TEST(Console, SetsAndRefusesByTheTable) {
 
 // What a new value acts on: the next frame, the rest position, or the next start.
 TEST(Console, AppliesWhatCanBeAppliedNow) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   for (const char* const line : {"set pitch_um 2000", "set mode balanced", "set grid_cols 8"}) {
     check_ok(line);
     CHECK_FALSE(desk.daemon->app().state().reference.known);
@@ -404,8 +416,7 @@ TEST(Console, AppliesWhatCanBeAppliedNow) {
 }
 
 TEST(Console, StoresForTheNextStart) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("set raise_frames 3");
   check_ok("save");
   check_ok("set hold_ms 500");
@@ -422,8 +433,7 @@ TEST(Console, StoresForTheNextStart) {
 
 // OK comes when the bytes are durable; Ctrl-C ends the waiting and not the writing.
 TEST(Console, WaitsForTheCard) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("set hold_ms 500");
   desk.stored.set_slow(true);
   STRCMP_EQUAL("", desk.say("save").c_str());
@@ -444,8 +454,7 @@ TEST(Console, WaitsForTheCard) {
 }
 
 TEST(Console, SaysWhyNothingWasWritten) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("set hold_ms 500");
   check_ok("save");
   check_ok("set hold_ms 600");
@@ -465,8 +474,7 @@ TEST(Console, SaysWhyNothingWasWritten) {
 TEST(Console, HasNoPlaceToStoreWithoutOne) {
   desk.place.settings = nullptr;
   desk.place.models = nullptr;
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_error("save", Error::kNotStored);
   check_error("model default", Error::kNotStored);
   check_error(load_model(model_record(1, {})).c_str(), Error::kNotStored);
@@ -475,8 +483,7 @@ TEST(Console, HasNoPlaceToStoreWithoutOne) {
   // Nobody is sent to sign what cannot be stored afterwards.
   const hal::NoOwner owner;
   desk.place.owner = &owner;
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_error("save", Error::kNotStored);
   check_error("model default", Error::kNotStored);
 }
@@ -503,8 +510,7 @@ TEST(Console, LoadsARecord) {
 
 // Lines that are lost, damaged, twice there or in another order; and what is said without a beginning.
 TEST(Console, LoadsAllOrNothing) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   const std::vector<std::uint8_t> whole = record(7, {});
   const std::string end = load(whole);
   check_ok("load off");
@@ -560,8 +566,7 @@ TEST(Console, LoadsAllOrNothing) {
 }
 
 TEST(Console, LoadsOnlyWhatItCanUse) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   Params contradiction;
   contradiction.fault_markers_pct = 99;
   check_error(load(record(7, contradiction)).c_str(), Error::kNotUsable);
@@ -590,8 +595,7 @@ TEST(Console, LoadsAModel) {
   LONGS_EQUAL(1, desk.stored_models.writes());
   LONGS_EQUAL(0, desk.stored.writes());
 
-  desk.end();
-  start();
+  restart();
   check_says("model json",
              R"({"name":"loaded_one","feature_set":"paper","features":4,"nodes":3,"depth":1,"crc32":16909060,)"
              R"("from":"loaded","sequence":7,"next_start":"the same"})");
@@ -614,8 +618,7 @@ TEST(Console, LoadsAModel) {
   check_says("model default", "counts from the next start: reboot\r\nOK\r\n");
   check_says("model json", R"("from":"loaded","sequence":7,"next_start":"what was stored since: reboot"})");
 
-  desk.end();
-  start();
+  restart();
   std::string back = desk.say("model json");
   STRCMP_CONTAINS(R"("from":"compiled in","sequence":9,"next_start":"the same"})", back.c_str());
   CHECK_EQUAL(compiled.substr(0, compiled.find("\"from\"")), back.substr(0, back.find("\"from\"")));
@@ -625,12 +628,10 @@ TEST(Console, LoadsAModel) {
 }
 
 TEST(Console, SaysWhyAModelWasNotWritten) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   desk.stored_models.set_failure(28, 4000);
   check_says(load_model(model_record(7, kLoaded)).c_str(), "ERR 25 write_failed: error 28 of the system: ");
-  desk.end();
-  start();
+  restart();
   // What was torn is damaged, and a start says so.
   check_says("model json", R"("from":"compiled in: what was stored is lost or damaged","sequence":null)");
   check_held();
@@ -638,8 +639,7 @@ TEST(Console, SaysWhyAModelWasNotWritten) {
 
 // Each in the words of who looked at it.
 TEST(Console, LoadsOnlyModelsOfThisFirmware) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   std::vector<std::uint8_t> later = kLoaded;
   std::fill_n(later.begin() + 52, 32, std::uint8_t{0});
   test::put_name(later, 52, "later");
@@ -712,8 +712,7 @@ TEST(Console, DecidesByTheModelThatWasLoaded) {
     other.end();
     return seen;
   };
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok(load_model(model_record(7, kLoaded)).c_str());
   const std::vector<std::uint8_t> stored(desk.stored_models.slot(0).begin(), desk.stored_models.slot(0).end());
   model::Tree tree;
@@ -731,8 +730,7 @@ TEST(Console, DecidesByTheModelThatWasLoaded) {
 TEST(Console, TakesFromItsOwnerOnly) {
   const Owner owner;
   desk.place.owner = &owner;
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_says("version json", R"("takes":"what its owner signed","settings_sequence":null})");
   check_says("status json", R"("development":false})");
   check_ok("set force_step 5");  // until the next start
@@ -764,8 +762,7 @@ TEST(Console, TakesFromItsOwnerOnly) {
     check_ok(load_model(model).c_str());
     check_error(load_model(model).c_str(), Error::kTooOld);
     desk.end();
-    start();
-    (void)desk.unlock();
+    start_unlocked();
     check_says("model json",
                payload.empty() ? R"("from":"compiled in","sequence":8)" : R"("from":"loaded","sequence":7)");
   }
@@ -872,8 +869,7 @@ TEST(Console, KnowsAFirstStartFromALoss) {
 
 // The first save writes both slots: zeros beside a record, in either of them, are no first start.
 TEST(Console, KnowsAnErasedRecord) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("set hold_ms 300");
   check_ok("save");
   const std::vector<std::uint8_t> saved(desk.stored.slot(0).begin(), desk.stored.slot(0).end());
@@ -998,8 +994,7 @@ TEST(Console, LeavesSafetyToItsOwner) {
   const Owner owner;
   for (const bool owned : {false, true}) {
     desk.place.owner = owned ? &owner : nullptr;
-    start();
-    (void)desk.unlock();
+    start_unlocked();
     for (const ParamInfo& row : kParams) {
       const std::int32_t other = row.default_value == row.max ? row.max - 1 : row.default_value + 1;
       const std::string line = "set " + std::string(row.name) + " " + std::to_string(other);
@@ -1018,8 +1013,7 @@ TEST(Console, LeavesSafetyToItsOwner) {
   strict.latch = 1;
   strict.force_step = 9;
   lay_both(signed_record(7, strict));
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   for (const char* const line : {"set fault_markers_pct 1", "set hold_ms 0", "set opening_max_ms 60000", "set latch 0",
                                  "set force_step 5 latch 0", "defaults latch"}) {
     check_error(line, Error::kOwnersAlone);
@@ -1047,8 +1041,7 @@ TEST(Console, KeepsADefaultThatTheOwnersSettingsRuleOut) {
   weak.max_force = 5;
   weak.start_force = 4;
   lay_both(signed_record(7, weak));
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("set start_force 3 force_step 9");
   check_says("defaults", "what the owner signed stays\r\nOK\r\n");
   weak.start_force = 3;
@@ -1060,8 +1053,7 @@ TEST(Console, SavesBehindTheLastNumber) {
   Params params;
   params.hold_ms = 300;
   lay_both(record(0xFFFFFFFF, params));
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   LONGS_EQUAL(300, desk.console->params().hold_ms);
   for (int k = 1; k <= 3; ++k) {
     check_ok(("set hold_ms " + std::to_string(300 + k)).c_str());
@@ -1077,8 +1069,7 @@ TEST(Console, SavesBehindTheLastNumber) {
 
 // The lines of diff, pasted into another device, make it the same.
 TEST(Console, TakesItsOwnDiffBack) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   for (const char* const line : {"set raise_frames 3", "set hold_ms 300", "set max_force 200", "set latch 1"}) {
     check_ok(line);
   }
@@ -1099,8 +1090,7 @@ TEST(Console, TakesItsOwnDiffBack) {
 
 // Any settings, said again line by line on a device that has any others.
 TEST(Console, TakesADumpBackWhateverItHas) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   const std::vector<std::string> all{"set fault_markers_pct 1 degraded_markers_pct 2",
                                      "set degraded_markers_pct 99 fault_markers_pct 98",
                                      "set max_force 10 start_force 9",
@@ -1281,8 +1271,7 @@ TEST(Console, SaysOfEachDeviceWhatIsWrongWithIt) {
 }
 
 TEST(Console, ShowsMarkersThatAreLost) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("reference learn");
   STRCMP_CONTAINS("null", desk.say("frame json").c_str());
   desk.run(1s);
@@ -1347,8 +1336,7 @@ TEST(Console, DoesNotLearnAGelThatSomethingTouches) {
   start();
   desk.end();
   desk.film(0, 12);
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_error("reference learn", Error::kRefused);
 }
 
@@ -1360,8 +1348,7 @@ TEST(Console, HasNothingToShowBeforeTheFirstFrame) {
 }
 
 TEST(Console, SpeaksForTheRobot) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("tell opening 1");
   CHECK(desk.daemon->is_opening());
   check_ok("tell OPENING 0");
@@ -1468,8 +1455,7 @@ TEST(Console, TellsOfALowSupplyAndOfItsEnd) {
 }
 
 TEST(Console, AsksForARestart) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_ok("reboot");
   CHECK(desk.console->asked_to_restart());
 }
@@ -1676,7 +1662,7 @@ TEST(Console, ObeysNoCommandFrameWhileLocked) {
   LONGS_EQUAL(sent, heard.answers.size());
   for (const command_frame::AnswerFrame& answer : heard.answers) LONGS_EQUAL(5, static_cast<int>(answer.result));
   CHECK(desk.daemon->app().outputs().state == DeviceState::kOk);
-  CHECK(desk.gpio.level(hal::Line::kGripOk) == hal::Level::kHigh);
+  CHECK(grip_ok());
   CHECK_FALSE(desk.daemon->grip().go);
   LONGS_EQUAL(rest.markers[31].x.raw(), desk.daemon->app().state().reference.rest.markers[31].x.raw());
   LONGS_EQUAL(sent, desk.console->refused());
@@ -1692,8 +1678,7 @@ TEST(Console, ObeysNoCommandFrameWhileLocked) {
 }
 
 TEST(Console, ObeysCommandFramesWhileUnlocked) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   desk.type(frame_of(1, command_frame::Command::kOpening, 1));
   desk.run(50ms);
   CHECK(desk.daemon->is_opening());
@@ -1726,8 +1711,7 @@ TEST(Console, DoesNotMakeUpForWhatItRefused) {
 }
 
 TEST(Console, LocksWhenTheCableIsPulled) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   desk.host.hang_up();
   desk.run(10ms);
   CHECK_FALSE(desk.console->unlocked());
@@ -1745,16 +1729,13 @@ TEST(Console, LocksWhenTheCableIsPulled) {
 
 // What was typed before the cable was out does not happen when another one is in: no line of it, no half of one.
 TEST(Console, DoesNothingThatWasLeftInTheCable) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   // Read, and not begun.
   for (const std::string& line :
        {std::string("tell opening 1\r"), "unlock " + std::string(test::ConsoleDesk::kCode) + "\r"}) {
     desk.type(line);
     desk.turn();
-    desk.host.hang_up();
-    desk.run(10ms);
-    desk.host.reconnect();
+    plug_anew();
     desk.run(50ms);
     CHECK_FALSE(desk.daemon->is_opening());
     CHECK_FALSE(desk.console->unlocked());
@@ -1766,9 +1747,7 @@ TEST(Console, DoesNothingThatWasLeftInTheCable) {
   desk.stored.set_slow(true);
   desk.type("save\r");
   desk.run(50ms);
-  desk.host.hang_up();
-  desk.run(10ms);
-  desk.host.reconnect();
+  plug_anew();
   desk.stored.finish();
   desk.run(50ms);
   STRCMP_CONTAINS("OK\r\n", desk.heard().c_str());
@@ -1776,8 +1755,7 @@ TEST(Console, DoesNothingThatWasLeftInTheCable) {
 
   // In the queue behind an answer that nobody takes: lines, the code, a frame.
   desk.place.host_commands = true;
-  desk.end();
-  start();
+  restart();
   desk.host.set_full(true);
   for (int k = 0; k < 3; ++k) desk.type("get\r");
   desk.type("unlock " + std::string(test::ConsoleDesk::kCode) + "\rtell opening 1\r");
@@ -1802,9 +1780,7 @@ TEST(Console, DoesNothingThatWasLeftInTheCable) {
   // Half a line and half a frame.
   desk.type("unlock " + std::string(test::ConsoleDesk::kCode));
   desk.run(50ms);
-  desk.host.hang_up();
-  desk.run(10ms);
-  desk.host.reconnect();
+  plug_anew();
   desk.type("\r");
   desk.run(50ms);
   CHECK_FALSE(desk.console->unlocked());
@@ -1847,8 +1823,7 @@ TEST(Console, LocksItselfAmongNoise) {
 }
 
 TEST(Console, LocksOnAWrongCode) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   check_error("unlock nonsense", Error::kWrongCode);
   CHECK_FALSE(desk.console->unlocked());
   check_error("set hold_ms 300", Error::kLocked);
@@ -1861,10 +1836,7 @@ TEST(Console, KeepsMistypedCodesOutOfTheHistory) {
   for (const char* const line : {"unlokc 7QX-41-red", "7QX-41-red", "UNLOCK 7QX-41-red"}) {
     check_error(line, Error::kUnknownCommand);
   }
-  (void)desk.heard();
-  desk.type("\x1B[A");
-  desk.run(50ms);
-  const std::string shown = desk.heard();
+  const std::string shown = line_before();
   STRCMP_CONTAINS("version", shown.c_str());
   CHECK(shown.find(test::ConsoleDesk::kCode) == std::string::npos);
 }
@@ -2039,8 +2011,7 @@ TEST(Console, PromptsNobodyWhereNobodyCanType) {
 
 // Every command, answered to its end, without the heap.
 TEST(Console, TakesNoMemory) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   for (const console::CommandInfo& command : console::commands()) {
     if (command.name == "reboot" || command.name == "lock") continue;
     for (const char* const form : {"\r", " json\r", "\t\x1B[A\r"}) {
@@ -2055,8 +2026,7 @@ TEST(Console, TakesNoMemory) {
 
 // From the last line of a record, taken or refused, to its answer.
 TEST(Console, LoadsWithoutMemory) {
-  start();
-  (void)desk.unlock();
+  start_unlocked();
   std::vector<std::uint8_t> other = kLoaded;
   other[84] = 'x';
   const std::vector<std::vector<std::uint8_t>> records{model_record(7, test::repaired(other)),
