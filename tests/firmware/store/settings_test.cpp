@@ -63,40 +63,6 @@ TEST(Settings, AreWhatWasStored) {
   LONGS_EQUAL(2, slots().sequence());
 }
 
-TEST(Settings, GoOnBehindTheNewerSlot) {
-  Params params;
-  for (int k = 1; k <= 5; ++k) {
-    params.raise_frames = k;
-    save(params);
-    LONGS_EQUAL(k, load(Loaded::kAll).raise_frames);
-  }
-}
-
-// Torn at any byte, or any byte another: the older settings, never a mixture.
-TEST(Settings, SurviveATornWrite) {
-  Params older, newer;
-  older.raise_frames = 3;
-  newer.raise_frames = 7;
-  newer.hold_ms = 999;
-  save(older);
-  const std::vector<std::uint8_t> before(store.slot(1).begin(), store.slot(1).end());
-  save(newer);
-  const std::vector<std::uint8_t> after(store.slot(1).begin(), store.slot(1).end());
-  CHECK(load(Loaded::kAll) == newer);
-  for (std::size_t cut = 0; cut < after.size(); ++cut) {
-    std::copy(before.begin(), before.end(), store.slot(1).begin());
-    std::copy_n(after.begin(), cut, store.slot(1).begin());
-    const Params read = load(Loaded::kAll);
-    CHECK(read == older || read == newer);
-  }
-  const std::size_t size = settings::kEntryBytes * 2 + sealed::kAround;
-  for (std::size_t k = 0; k < size; ++k) {
-    std::copy(after.begin(), after.end(), store.slot(1).begin());
-    store.slot(1)[k] ^= 0x10;
-    CHECK(load(Loaded::kAll) == older);
-  }
-}
-
 // Of a firmware with other parameters or ranges: what is known and allowed is taken when it starts, and refused from
 // outside.
 TEST(Settings, TakeWhatTheyKnow) {
