@@ -111,6 +111,15 @@ Picture picture_of(const scene::PictureConfig& config, std::span<const Point> do
   return picture;
 }
 
+void draw_disc(Picture& picture, Point centre, double radius_px, std::uint8_t level) {
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      if (distance(centre, {static_cast<double>(x), static_cast<double>(y)}) > radius_px) continue;
+      picture.pixels[static_cast<std::size_t>(y * picture.width + x)] = level;
+    }
+  }
+}
+
 Picture flat(int width, int height, std::uint8_t level) {
   return {width, height,
           std::vector<std::uint8_t>(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), level)};

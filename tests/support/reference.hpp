@@ -105,6 +105,8 @@ using Warp = std::function<scene::Vec2(scene::Vec2)>;
 [[nodiscard]] std::vector<Point> lattice_px(const Grid& grid, const scene::PictureConfig& config,
                                             const Warp& warp = {});
 [[nodiscard]] Picture picture_of(const scene::PictureConfig& config, std::span<const Point> dots, std::uint64_t seed);
+// A disc of any size and light over the picture, with a hard edge.
+void draw_disc(Picture& picture, Point centre, double radius_px, std::uint8_t level);
 // All pixels alike.
 [[nodiscard]] Picture flat(int width, int height, std::uint8_t level);
 

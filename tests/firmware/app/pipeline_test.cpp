@@ -77,13 +77,7 @@ TEST_GROUP(Pipeline) {
   Picture with_highlights(const std::function<bool(std::size_t)>& on) {
     Picture shown = picture();
     for (std::size_t i = 0; i < truth.size(); ++i) {
-      if (!on(i)) continue;
-      for (int y = -4; y <= 4; ++y) {
-        for (int x = -4; x <= 4; ++x) {
-          const int at = (static_cast<int>(truth[i].y) + y) * shown.width + static_cast<int>(truth[i].x) + x;
-          if (x * x + y * y <= 16) shown.pixels[static_cast<std::size_t>(at)] = 150;
-        }
-      }
+      if (on(i)) draw_disc(shown, truth[i], 4.0, 150);
     }
     return shown;
   }

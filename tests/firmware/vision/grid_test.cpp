@@ -95,6 +95,13 @@ TEST_GROUP(Grid) {
     return reference_model::picture_of(config, left, 4);
   }
 
+  // The dots of a picture that is taken for the lattice in it.
+  std::vector<Point> registered(const scene::PictureConfig& config, const reference_model::Warp& warp = {}) {
+    const std::vector<Point> truth = reference_model::lattice_px({}, config, warp);
+    reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+    return truth;
+  }
+
   static std::set<std::size_t> column(std::size_t col) {
     std::set<std::size_t> out;
     for (std::size_t row = 0; row < 7; ++row) out.insert(9 * row + col);
@@ -106,15 +113,8 @@ TEST_GROUP(Grid) {
     return out;
   }
 
-  // A dark disc of any size, drawn over the picture.
-  static void blot(Picture & picture, Point centre, double radius) {
-    for (int y = 0; y < picture.height; ++y) {
-      for (int x = 0; x < picture.width; ++x) {
-        if (reference_model::distance(centre, {static_cast<double>(x), static_cast<double>(y)}) <= radius) {
-          picture.pixels[static_cast<std::size_t>(y * picture.width + x)] = 45;
-        }
-      }
-    }
+  static void blot(Picture & picture, Point centre, double radius_px) {
+    reference_model::draw_disc(picture, centre, radius_px, 45);
   }
 };
 
@@ -123,8 +123,7 @@ TEST_GROUP(Grid) {
 TEST(Grid, NamesTheMarkersAtEveryScale) {
   for (const int width : {80, 96, 112, 128, 160, 200, 256, 300, 320, 410, 500, 512, 513, 640, 820, 1024, 1280, 1640}) {
     const scene::PictureConfig config = scene::scaled(scene::cropped_320x240(), width);
-    const auto truth = reference_model::lattice_px({}, config, reference_model::shifted(0.1, 0.05));
-    reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+    const auto truth = registered(config, reference_model::shifted(0.1, 0.05));
     named_right(truth, {}, "columns " + std::to_string(width));
     DOUBLES_EQUAL(2.02 * config.px_per_mm, px(lattice.pitch), 0.02 * 2.02 * config.px_per_mm);
     CHECK_TRUE(lattice.found == kGrid);
@@ -135,8 +134,7 @@ TEST(Grid, NamesTheMarkersAtEveryScale) {
 TEST(Grid, NamesTheMarkersInTheUncroppedView) {
   for (const int width : {128, 205, 320, 410, 820, 1640}) {
     const scene::PictureConfig config = wide_view(width);
-    const auto truth = reference_model::lattice_px({}, config);
-    reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+    const auto truth = registered(config);
     named_right(truth, {}, "columns " + std::to_string(width));
   }
 }
@@ -144,8 +142,7 @@ TEST(Grid, NamesTheMarkersInTheUncroppedView) {
 TEST(Grid, NamesTheMarkersAtEveryAngleUpTo35Degrees) {
   for (int degrees = -35; degrees <= 35; ++degrees) {
     const scene::PictureConfig config = wide_view();
-    const auto truth = reference_model::lattice_px({}, config, reference_model::rotated(degrees));
-    reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+    const auto truth = registered(config, reference_model::rotated(degrees));
     named_right(truth, {}, "degrees " + std::to_string(degrees));
   }
 }
@@ -180,8 +177,7 @@ TEST(Grid, FollowsShearTwistAndBulge) {
   };
   for (const auto& [name, warp] : warps) {
     const scene::PictureConfig config = wide_view();
-    const auto truth = lattice_px({}, config, warp);
-    reason_is(Reason::kNone, look(picture_of(config, truth, 5)));
+    const auto truth = registered(config, warp);
     named_right(truth, {}, name);
   }
 }
@@ -371,8 +367,7 @@ TEST(Grid, LeavesOutCutLinesOfAGivenSizeAtFirstSightOnly) {
   const double pitch_px = 2.02 * config.px_per_mm;
   const double margin_px = reference_model::lattice_px({}, config)[0].y;
   config.center_y_px -= margin_px - 0.25 * pitch_px;  // the top row's dots reach the picture's edge
-  const auto truth = reference_model::lattice_px({}, config);
-  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  const auto truth = registered(config);
   CHECK_TRUE((lattice.field.grid == GridSize{6, 9}));
   CHECK_TRUE((lattice.cut == grid::Cut{.top = 1}));
   CHECK_TRUE(lattice.found == kGrid);
@@ -507,8 +502,7 @@ TEST(Grid, KeepsTheSizeThatItFound) {
 // where the marker would be.
 TEST(Grid, KeepsTheNamesAroundAHiddenCross) {
   const scene::PictureConfig config = wide_view();
-  const auto truth = reference_model::lattice_px({}, config);
-  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  const auto truth = registered(config);
   const MarkerField prior = lattice.field;
   std::set<std::size_t> cross = column(4);
   cross.merge(row_of(3));
@@ -526,8 +520,7 @@ TEST(Grid, KeepsTheNamesAroundAHiddenCross) {
 // right.
 TEST(Grid, KeepsTheNamesWhenALineIsHidden) {
   const scene::PictureConfig config = scene::cropped_320x240();
-  const auto truth = reference_model::lattice_px({}, config);
-  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  const auto truth = registered(config);
   const MarkerField prior = lattice.field;
   for (std::size_t col = 0; col < 9; ++col) {
     const std::set<std::size_t> line = column(col);
@@ -546,8 +539,7 @@ TEST(Grid, KeepsTheNamesWhenALineIsHidden) {
 // every marker got its neighbour's name.
 TEST(Grid, KeepsTheNamesWhenAColumnIsHiddenAndDirtLiesBeyondTheOther) {
   const scene::PictureConfig config = wide_view();
-  const auto truth = reference_model::lattice_px({}, config);
-  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  const auto truth = registered(config);
   const MarkerField prior = lattice.field;
   const double pitch_px = 2.02 * config.px_per_mm;
   for (const std::size_t col : {std::size_t{0}, std::size_t{8}}) {
@@ -570,8 +562,7 @@ TEST(Grid, KeepsTheNamesWhenAColumnIsHiddenAndDirtLiesBeyondTheOther) {
 // and when it has holes itself.
 TEST(Grid, StaysWhereTheEarlierFieldWas) {
   const scene::PictureConfig config = wide_view();
-  const auto rest = reference_model::lattice_px({}, config);
-  reason_is(Reason::kNone, look(reference_model::picture_of(config, rest, 5)));
+  const auto rest = registered(config);
   const MarkerField prior = lattice.field;
   for (int direction = 0; direction < 16; ++direction) {
     const double angle = direction * std::numbers::pi / 8.0;
@@ -588,8 +579,7 @@ TEST(Grid, StaysWhereTheEarlierFieldWas) {
 // not 20. Without an earlier field 2/16 may: 7 and not 8.
 TEST(Grid, AllowsMoreHolesWhenTheEarlierFieldLeavesNoDoubt) {
   const scene::PictureConfig config = wide_view();
-  const auto truth = reference_model::lattice_px({}, config);
-  reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
+  const auto truth = registered(config);
   const MarkerField prior = lattice.field;
   // Rows 2 to 4 and then some: a hand across the gel.
   std::vector<std::size_t> order;
