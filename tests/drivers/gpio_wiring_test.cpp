@@ -10,6 +10,8 @@
 #include <vector>
 
 #include <CppUTest/TestHarness.h>
+// after it: it checks
+#include "tests/support/error_line.hpp"
 
 using namespace holdfast;
 using drivers::ChipInfo;
@@ -19,6 +21,7 @@ using drivers::Place;
 using drivers::Wiring;
 using hal::Input;
 using hal::Line;
+using test::check_says;
 
 namespace {
 
@@ -66,19 +69,6 @@ std::vector<Chip> pi5(int header) {
 
 constexpr Wiring kByName{.role = Line::kGripOk, .line = "GPIO17", .chip = ""};
 
-bool has(const std::string& text, std::string_view part) {
-  return text.find(part) != std::string::npos;
-}
-
-// Refused, in one line that says what to do, and with these words in it.
-void check_refused(const std::string& error, std::initializer_list<std::string_view> parts) {
-  for (const std::string_view part : parts) {
-    if (!has(error, part)) FAIL(("not in the message: " + std::string(part) + "\n" + error).c_str());
-  }
-  CHECK_TRUE(has(error, ". Likely cause: ") && has(error, ". Next: "));
-  CHECK_FALSE(has(error, "\n"));
-}
-
 }  // namespace
 
 TEST_GROUP(GpioWiring){};
@@ -103,28 +93,27 @@ TEST(GpioWiring, LabelAndOffsetAreEnoughWithoutNames) {
   const Found found = find(all, {.role = Line::kAlive, .line = "", .chip = "pinctrl-bcm2835", .offset = 53});
   CHECK_TRUE(found.ok());
   CHECK_TRUE((found.place == Place{1, 53}));
-  check_refused(
-      find(all, {.role = Line::kAlive, .line = "", .chip = "pinctrl-bcm2835", .offset = 54}).error,
-      {"ALIVE: offset 54 of chip 'pinctrl-bcm2835'", "no such line", "gpiochip7 (pinctrl-bcm2835, 54 lines)"});
+  check_says(find(all, {.role = Line::kAlive, .line = "", .chip = "pinctrl-bcm2835", .offset = 54}).error,
+             {"ALIVE: offset 54 of chip 'pinctrl-bcm2835'", "no such line", "gpiochip7 (pinctrl-bcm2835, 54 lines)"});
 }
 
 TEST(GpioWiring, WhatIsNotThereIsRefusedWithWhatIs) {
   std::vector<Chip> chips = pi4();
   const std::vector<ChipInfo> all = listed(chips);
-  check_refused(find(all, {.role = Input::kOpening, .line = "gpio_17", .chip = ""}).error,
-                {"OPENING: line 'gpio_17'", "no such line", "gpiochip0 (pinctrl-bcm2711, 58 lines)",
-                 "gpiochip1 (raspberrypi-exp-gpio, 8 lines)", "nearest names: 'GPIO17', "});
-  check_refused(find(all, {.role = Line::kGripOk, .line = "", .chip = "pinctrl-rp1", .offset = 17}).error,
-                {"GRIP_OK: offset 17 of chip 'pinctrl-rp1'", "no such chip", "pinctrl-bcm2711", "another board"});
-  check_refused(find({}, kByName).error, {"no such chip", "no GPIO chip"});
+  check_says(find(all, {.role = Input::kOpening, .line = "gpio_17", .chip = ""}).error,
+             {"OPENING: line 'gpio_17'", "no such line", "gpiochip0 (pinctrl-bcm2711, 58 lines)",
+              "gpiochip1 (raspberrypi-exp-gpio, 8 lines)", "nearest names: 'GPIO17', "});
+  check_says(find(all, {.role = Line::kGripOk, .line = "", .chip = "pinctrl-rp1", .offset = 17}).error,
+             {"GRIP_OK: offset 17 of chip 'pinctrl-rp1'", "no such chip", "pinctrl-bcm2711", "another board"});
+  check_says(find({}, kByName).error, {"no such chip", "no GPIO chip"});
   // A line that has no name is not found by none.
-  check_refused(find(all, {.role = Line::kGripOk, .line = "", .chip = ""}).error, {"neither"});
-  check_refused(find(all, {.role = Line::kGripOk, .line = "", .chip = "pinctrl-bcm2711"}).error, {"neither"});
+  check_says(find(all, {.role = Line::kGripOk, .line = "", .chip = ""}).error, {"neither"});
+  check_says(find(all, {.role = Line::kGripOk, .line = "", .chip = "pinctrl-bcm2711"}).error, {"neither"});
   // The other chip has the name, the one asked for has not: the label decides.
-  check_refused(find(all, {.role = Line::kGripOk, .line = "GPIO17", .chip = "raspberrypi-exp-gpio"}).error,
-                {"no such line"});
+  check_says(find(all, {.role = Line::kGripOk, .line = "GPIO17", .chip = "raspberrypi-exp-gpio"}).error,
+             {"no such line"});
   std::vector<Chip> nameless{Chip(0, "pinctrl-bcm2711", 58)};
-  check_refused(find(listed(nameless), kByName).error, {"none of their lines has a name", "the chip's label and the"});
+  check_says(find(listed(nameless), kByName).error, {"none of their lines has a name", "the chip's label and the"});
 }
 
 // By the letters that differ, are missing or too many; upper and lower case are the same. Of equal ones the first.
@@ -135,16 +124,16 @@ TEST(GpioWiring, TheNearestNameComesFirst) {
                                                    {"GPIO1", "GPI317", "GPIO17", "'GPIO17', 'GPI317'"},
                                                    {"ab", "abc", "xab", "'abc', 'xab'"}}) {
     chips[0].names = {one, other};
-    check_refused(find(listed(chips), {.role = Line::kGripOk, .line = asked, .chip = ""}).error,
-                  {std::string("nearest names: ") + nearest});
+    check_says(find(listed(chips), {.role = Line::kGripOk, .line = asked, .chip = ""}).error,
+               {std::string("nearest names: ") + nearest});
   }
 }
 
 TEST(GpioWiring, TwoLinesOfOneNameAreAmbiguousUnlessTheLabelDecides) {
   std::vector<Chip> chips = pi4();
   chips.emplace_back(2, "20-0020", 8).names[3] = "GPIO17";  // an expander with names from its overlay
-  check_refused(find(listed(chips), kByName).error,
-                {"ambiguous", "line 17 of gpiochip0", "line 3 of gpiochip2 (20-0020, 8 lines)"});
+  check_says(find(listed(chips), kByName).error,
+             {"ambiguous", "line 17 of gpiochip0", "line 3 of gpiochip2 (20-0020, 8 lines)"});
   Wiring wiring = kByName;
   wiring.chip = "20-0020";
   CHECK_TRUE((find(listed(chips), wiring).place == Place{2, 3}));
@@ -152,8 +141,8 @@ TEST(GpioWiring, TwoLinesOfOneNameAreAmbiguousUnlessTheLabelDecides) {
   CHECK_TRUE((find(listed(chips), wiring).place == Place{0, 17}));
   // Two expanders of one label: an offset says nothing.
   chips.emplace_back(3, "20-0020", 8);
-  check_refused(find(listed(chips), {.role = Line::kAlive, .line = "", .chip = "20-0020", .offset = 1}).error,
-                {"ambiguous", "gpiochip2", "gpiochip3"});
+  check_says(find(listed(chips), {.role = Line::kAlive, .line = "", .chip = "20-0020", .offset = 1}).error,
+             {"ambiguous", "gpiochip2", "gpiochip3"});
 }
 
 TEST(GpioWiring, OneChipUnderTwoDeviceFilesIsOneChip) {
@@ -167,11 +156,11 @@ TEST(GpioWiring, OneChipUnderTwoDeviceFilesIsOneChip) {
 TEST(GpioWiring, LineOfAnotherIsRefused) {
   std::vector<Chip> chips = pi4();
   chips[0].lines[17].used = true;
-  check_refused(find(listed(chips), kByName).error, {"line 17 of gpiochip0", "is used by someone"});
+  check_says(find(listed(chips), kByName).error, {"line 17 of gpiochip0", "is used by someone"});
   chips[0].lines[17].user = "pigpiod";
-  check_refused(find(listed(chips), kByName).error, {"is used by 'pigpiod'"});
-  check_refused(find(listed(chips), {.role = Line::kGripOk, .line = "", .chip = "pinctrl-bcm2711", .offset = 17}).error,
-                {"is used by 'pigpiod'"});
+  check_says(find(listed(chips), kByName).error, {"is used by 'pigpiod'"});
+  check_says(find(listed(chips), {.role = Line::kGripOk, .line = "", .chip = "pinctrl-bcm2711", .offset = 17}).error,
+             {"is used by 'pigpiod'"});
 }
 
 TEST(GpioWiring, WholeTableIsFoundOrRefused) {
@@ -184,9 +173,9 @@ TEST(GpioWiring, WholeTableIsFoundOrRefused) {
   STRCMP_EQUAL("", find_all(all, table, places).c_str());
   CHECK_TRUE((places == std::array<Place, 3>{{{2, 17}, {2, 27}, {2, 22}}}));
   table[2] = {.role = Input::kArm, .line = "GPIO27", .chip = ""};
-  check_refused(find_all(all, table, places), {"ARM: line 'GPIO27'", "the same line as ALIVE"});
+  check_says(find_all(all, table, places), {"ARM: line 'GPIO27'", "the same line as ALIVE"});
   table[1].offset = 99;
-  check_refused(find_all(all, table, places), {"ALIVE: offset 99"});
+  check_says(find_all(all, table, places), {"ALIVE: offset 99"});
 }
 
 TEST(GpioWiring, EveryRoleHasItsName) {

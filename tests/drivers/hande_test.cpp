@@ -9,31 +9,21 @@
 #include <vector>
 
 #include "drivers/sim/clock.hpp"
+#include "tests/support/modbus_bytes.hpp"
 
 #include <CppUTest/TestHarness.h>
 
 namespace sim = holdfast::sim;
+using holdfast::test::hex;
+using holdfast::test::with_crc;
 using sim::LineTrouble;
+using Bytes = holdfast::test::ModbusBytes;
 using std::chrono::microseconds;
 using namespace std::chrono_literals;
 
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
-
-Bytes hex(std::string_view text) {
-  std::string digits;
-  for (const char c : text) {
-    if (c != ' ') digits += c;
-  }
-  Bytes bytes;
-  for (std::size_t i = 0; i + 1 < digits.size(); i += 2) {
-    bytes.push_back(static_cast<std::uint8_t>(std::stoi(digits.substr(i, 2), nullptr, 16)));
-  }
-  return bytes;
-}
-
-// From the manual; those of other commands have their CRC from the definition below.
+// From the manual; those of other commands have their CRC from the definition.
 constexpr std::string_view kActivate = "09 10 03E8 0003 06 0100 0000 0000 72E1";
 constexpr std::string_view kClear = "09 10 03E8 0003 06 0000 0000 0000 7330";
 constexpr std::string_view kCloseFully = "09 10 03E8 0003 06 0900 00FF FFFF 4229";
@@ -41,17 +31,6 @@ constexpr std::string_view kOpenFully = "09 10 03E8 0003 06 0900 0000 FFFF 7219"
 constexpr std::string_view kAck = "09 10 03E8 0003 0130";
 constexpr std::string_view kRead3 = "09 03 07D0 0003 040E";
 constexpr std::string_view kRead4 = "09 04 07D0 0003 B1CE";
-
-Bytes with_crc(Bytes bytes) {
-  unsigned crc = 0xFFFF;
-  for (const std::uint8_t byte : bytes) {
-    crc ^= byte;
-    for (int bit = 0; bit < 8; ++bit) crc = (crc & 1) != 0 ? (crc >> 1) ^ 0xA001 : crc >> 1;
-  }
-  bytes.push_back(static_cast<std::uint8_t>(crc));
-  bytes.push_back(static_cast<std::uint8_t>(crc >> 8));
-  return bytes;
-}
 
 Bytes go(unsigned position, unsigned speed, unsigned force) {
   Bytes bytes = hex("09 10 03E8 0003 06 0900 00");

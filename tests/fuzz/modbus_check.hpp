@@ -15,25 +15,9 @@
 
 #include "grip/hande.hpp"
 #include "hal/serial.hpp"
+#include "tests/support/modbus_bytes.hpp"
 
 namespace holdfast::test {
-
-using ModbusBytes = std::vector<std::uint8_t>;
-
-inline std::uint16_t modbus_crc(std::span<const std::uint8_t> bytes) {
-  unsigned crc = 0xFFFF;
-  for (const std::uint8_t byte : bytes) {
-    crc ^= byte;
-    for (int bit = 0; bit < 8; ++bit) crc = (crc & 1) != 0 ? (crc >> 1) ^ 0xA001 : crc >> 1;
-  }
-  return static_cast<std::uint16_t>(crc);
-}
-
-inline void seal(ModbusBytes& frame) {
-  const std::uint16_t crc = modbus_crc(frame);
-  frame.push_back(static_cast<std::uint8_t>(crc));
-  frame.push_back(static_cast<std::uint8_t>(crc >> 8));
-}
 
 inline bool sealed(std::span<const std::uint8_t> frame) {
   if (frame.size() < 4) return false;

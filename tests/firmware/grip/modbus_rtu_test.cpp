@@ -12,50 +12,23 @@
 #include <vector>
 
 #include "drivers/sim/serial.hpp"
+#include "tests/support/modbus_bytes.hpp"
 
 #include <CppUTest/TestHarness.h>
 
 namespace rtu = holdfast::modbus_rtu;
 namespace sim = holdfast::sim;
 using holdfast::Micros;
+using holdfast::test::hex;
+using holdfast::test::with_crc;
+using Bytes = holdfast::test::ModbusBytes;
 using rtu::Progress;
 using namespace std::chrono_literals;
 
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
-using Words = std::vector<std::uint16_t>;
-
-Bytes hex(std::string_view text) {
-  Bytes bytes;
-  std::string digits;
-  for (const char c : text) {
-    if (c != ' ') digits += c;
-  }
-  for (std::size_t i = 0; i + 1 < digits.size(); i += 2) {
-    bytes.push_back(static_cast<std::uint8_t>(std::stoi(digits.substr(i, 2), nullptr, 16)));
-  }
-  return bytes;
-}
-
-// The definition, bit by bit.
-std::uint16_t slow_crc(const Bytes& bytes) {
-  unsigned crc = 0xFFFF;
-  for (const std::uint8_t byte : bytes) {
-    crc ^= byte;
-    for (int bit = 0; bit < 8; ++bit) crc = (crc & 1) != 0 ? (crc >> 1) ^ 0xA001 : crc >> 1;
-  }
-  return static_cast<std::uint16_t>(crc);
-}
-
-Bytes with_crc(Bytes bytes) {
-  const std::uint16_t crc = slow_crc(bytes);
-  bytes.push_back(static_cast<std::uint8_t>(crc));
-  bytes.push_back(static_cast<std::uint8_t>(crc >> 8));
-  return bytes;
-}
-
 using rtu::State;
+using Words = std::vector<std::uint16_t>;
 using Begin = std::function<void(State&, const rtu::Config&)>;
 
 Begin write(std::uint16_t at, const Words& values) {
@@ -156,7 +129,7 @@ TEST(ModbusRtu, CrcIsTheDefinition) {
   for (std::size_t length = 0; length < 300; ++length) {
     Bytes bytes(length);
     for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(random());
-    LONGS_EQUAL(slow_crc(bytes), rtu::crc(bytes));
+    LONGS_EQUAL(holdfast::test::modbus_crc(bytes), rtu::crc(bytes));
   }
   LONGS_EQUAL(0x4B37, rtu::crc(Bytes{'1', '2', '3', '4', '5', '6', '7', '8', '9'}));  // the catalogue's check value
 }

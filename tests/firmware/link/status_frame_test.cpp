@@ -14,6 +14,7 @@
 #include "base/cobs.hpp"
 #include "base/crc16.hpp"
 #include "base/crc32.hpp"
+#include "tests/fuzz/link_check.hpp"
 
 #include <CppUTest/TestHarness.h>
 
@@ -22,6 +23,7 @@ namespace cobs = holdfast::cobs;
 using holdfast::DeviceState;
 using holdfast::Micros;
 using holdfast::Reason;
+using holdfast::test::slow_crc16;
 using sf::DecodeError;
 using sf::StatusFrame;
 
@@ -29,19 +31,6 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 using Wire = std::array<std::uint8_t, sf::kWireBytes>;
-
-// CRC-16/CCITT-FALSE by long division, one bit at a time, sharing nothing with the table.
-std::uint16_t slow_crc16(std::span<const std::uint8_t> bytes) {
-  std::uint16_t crc = 0xFFFF;
-  for (const std::uint8_t byte : bytes) {
-    for (int bit = 7; bit >= 0; --bit) {
-      const bool out = (((crc >> 15) ^ (byte >> bit)) & 1) != 0;
-      crc = static_cast<std::uint16_t>(crc << 1);
-      if (out) crc ^= 0x1021;
-    }
-  }
-  return crc;
-}
 
 Bytes cobs_encode(const Bytes& in) {
   Bytes out(cobs::max_encoded_bytes(in.size()));
@@ -93,7 +82,7 @@ Wire encoded(const StatusFrame& frame) {
 // A wire with a right CRC around any payload of 30 bytes.
 Wire wire_of(const std::array<std::uint8_t, sf::kPayloadBytes - 2>& body) {
   Bytes payload(body.begin(), body.end());
-  const std::uint16_t crc = slow_crc16(payload);
+  const int crc = slow_crc16(payload);
   payload.push_back(static_cast<std::uint8_t>(crc));
   payload.push_back(static_cast<std::uint8_t>(crc >> 8));
   Wire wire{};
