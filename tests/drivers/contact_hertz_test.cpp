@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <numbers>
 
 #include "tests/support/closed_forms.hpp"
@@ -15,20 +14,11 @@
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast::scene;
+using namespace holdfast::test::sphere_example;
 using namespace holdfast::test;
 using std::numbers::pi;
 
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr Gel kGel{0.1, 0.49};
-constexpr double kSphere_mm = 8.0;
-constexpr double kPress_n = 8.0;
-constexpr double kFriction = 0.6;
-
-FrictionContact contact_of(double friction = kFriction) {
-  return {kGel, press_sphere(kGel, kSphere_mm, kPress_n), friction};
-}
 
 // Cerruti: surface motion under a tangential point load q dA along x at distance s, direction phi:
 //   ux = q dA / (2 pi G s) ((1 - nu) + nu cos^2 phi),  uy = q dA / (2 pi G s) nu cos phi sin phi.

@@ -8,7 +8,6 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <numbers>
 #include <vector>
@@ -18,21 +17,13 @@
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast::scene;
+using namespace holdfast::test::sphere_example;
 using namespace holdfast::test;
 using std::numbers::pi;
 
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr Gel kGel{0.1, 0.49};
-constexpr double kSphere_mm = 8.0;
-constexpr double kPress_n = 8.0;
-constexpr double kFriction = 0.6;
 constexpr double kLimit_n = kFriction * kPress_n;
-
-FrictionContact closed(double press_n = kPress_n, double friction = kFriction) {
-  return {kGel, press_sphere(kGel, kSphere_mm, press_n), friction};
-}
 
 // The springs stand on the contact of `extent_n`.
 SpringSetup setup_of(int springs, double friction = kFriction, double extent_n = kPress_n) {
@@ -114,7 +105,7 @@ TEST(ContactSprings, HertzHoldsForAnyNumberOfSprings) {
 }
 
 TEST(ContactSprings, MonotoneShearMeetsTheClosedFormAtSecondOrder) {
-  const FrictionContact exact = closed();
+  const FrictionContact exact = contact_of();
   const double gross = gross_displacement_mm(exact);
   double force_before = 0.0;
   double gross_before = 0.0;
@@ -182,7 +173,7 @@ TEST(ContactSprings, AnyPathAgreesWithThousandsOfPointSprings) {
   const double along = 4.0 * kGel.shear_modulus_mpa / (2.0 - kGel.poisson);
   std::vector<Vec2> stretch(kMany);
   SpringContact contact(setup);
-  const double gross = gross_displacement_mm(closed());
+  const double gross = gross_displacement_mm(contact_of());
   Dice dice;
   Vec2 at;
   double depth = 0.0;
@@ -224,7 +215,7 @@ TEST(ContactSprings, WithoutFrictionNothingWithEndlessFrictionNoSlip) {
   }
   CHECK_TRUE(smooth.state().sliding);
 
-  const FrictionContact exact = closed(kPress_n, kInfinity);
+  const FrictionContact exact = contact_of(kInfinity);
   SpringContact bonded(setup_of(64, kInfinity));
   for (const double way : {0.1, 2.0, -7.0}) {
     const SpringState& state = bonded.move_to(depth_of(kPress_n), {0.0, way});
@@ -242,7 +233,7 @@ TEST(ContactSprings, WithoutFrictionNothingWithEndlessFrictionNoSlip) {
   // What is peeled off forgets: the rest is the punch of its own radius.
   SpringContact peeled(setup_of(64, kInfinity));
   peeled.move_to(depth_of(kPress_n), {0.0, 2.0});
-  const double left = shear_by_displacement(closed(3.0, kInfinity), 2.0).force_n;
+  const double left = shear_by_displacement(contact_of(kInfinity, 3.0), 2.0).force_n;
   DOUBLES_EQUAL(left, peeled.move_to(depth_of(3.0), {0.0, 2.0}).force_n.y, 1e-12 * left);
   // Peeled off whole, nothing comes back.
   bonded.move_to(0.0, {0.0, 1.0});
@@ -254,7 +245,7 @@ TEST(ContactSprings, KineticFrictionDropsTheForceUntilItSticksAgain) {
   setup.kinetic_friction = 0.4;
   SpringContact contact(setup);
   const double depth = depth_of(kPress_n);
-  const double gross = gross_displacement_mm(closed());
+  const double gross = gross_displacement_mm(contact_of());
   double peak = 0.0;
   for (int i = 0; i <= 300; ++i) peak = std::max(peak, contact.move_to(depth, {gross * i / 200.0, 0.0}).force_n.x);
   CHECK_TRUE(contact.state().sliding);
@@ -278,7 +269,7 @@ TEST(ContactSprings, KineticFrictionDropsTheForceUntilItSticksAgain) {
 }
 
 TEST(ContactSprings, FieldMeetsTheClosedFormAtSecondOrder) {
-  const FrictionContact exact = closed();
+  const FrictionContact exact = contact_of();
   const double gross = gross_displacement_mm(exact);
   double before = 0.0;
   for (const int springs : {16, 64, 256}) {

@@ -8,25 +8,17 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
-#include <limits>
 #include <numbers>
+
+#include "tests/support/closed_forms.hpp"
 
 #include <CppUTest/TestHarness.h>
 
 using namespace holdfast::scene;
+using namespace holdfast::test::sphere_example;
 using std::numbers::pi;
 
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr Gel kGel{0.1, 0.49};
-constexpr double kSphere_mm = 8.0;
-constexpr double kPress_n = 8.0;
-constexpr double kFriction = 0.6;
-
-FrictionContact contact_of(double friction = kFriction, double press_n = kPress_n) {
-  return {kGel, press_sphere(kGel, kSphere_mm, press_n), friction};
-}
 
 double angle_unit(const FrictionContact& c) {
   const double a = c.press.contact_radius_mm;

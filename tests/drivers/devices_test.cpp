@@ -253,7 +253,7 @@ TEST_GROUP(SimCameraFaults) {
     std::vector<std::uint8_t> bytes;
   };
 
-  // `calls` calls of next(), each frame given back at once; starts the camera when it isn't.
+  // `calls` calls of next(), each frame given back at once.
   std::vector<Seen> film(sim::FaultyCamera & camera, int calls, microseconds timeout = 100ms) {
     std::vector<Seen> seen;
     for (int i = 0; i < calls; ++i) {
@@ -275,13 +275,13 @@ TEST_GROUP(SimCameraFaults) {
 
   sim::FaultyCamera started(std::vector<FaultSpan> schedule) {
     sim::FaultyCamera camera(inside, clock, std::move(schedule), kStride * kHeight);
+    CHECK_TRUE(camera.start());
     return camera;
   }
 };
 
 TEST(SimCameraFaults, WithoutAPlanItIsTheCameraInside) {
   sim::FaultyCamera camera = started({});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 6);
   for (std::size_t k = 0; k < seen.size(); ++k) {
     CHECK_TRUE(seen[k].capture == Capture::kFrame);
@@ -293,7 +293,6 @@ TEST(SimCameraFaults, WithoutAPlanItIsTheCameraInside) {
 
 TEST(SimCameraFaults, OffIsATimeoutWithoutAGapInTheSequence) {
   sim::FaultyCamera camera = started({{.first = 2, .count = 4, .fault = CameraFault::kOff}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 4);
   CHECK_TRUE(seen[1].capture == Capture::kFrame);
   CHECK_TRUE(seen[2].capture == Capture::kTimeout);
@@ -306,7 +305,6 @@ TEST(SimCameraFaults, OffIsATimeoutWithoutAGapInTheSequence) {
 
 TEST(SimCameraFaults, DroppedLeavesAGapInTheSequence) {
   sim::FaultyCamera camera = started({{.first = 1, .count = 1, .fault = CameraFault::kDropped}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 2);
   LONGS_EQUAL(0, seen[0].sequence);
   LONGS_EQUAL(2, seen[1].sequence);
@@ -315,7 +313,6 @@ TEST(SimCameraFaults, DroppedLeavesAGapInTheSequence) {
 
 TEST(SimCameraFaults, BadIsSaidSo) {
   sim::FaultyCamera camera = started({{.first = 1, .count = 2, .fault = CameraFault::kBad}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 4);
   CHECK_TRUE(seen[1].capture == Capture::kBad && seen[2].capture == Capture::kBad);
   CHECK_TRUE(seen[3].capture == Capture::kFrame);
@@ -324,7 +321,6 @@ TEST(SimCameraFaults, BadIsSaidSo) {
 
 TEST(SimCameraFaults, StuckRepeatsTheBytesWithNewStamps) {
   sim::FaultyCamera camera = started({{.first = 2, .count = 3, .fault = CameraFault::kStuck}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 6);
   for (std::size_t k = 2; k < 5; ++k) {
     CHECK_TRUE(seen[k].bytes == seen[1].bytes);
@@ -336,7 +332,6 @@ TEST(SimCameraFaults, StuckRepeatsTheBytesWithNewStamps) {
 
 TEST(SimCameraFaults, TornIsHalfOfThisFrameAndTheRestOfTheOneBefore) {
   sim::FaultyCamera camera = started({{.first = 1, .count = 2, .fault = CameraFault::kTorn}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 4);
   constexpr std::size_t kSize = kStride * kHeight;
   constexpr std::size_t kHalf = kSize / 2;
@@ -352,7 +347,6 @@ TEST(SimCameraFaults, TornIsHalfOfThisFrameAndTheRestOfTheOneBefore) {
 
 TEST(SimCameraFaults, GarbageHasTheLengthAndNothingElseOfThePicture) {
   sim::FaultyCamera camera = started({{.first = 1, .count = 2, .fault = CameraFault::kGarbage}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 4);
   LONGS_EQUAL(kStride * kHeight, seen[1].bytes.size());
   CHECK_TRUE(seen[1].bytes != seen[2].bytes);
@@ -362,7 +356,6 @@ TEST(SimCameraFaults, GarbageHasTheLengthAndNothingElseOfThePicture) {
 
 TEST(SimCameraFaults, LateKeepsItsStampAndWhatFollowsQueuesUp) {
   sim::FaultyCamera camera = started({{.first = 1, .count = 1, .fault = CameraFault::kLate, .by = 70ms}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 4, 200ms);
   CHECK_TRUE(seen[1].timestamp == kPeriod);
   CHECK_TRUE(seen[1].at == 2 * kPeriod + 70ms);
@@ -373,7 +366,6 @@ TEST(SimCameraFaults, LateKeepsItsStampAndWhatFollowsQueuesUp) {
 
 TEST(SimCameraFaults, LaterThanTheTimeoutIsATimeoutFirst) {
   sim::FaultyCamera camera = started({{.first = 0, .count = 1, .fault = CameraFault::kLate, .by = 250ms}});
-  CHECK_TRUE(camera.start());
   // Arrives at 40 ms inside, is due at 290 ms.
   for (int i = 1; i <= 2; ++i) {
     CHECK_TRUE(Capture::kTimeout == camera.next(frame, 100ms));
@@ -388,7 +380,6 @@ TEST(SimCameraFaults, LaterThanTheTimeoutIsATimeoutFirst) {
 
 TEST(SimCameraFaults, StoppedWhileHoldingALateFrameGivesItBack) {
   sim::FaultyCamera camera = started({{.first = 0, .count = 1, .fault = CameraFault::kLate, .by = 250ms}});
-  CHECK_TRUE(camera.start());
   CHECK_TRUE(Capture::kTimeout == camera.next(frame, 100ms));
   LONGS_EQUAL(1, inside.borrowed());
   camera.stop();
@@ -397,7 +388,6 @@ TEST(SimCameraFaults, StoppedWhileHoldingALateFrameGivesItBack) {
 
 TEST(SimCameraFaults, BackwardsIsStampedBeforeTheFrameBefore) {
   sim::FaultyCamera camera = started({{.first = 2, .count = 1, .fault = CameraFault::kBackwards, .by = 5ms}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 4);
   CHECK_TRUE(seen[2].timestamp == kPeriod - 5ms);
   LONGS_EQUAL(2, seen[2].sequence);
@@ -406,7 +396,6 @@ TEST(SimCameraFaults, BackwardsIsStampedBeforeTheFrameBefore) {
 
 TEST(SimCameraFaults, GoneRefusesToStartAsOftenAsTold) {
   sim::FaultyCamera camera = started({{.first = 2, .count = 3, .fault = CameraFault::kGone}});
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 4);
   CHECK_TRUE(seen[1].capture == Capture::kFrame);
   CHECK_TRUE(seen[2].capture == Capture::kGone && seen[3].capture == Capture::kGone);
@@ -423,7 +412,6 @@ TEST(SimCameraFaults, AnIntermittentFaultIsSeveralSpans) {
   std::vector<FaultSpan> schedule;
   for (std::uint64_t k = 1; k < 12; k += 2) schedule.push_back({.first = k, .count = 1, .fault = CameraFault::kBad});
   sim::FaultyCamera camera = started(std::move(schedule));
-  CHECK_TRUE(camera.start());
   const auto seen = film(camera, 12);
   for (std::size_t k = 0; k < seen.size(); ++k) {
     CHECK_TRUE(seen[k].capture == (k % 2 == 0 ? Capture::kFrame : Capture::kBad));

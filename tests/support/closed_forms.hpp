@@ -4,6 +4,8 @@
 // (1985), chapter 7. Checked by contact_hertz_test.cpp against Cerruti's point loads.
 #pragma once
 
+#include <limits>
+
 #include "drivers/sim/scene/contact/hertz.hpp"
 
 namespace holdfast::test {
@@ -22,5 +24,18 @@ struct Shear {
 [[nodiscard]] double slip_fraction(const scene::FrictionContact& contact, const Shear& shear);
 // Motion of the surface point `at` (contact centre = 0, load along +x): dome(a) - dome(c).
 [[nodiscard]] scene::Vec2 shear_field_mm(const scene::FrictionContact& contact, const Shear& shear, scene::Vec2 at_mm);
+
+// A sphere on a half-space, on which the levels are tried.
+namespace sphere_example {
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+inline constexpr scene::Gel kGel{0.1, 0.49};
+inline constexpr double kSphere_mm = 8.0;
+inline constexpr double kPress_n = 8.0;
+inline constexpr double kFriction = 0.6;
+
+[[nodiscard]] inline scene::FrictionContact contact_of(double friction = kFriction, double press_n = kPress_n) {
+  return {kGel, scene::press_sphere(kGel, kSphere_mm, press_n), friction};
+}
+}  // namespace sphere_example
 
 }  // namespace holdfast::test
