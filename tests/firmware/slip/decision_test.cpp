@@ -116,25 +116,12 @@ TEST(Decision, DropsExactlyAtTheEndOfTheHold) {
   CHECK_TRUE(GripRequest::kHold == decision::update(state, config, Verdict::kHold, 1s + 200ms));
 }
 
-TEST(Decision, AGapOfHoursDropsWithTheFirstFrameThatHolds) {
-  const decision::Config config{};
-  (void)decision::update(state, config, Verdict::kSlip, 1s);
-  CHECK_TRUE(GripRequest::kTighten == decision::update(state, config, Verdict::kSlip, 1s + kPeriod));
-  CHECK_TRUE(GripRequest::kHold == decision::update(state, config, Verdict::kHold, 9h));
-}
-
 TEST(Decision, HoldsNoLongerAfterTheClockStepsBack) {
   const decision::Config config{1, 200ms};
   (void)decision::update(state, config, Verdict::kSlip, 2h);
   CHECK_TRUE(GripRequest::kTighten == decision::update(state, config, Verdict::kHold, 1h));
   CHECK_TRUE(GripRequest::kTighten == decision::update(state, config, Verdict::kHold, 1h + 199ms));
   CHECK_TRUE(GripRequest::kHold == decision::update(state, config, Verdict::kHold, 1h + 200ms));
-}
-
-TEST(Decision, AGapOfHoursDoesNotEndARun) {
-  const decision::Config config{};
-  CHECK_TRUE(GripRequest::kHold == decision::update(state, config, Verdict::kSlip, 1s));
-  CHECK_TRUE(GripRequest::kTighten == decision::update(state, config, Verdict::kSlip, 9h));
 }
 
 TEST(Decision, AnEndlessSlipStaysRaisedAndCountsNoFurther) {
