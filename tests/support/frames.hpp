@@ -4,7 +4,9 @@
 #pragma once
 
 #include <algorithm>
+#include <chrono>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -49,6 +51,28 @@ namespace holdfast::test {
   return frame;
 }
 
+// Stands for a decoder: gives the picture that it is told to, and remembers what it was asked.
+class PictureJpeg : public JpegDecoder {
+ public:
+  reference_model::Picture picture;
+  Status status;
+  DecodeScale asked = DecodeScale::kFull;
+  int calls = 0;
+  std::function<void()> meanwhile = [] {};
+
+ private:
+  [[nodiscard]] Status do_decode(std::span<const std::uint8_t> /*bytes*/, DecodeScale scale, LumaBuffer& out) override {
+    asked = scale;
+    ++calls;
+    meanwhile();
+    if (!status.ok()) return status;
+    out.width = picture.width;
+    out.height = picture.height;
+    std::copy(picture.pixels.begin(), picture.pixels.end(), out.pixels.begin());
+    return status;
+  }
+};
+
 // Where every frame is luma.
 class NoJpeg final : public JpegDecoder {
  private:
@@ -61,7 +85,9 @@ class NoJpeg final : public JpegDecoder {
 // A camera that does not open.
 class NoCamera final : public hal::Camera {
   [[nodiscard]] bool do_start() override { return false; }
-  [[nodiscard]] hal::Capture do_next(hal::Frame& /*frame*/, Micros /*timeout*/) override { return hal::Capture::kGone; }
+  [[nodiscard]] hal::Capture do_next(hal::Frame& /*frame*/, std::chrono::microseconds /*timeout*/) override {
+    return hal::Capture::kGone;
+  }
   void do_release(const hal::Frame& /*frame*/) override {}
   void do_stop() override {}
 };

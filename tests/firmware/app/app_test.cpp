@@ -71,21 +71,12 @@ class AgedCamera final : public hal::Camera {
 };
 
 // Takes its time over every picture.
-class SlowJpeg final : public JpegDecoder {
- public:
-  SlowJpeg(sim::Clock& clock, const Picture& picture) : shows(&picture), clock_(clock) {}
-  Micros takes{};
-  const Picture* shows;
-
- private:
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer& out) override {
-    clock_.advance(takes);
-    out.width = shows->width;
-    out.height = shows->height;
-    std::copy(shows->pixels.begin(), shows->pixels.end(), out.pixels.begin());
-    return kOkStatus;
+struct SlowJpeg final : test::PictureJpeg {
+  SlowJpeg(sim::Clock& clock, const Picture& shows) {
+    picture = shows;
+    meanwhile = [this, &clock] { clock.advance(takes); };
   }
-  sim::Clock& clock_;
+  Micros takes{};
 };
 
 // Has nothing, and comes back with that before the time is over, as a driver does that a signal woke.
@@ -687,7 +678,7 @@ TEST(App, TellsALossOfContactThatWasDecidedTooLate) {
     App other(Devices{aged, gpio, link, clock, slow, true});
     CHECK_TRUE(other.start(Params{}).ok());
     const auto show = [&](const Picture& picture, int frames) {
-      slow.shows = &picture;
+      slow.picture = picture;
       for (int k = 0; k < frames; ++k) CHECK_TRUE(other.step());
     };
     show(pictures[0], 30);

@@ -181,6 +181,13 @@ TEST_GROUP(Daemon) {
     daemon = std::make_unique<Daemon>(Devices{*socket, gpio, link, clock, jpeg}, Periphery{*hand, keep, &supply}, tree);
     CHECK_TRUE(daemon->start(params).ok());
   }
+  // With an empty gel, until it is confirmed.
+  void start_and_learn() {
+    film();
+    build();
+    run(1s);
+    CHECK_TRUE(fine());
+  }
   void use(Gripper gripper) {
     params.gripper = static_cast<std::int32_t>(gripper);
   }
@@ -240,9 +247,7 @@ TEST(Daemon, LearnsAndVouches) {
 }
 
 TEST(Daemon, AnswersEveryCommand) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   CHECK_TRUE(ask(Command::kArm) == Outcome::kDone);
   CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
   CHECK_TRUE(ask(Command::kOpening, 0) == Outcome::kDone);
@@ -254,9 +259,7 @@ TEST(Daemon, AnswersEveryCommand) {
 }
 
 TEST(Daemon, LearnsAnewOnTareAndOnlyOnceForARepetition) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   CHECK_TRUE(ask(Command::kTare, 0, 7) == Outcome::kDone);
   run(60ms);
   CHECK_TRUE(state() == DeviceState::kReference);
@@ -280,9 +283,7 @@ TEST(Daemon, LearnsAnewOnTareAndOnlyOnceForARepetition) {
 
 // A rest position learned now would hide what presses on the gel: only whoever insists gets it.
 TEST(Daemon, RefusesTareWhileSomethingTouchesTheGel) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   daemon.reset();
   film(true);
   build({{14, 10, sim::CameraFault::kGarbage, {}}});
@@ -307,9 +308,7 @@ TEST(Daemon, RefusesTareWhileSomethingTouchesTheGel) {
 
 // An echo on the line, or a newer sender: what is no command is not answered.
 TEST(Daemon, PassesOverSoundFramesThatAreNoCommand) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   std::array<std::uint8_t, command_frame::kAnswerBytes> wire{};
   (void)command_frame::encode(command_frame::AnswerFrame{5, Command::kTare, Outcome::kDone}, wire);
   CHECK_TRUE(link.feed(wire));
@@ -348,9 +347,7 @@ TEST(Daemon, EndsAnOpeningThatIsNeverTakenBack) {
 
 // Said again every quarter of a second it masks slip for 5 s in all, and for 5 s again after each end.
 TEST(Daemon, EndsAnOpeningThatIsSaidAgainAndAgain) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   for (int round = 0; round < 2; ++round) {
     Micros masked{};
     int refused = 0;
@@ -472,9 +469,7 @@ TEST(Daemon, LetsTheNextContactBeOpenedWithoutAnEnd) {
 }
 
 TEST(Daemon, ObeysWiresThatHoldTheirLevel) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   gpio.drive(Input::kTare, Level::kLow);
   gpio.drive(Input::kOpening, Level::kLow);
   run(100ms);
@@ -567,10 +562,7 @@ TEST(Daemon, WaitsForACameraThatIsNotThereAtTheStart) {
 // A stream without an accepted frame is started anew after half a second, then after twice that, up to 4 s; a frame
 // that is accepted ends that.
 TEST(Daemon, StartsAStreamAnewThatHasFallenSilent) {
-  film();
-  build();
-  run(1s);
-  CHECK_TRUE(fine());
+  start_and_learn();
   socket->silent = true;
   socket->starts = {clock.now()};
   run(17s);
@@ -590,9 +582,7 @@ TEST(Daemon, StartsAStreamAnewThatHasFallenSilent) {
 
 // Silent, and then not to be started again: it is looked for as one that is gone.
 TEST(Daemon, LooksForASilentCameraThatDoesNotStartAgain) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   socket->silent = socket->refuses = true;
   run(2s);
   CHECK_TRUE(!daemon->streaming() && !fine() && reason() == Reason::kCameraGone);
@@ -604,9 +594,7 @@ TEST(Daemon, LooksForASilentCameraThatDoesNotStartAgain) {
 
 // Another one may be there when a silent stream is started anew; that is told, and nothing else in between.
 TEST(Daemon, NamesAnotherSensorAtOnce) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   socket->silent = true;
   socket->sensor = "ABCD-1234";
   while (daemon->streaming()) daemon->poll();
@@ -808,9 +796,7 @@ TEST(Daemon, IsNotFineOnOnePictureOfAFrozenCamera) {
 
 // The rest position is written when it was learned, and then on an empty gel: a refused frame is no reason to.
 TEST(Daemon, WritesNothingForARefusedFrame) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   daemon.reset();
   film(true);
   build({{20, 2, sim::CameraFault::kGarbage, {}}});
@@ -822,9 +808,7 @@ TEST(Daemon, WritesNothingForARefusedFrame) {
 }
 
 TEST(Daemon, LearnsAnewForAnotherSensorAnotherPitchOrAfterATare) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   daemon.reset();
   build({}, "ABCD-1234");
   CHECK_FALSE(daemon->resumed());
@@ -950,9 +934,7 @@ TEST(Daemon, ReleasesWithoutACamera) {
 
 // Another picture size is another lattice: the kept rest position does not fit, and is learned.
 TEST(Daemon, LearnsAnewWhenThePictureDoesNotFit) {
-  film();
-  build();
-  run(1s);
+  start_and_learn();
   daemon.reset();
   const scene::PictureConfig view = scene::cropped_320x240();
   pictures.clear();

@@ -23,34 +23,10 @@ using namespace holdfast::reference_model;
 using namespace std::chrono_literals;
 using test::frame_of;
 
-namespace {
-
-// Stands for a decoder: gives the picture it was told to, and remembers the scale it was asked for.
-class ScriptedJpeg final : public JpegDecoder {
- public:
-  Picture picture;
-  Status status;
-  DecodeScale asked = DecodeScale::kFull;
-  int calls = 0;
-
- private:
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale scale, LumaBuffer& out) override {
-    asked = scale;
-    ++calls;
-    if (!status.ok()) return status;
-    out.width = picture.width;
-    out.height = picture.height;
-    std::copy(picture.pixels.begin(), picture.pixels.end(), out.pixels.begin());
-    return status;
-  }
-};
-
-}  // namespace
-
 TEST_GROUP(Pipeline) {
   std::unique_ptr<pipeline::State> state = std::make_unique<pipeline::State>();
   pipeline::Config config;
-  ScriptedJpeg jpeg;
+  test::PictureJpeg jpeg;
   scene::PictureConfig view = scene::cropped_320x240();
   Grid grid;
   Micros now{1s};

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "drivers/sim/scene/scenes.hpp"
+#include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
 #include "tests/support/scene_pictures.hpp"
 #include "vision/luma_input.hpp"
@@ -49,19 +50,6 @@ Picture with_line(Picture picture, int y, int thick, int levels) {
   }
   return picture;
 }
-
-class FixedJpeg final : public JpegDecoder {
- public:
-  Picture picture;
-
- private:
-  [[nodiscard]] Status do_decode(std::span<const std::uint8_t>, DecodeScale, LumaBuffer& out) override {
-    out.width = picture.width;
-    out.height = picture.height;
-    std::copy(picture.pixels.begin(), picture.pixels.end(), out.pixels.begin());
-    return kOkStatus;
-  }
-};
 
 }  // namespace
 
@@ -327,7 +315,7 @@ TEST(PictureCheck, SeesAStepInTheMiddleOfARowAtEveryDecodeScale) {
 
 TEST(PictureCheck, IsAskedAboutDecodedPicturesThatAreWideEnough) {
   const auto input = std::make_unique<luma_input::State>();
-  FixedJpeg jpeg;
+  test::PictureJpeg jpeg;
   LumaView out;
   const auto refuses = [&](hal::PixelFormat format, DecodeScale scale, std::int32_t announced, const Picture& whole) {
     const Picture damaged = with_step(whole, 30, 40, 60);
