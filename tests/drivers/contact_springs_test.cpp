@@ -54,15 +54,6 @@ double order(double coarse, double fine) {
   return std::log2(coarse / fine);
 }
 
-// Numerical Recipes' quick generator: a path that is the same everywhere.
-struct Dice {
-  std::uint32_t seed = 1;
-  double next() {
-    seed = seed * 1664525U + 1013904223U;
-    return static_cast<double>(seed >> 8) / 16777216.0;
-  }
-};
-
 // 9 x 7 around the contact.
 Vec2 marker(int index) {
   const int row = index / 9;

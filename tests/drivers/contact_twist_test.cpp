@@ -116,15 +116,6 @@ void check_finite(const TwistSpringState& s) {
   CHECK(s.stick_fraction >= 0.0 && s.slip_fraction >= 0.0 && s.stick_radius_mm <= s.contact_radius_mm);
 }
 
-// Numerical Recipes' quick generator: a path that is the same everywhere.
-struct Dice {
-  std::uint32_t seed = 1;
-  double next() {
-    seed = seed * 1664525U + 1013904223U;
-    return static_cast<double>(seed >> 8) / 16777216.0;
-  }
-};
-
 }  // namespace
 
 TEST_GROUP(TwistSprings) {

@@ -4,6 +4,7 @@
 // (1985), chapter 7. Checked by contact_hertz_test.cpp against Cerruti's point loads.
 #pragma once
 
+#include <cstdint>
 #include <limits>
 
 #include "drivers/sim/scene/contact/hertz.hpp"
@@ -36,6 +37,15 @@ inline constexpr double kFriction = 0.6;
 [[nodiscard]] inline scene::FrictionContact contact_of(double friction = kFriction, double press_n = kPress_n) {
   return {kGel, scene::press_sphere(kGel, kSphere_mm, press_n), friction};
 }
+
+// Numerical Recipes' quick generator: a path that is the same everywhere.
+struct Dice {
+  std::uint32_t seed = 1;
+  double next() {
+    seed = seed * 1664525U + 1013904223U;
+    return static_cast<double>(seed >> 8) / 16777216.0;
+  }
+};
 }  // namespace sphere_example
 
 }  // namespace holdfast::test

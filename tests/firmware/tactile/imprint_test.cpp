@@ -328,8 +328,7 @@ TEST(Imprint, GrowthIsTheShadingsEnergyNowOverThen) {
 
 // Light on the quiet patches is light everywhere, no shading of the contact. 2/256 for the logarithms.
 TEST(Imprint, LightIsNoGrowth) {
-  Gel gel;
-  Bench bench(gel);
+  Bench bench(Gel{});
   const auto held = within(kContact_mm, dome(20.0));
   bench.gel.relief = held;
   (void)bench.wait(8);
@@ -861,8 +860,7 @@ TEST(Imprint, AReliefMustExceedTheThreshold) {
 // Now and then: a relief of 10 levels is one, one of a third of a level is none.
 TEST(Imprint, WithoutReliefNothingMoves) {
   for (const double levels : {0.3, 10.0}) {
-    Gel gel;
-    Bench bench(gel);
+    Bench bench(Gel{});
     bench.gel.relief = within(kContact_mm, grain(levels));
     (void)bench.wait(20);
     bench.gel.relief = within(kContact_mm, grain(levels, {0.2, 0.0}));
@@ -872,8 +870,7 @@ TEST(Imprint, WithoutReliefNothingMoves) {
 
 // Whose time stood later.
 TEST(Imprint, PicturesOfAnotherStreamDoNotCount) {
-  Gel gel;
-  Bench bench(gel);
+  Bench bench(Gel{});
   bench.time += Micros{2'000'000};
   bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4));
   (void)bench.step();
@@ -894,8 +891,7 @@ TEST(Imprint, APictureBesideTheLatticeTellsNothingOfTheEmptyGel) {
 
 // Two thirds and four thirds of it still count.
 TEST(Imprint, APictureCountsWithinAThirdOfItsLag) {
-  Gel gel;
-  Bench bench(gel);
+  Bench bench(Gel{});
   const auto moves = [&](std::int64_t age_us) {
     bench.time += Micros{2'000'000};
     bench.gel.relief = within(kContact_mm, ribs(12.0, 2.4));
@@ -945,8 +941,7 @@ TEST(Imprint, LagsAreTimesNotFrames) {
 
 // Three frames at 25 a second. A stream that has nothing but gaps is not blind for long, nor is one that begins.
 TEST(Imprint, IsBlindBehindAGapInTheStream) {
-  Gel gel;
-  Bench bench(gel);
+  Bench bench(Gel{});
   for (int k = 0; k < 20; ++k) CHECK_FALSE(bench.step().blind);
   bench.time += Micros{300'000};
   for (int k = 0; k < 20; ++k) CHECK_EQUAL(k < 3, bench.step().blind);
@@ -978,8 +973,7 @@ TEST(Imprint, NothingToCompareWithIsNoMotion) {
 
 // A lost dot takes the patches with it whose displacement it tells: 4 of its own, 12 of its neighbours.
 TEST(Imprint, LostDotsTakeTheirPatchesWithThem) {
-  Gel gel;
-  Bench bench(gel);
+  Bench bench(Gel{});
   bench.gel.relief = grain(14.0);
   const int all = bench.wait(10).patches.raw();
   bench.gel.lost = {31};
