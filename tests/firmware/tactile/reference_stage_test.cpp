@@ -142,7 +142,7 @@ TEST(ReferenceStage, IsTheMeanOfTheFramesInWhichAMarkerWasSeen) {
   for (int round = 0; round < 1000; ++round) {
     state = {};
     config.frames = draw.of32(1, 12);
-    const GridSize grid = draw.one_of(std::array<GridSize, 3>{{{7, 9}, {3, 3}, {1, 2}}});
+    const GridSize grid = draw.one_of(std::array<GridSize, 4>{{{7, 9}, {3, 3}, {1, 2}, {8, 16}}});
     const std::size_t count = idx(grid.count());
     const auto spread = draw.one_of(std::array{1, 96, 20'000, PixelsQ8::kMax / 2});
     const auto place = [&](std::int32_t around) { return draw.of32(around - spread, around + spread); };
