@@ -4,6 +4,8 @@ extern "C" {
 #include <libavformat/avformat.h>
 }
 
+#include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -34,8 +36,7 @@ class Container final : public Packets {
     const AVRational rate = ::av_guess_frame_rate(file_.get(), video_, nullptr);
     const double fps = rate.den > 0 ? ::av_q2d(rate) : 0;
     return {.mjpeg = video_->codecpar->codec_id == AV_CODEC_ID_MJPEG,
-            .frames = video_->nb_frames > 0 ? static_cast<double>(video_->nb_frames)
-                                            : static_cast<double>(file_->duration) / AV_TIME_BASE * fps,
+            .frames = video_->nb_frames > 0 ? static_cast<double>(video_->nb_frames) : duration_s() * fps,
             .fps = fps,
             .counts_places = ::av_cmp_q(::av_inv_q(rate), video_->time_base) == 0};
   }
@@ -63,6 +64,19 @@ class Container final : public Packets {
   }
 
  private:
+  // Of the film alone. Matroska counts from 0 to the end of the longest track; each track's own end is in its tags.
+  [[nodiscard]] double duration_s() const {
+    double end_s = static_cast<double>(file_->duration) / AV_TIME_BASE;
+    int hours = 0, minutes = 0;
+    double seconds = 0;
+    const AVDictionaryEntry* const own = ::av_dict_get(video_->metadata, "DURATION", nullptr, 0);
+    if (own != nullptr && std::sscanf(own->value, "%d:%d:%lf", &hours, &minutes, &seconds) == 3) {
+      end_s = hours * 3600.0 + minutes * 60.0 + seconds;
+    }
+    const double start_s = static_cast<double>(video_->start_time) * ::av_q2d(video_->time_base);
+    return video_->start_time != AV_NOPTS_VALUE && start_s > 0 ? end_s - start_s : end_s;
+  }
+
   struct Free {
     void operator()(AVFormatContext* file) const { ::avformat_close_input(&file); }
     void operator()(AVPacket* packet) const { ::av_packet_free(&packet); }

@@ -422,6 +422,7 @@ class PacketSource final : public VideoSource {
   }
 
   [[nodiscard]] bool is_mjpeg() const { return facts_.mjpeg; }
+  [[nodiscard]] double announced() const { return facts_.frames; }
   // Of a file that is cut off: how much is left of it.
   [[nodiscard]] Error refusal() {
     while (packets_ != nullptr && skip() == Read::kFrame) continue;
@@ -457,13 +458,16 @@ class PacketSource final : public VideoSource {
 // Everything else is decoded.
 class DecodedSource final : public VideoSource {
  public:
-  explicit DecodedSource(const fs::path& path) : VideoSource(path), capture_(media().capture()) {
+  // `frames`: announced; 0: ask the decoder.
+  DecodedSource(const fs::path& path, double frames) : VideoSource(path), capture_(media().capture()) {
     try {
       // Absolute: as above. Not CAP_ANY: it also looks for USB photo cameras (gphoto2), slowly and with leaks.
       for (const int backend : {cv::CAP_FFMPEG, cv::CAP_GSTREAMER}) {
         if (capture_->open(fs::absolute(path).string(), backend)) break;
       }
-      if (is_open()) announce(capture_->get(cv::CAP_PROP_FRAME_COUNT), capture_->get(cv::CAP_PROP_FPS));
+      if (is_open()) {
+        announce(frames > 0 ? frames : capture_->get(cv::CAP_PROP_FRAME_COUNT), capture_->get(cv::CAP_PROP_FPS));
+      }
     } catch (const cv::Exception&) {
       capture_->release();
     }
@@ -531,7 +535,7 @@ SourceResult open_video(const fs::path& path, std::span<const std::uint8_t> byte
   auto packets = std::make_unique<PacketSource>(path, media().packets(path), whole.value_or(false));
   if (whole == false) return packets->refusal();
   if (packets->is_mjpeg()) return packets;
-  auto decoded = std::make_unique<DecodedSource>(path);
+  auto decoded = std::make_unique<DecodedSource>(path, packets->announced());
   if (decoded->is_open()) return decoded;
   return fail_line(path, "is not a video that can be opened", "not a video, cut off or damaged, or an unknown codec",
                    "play it in a video player; use AVI, MP4, Matroska, .mjpg or a folder of images");

@@ -161,7 +161,7 @@ inline constexpr std::array<Rule, 17> kRules{{
      &Findings::contact_lost, false, false, DeviceState::kSlip, Why::kRow, Reason::kContactLost},
     {"a source of DEGRADED (below) has a reason",
      &Findings::strained, false, false, DeviceState::kDegraded, Why::kStrain, Reason::kNone},
-    {"more than 3 of the last 10 frames were rejected",
+    {"more than 3 of the last 10 frames were rejected or did not come",
      &Findings::many_rejected, false, false, DeviceState::kDegraded, Why::kRow, Reason::kManyRejected},
     {"fewer markers than `degraded_markers_pct`",
      &Findings::few_markers, false, false, DeviceState::kDegraded, Why::kRow, Reason::kFewMarkers},

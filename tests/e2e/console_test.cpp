@@ -670,6 +670,22 @@ TEST(ConsoleTool, GoesOnWhenThePortIsBack) {
   CHECK(check_time_runs(read_file(at("log.csv")), 50) > 0.1);  // the time it was away is in it
 }
 
+// The port stays and the firmware stands still: said, and no success at the end; what came is kept.
+TEST(ConsoleTool, SaysThatADeviceStandsStillWhileItIsRecorded) {
+  HostProcess recorder({kTool, "console", at("port"), "--record", at("log.csv")});
+  CHECK(until([&] { return rows_of("log.csv"); }));
+  firmware->send(SIGSTOP);
+  CHECK(recorder.err_says("does not answer. Likely cause: the firmware hangs"));
+  firmware->send(SIGCONT);
+  CHECK(recorder.err_says("answers again"));
+  firmware->send(SIGSTOP);
+  recorder.send(SIGINT);
+  const Finished ended = recorder.finish();
+  LONGS_EQUAL(1, ended.status);
+  STRCMP_CONTAINS("did not answer any more", ended.err.c_str());
+  CHECK(fs::file_size(at("log.csv")) > 0);
+}
+
 // What answers need be no Holdfast: it moves no cursor, and its words are no numbers.
 TEST(ConsoleTool, TakesNothingOnTrustThatADeviceSays) {
   const test::Pty pty;

@@ -25,7 +25,7 @@ relief_twist.mcap,16,75,40,70,1,25-31:high,2-13,high
 bumps_hold.mcap,16,63,,,0,25-62:high,2-13,high
 LABELS
 learn() { HOLDFAST="$bin/holdfast" toolchain/learn/own_data.sh "$work/labels.csv" "$work/own"; }
-says "own_data.sh makes a model of them, and says how to load it" "^load it:  holdfast console .* --load .*own.sealed$" learn
+says "own_data.sh makes a model of them, and says how to load it" "^load it, .*  holdfast console .* --load .*own.sealed$" learn
 
 # A device takes it and decides by it from its next start on.
 start() {

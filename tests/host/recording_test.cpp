@@ -475,6 +475,21 @@ TEST(Recording, SaysHowManyFramesATruncatedVideoGave) {
   }
 }
 
+// As with a sound track that is longer than the film: the file's length is not the film's.
+TEST(Recording, TakesTheFilmsOwnLengthInMatroska) {
+  for (const char* fourcc : {"MJPG", "FFV1"}) {
+    write_video(dir / "whole.mkv", fourcc, 50, cv::CAP_FFMPEG);
+    std::string bytes = read_file(dir / "whole.mkv");
+    const std::size_t duration = bytes.find("\x44\x89\x88");  // an element of 8 bytes, a double
+    CHECK(duration != std::string::npos);
+    bytes[duration + 3 + 1] = static_cast<char>(bytes[duration + 3 + 1] + 0x10);  // twice as long
+    write_file(dir / "sound.mkv", bytes);
+    Recording recording = opened(dir / "sound.mkv");
+    LONGS_EQUAL(50, all_frames(recording).size());
+    STRCMP_EQUAL("", recording.error().c_str());
+  }
+}
+
 TEST(Recording, RefusesPicturesThatAreTooSmall) {
   test::write_picture(dir / "one.png", picture(1, 1, 1, 1));
   check_refused(Recording::open(dir / "one.png"), dir / "one.png", "too small");

@@ -27,6 +27,7 @@ namespace holdfast::test {
 // Pictures of the empty gel, then those of a drag that grows over six of them and stays.
 [[nodiscard]] inline std::vector<reference_model::Picture> drag_film(int still, int dragged = 0) {
   std::vector<reference_model::Picture> film;
+  film.reserve(static_cast<std::size_t>(still + dragged));
   for (int k = 0; k < still + dragged; ++k) {
     film.push_back(dragged_gel(std::clamp(0.3 * (k - still + 1), 0.0, 1.8), 300 + static_cast<std::uint64_t>(k)));
   }
@@ -36,6 +37,7 @@ namespace holdfast::test {
 // `pictures` outlive them.
 [[nodiscard]] inline std::vector<LumaView> luma_views(const std::vector<reference_model::Picture>& pictures) {
   std::vector<LumaView> views;
+  views.reserve(pictures.size());
   for (const reference_model::Picture& picture : pictures) views.push_back(picture.view());
   return views;
 }

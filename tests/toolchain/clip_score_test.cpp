@@ -370,6 +370,12 @@ TEST(EvaluateRecorded, WhatCannotBeIsRefusedInOneLine) {
   refuses("0,9,3,6,1,6-8:high,,high", "silent interval 6-8 overlaps the slip 3-6");
   refuses("0,9,3,6,1,,0-3,high", "empty interval 0-3 overlaps the slip 3-6");
   STRCMP_CONTAINS("none.csv: cannot be read", refused({"--recorded", (dir / "none.csv").string()}).c_str());
+  std::string misspelt = kHeader;
+  misspelt.replace(misspelt.find("confidence"), 10, "confidance");
+  test::write_file(dir / "labels.csv", misspelt + "gel__exp_num_1__camera_0,0,5,,,0,,,low\n");
+  STRCMP_CONTAINS(
+      "labels.csv:1: column 'confidance' is none that is read. Likely cause: a typing error. Next: name it confidence",
+      refused({"--recorded", labels}).c_str());
   STRCMP_CONTAINS("neither or both", refused({}).c_str());
   STRCMP_CONTAINS("neither or both", refused({"data.csv", "--recorded", labels}).c_str());
   test::write_file(dir / "labels.csv", kHeader + std::string("gel__exp_num_1__camera_0,,,,,0,,0-10,high\n"));

@@ -8,6 +8,8 @@
 
 #include "slip/model.hpp"
 #include "slip/tree_io.hpp"
+#include "tests/support/folders.hpp"
+#include "tests/support/temp_dir.hpp"
 #include "toolchain/learn/fuse.hpp"
 #include "toolchain/treec/tree_model.hpp"
 
@@ -90,19 +92,23 @@ TEST(Threshold, ShareIntervalIsClopperAndPearsons) {
   DOUBLES_EQUAL(1.0, share_interval(10, 10).high, 0.0);
 }
 
+// Of three clips with 1.6 s of silence each.
+constexpr double kNever = 1.0;
+constexpr double kFourTimes = 4.8 / 60.0 / 4.0;
+
 // A single frame raises nothing, the empty gel is not in contact: the largest value that comes twice in a row decides.
 TEST(Threshold, IsTheLowestThatStaysSilent) {
   const Samples samples = three();
-  DOUBLES_EQUAL(1600, lowest(samples, {0, 0.0}), 0.0);
-  DOUBLES_EQUAL(1616, lowest(samples, {0, 16.0}), 0.0);
-  DOUBLES_EQUAL(1500, lowest(samples, {0, 0.0}, {0, 2}), 0.0);
+  DOUBLES_EQUAL(1600, lowest(samples, {kNever, 0.0}), 0.0);
+  DOUBLES_EQUAL(1616, lowest(samples, {kNever, 16.0}), 0.0);
+  DOUBLES_EQUAL(1500, lowest(samples, {kNever, 0.0}, {0, 2}), 0.0);
   // The pen alarms at 22, 32, 41 and 52, which is as often as it may; the cup would add four.
-  DOUBLES_EQUAL(1500, lowest(samples, {4, 0.0}), 0.0);
+  DOUBLES_EQUAL(1500, lowest(samples, {kFourTimes, 0.0}), 0.0);
 }
 
 TEST(Threshold, EachObjectIsJudgedByTheOthers) {
   const Samples samples = three();
-  const RecordedScore score = leave_one_out(samples, {0, 0.0}, kRaise);
+  const RecordedScore score = leave_one_out(samples, {kNever, 0.0}, kRaise);
   LONGS_EQUAL(3, score.onsets);
   LONGS_EQUAL(2, score.within_10.fresh);  // the box moves by 1550, the others hold at 1600
   LONGS_EQUAL(1, score.hits);             // the pen's last false alarm is up until just before its slip
@@ -113,11 +119,10 @@ TEST(Threshold, EachObjectIsJudgedByTheOthers) {
 
 TEST_GROUP(Fuse){};
 
-// One alarm is allowed: the cup's single frame at 2500. The pen's 1600 would be four more.
 TEST(Fuse, ImprintDecidesWhereThereIsReliefAndMarkersWhereThereIsNone) {
   Samples samples = three();
   for (Row& row : samples.rows) {
-    if (row.trial != 0 && row.x[kMotion] == 2500) row.x[kMotion] = 1000;
+    if (row.x[kMotion] == 2500) row.x[kMotion] = 1000;
   }
   Fused fused;
   CHECK(!fuse(samples, marker_tree(), "both", fused));
@@ -153,6 +158,31 @@ TEST(Fuse, ImprintDecidesWhereThereIsReliefAndMarkersWhereThereIsNone) {
   CHECK(says({0, 0, 0, kDrags, 0, kCoarse}) == Verdict::kHold);
   CHECK(says({0, 0, 0, kDrags - 1, 0, kCoarse + 1}) == Verdict::kHold);
   CHECK(says({0, kMostCoarseGrowth + 1, 0, kDrags, 0, kCoarse + 1}) == Verdict::kHold);
+}
+
+// Seconds of silence: a threshold below the known one is not believed. Of one object nothing is said of others.
+TEST(Fuse, LittleSilenceKeepsTheKnownThreshold) {
+  Samples samples;
+  add_clip(samples, "cup", 1200, 1300);
+  for (Row& row : samples.rows) {
+    if (row.x[kMotion] == 2500) row.x[kMotion] = 1000;
+  }
+  Fused fused;
+  CHECK(!fuse(samples, marker_tree(), "own", fused));
+  LONGS_EQUAL(kKnownThreshold, fused.threshold);
+  CHECK_TRUE(fused.known);
+  CHECK_FALSE(fused.unseen.has_value());
+  treec::Model shipped;
+  CHECK(!treec::parse(test::read_file(test::source("toolchain/model/slip_v6.tree")), shipped));
+  LONGS_EQUAL(kKnownThreshold, shipped.nodes[0].threshold);
+  // Enough of it is: the same clip again and again.
+  const Samples once = samples;
+  while (fused.silence_min < kLeastSilence_min) {
+    for (int i = 0; i < 100; ++i) append(samples, Samples(once));
+    CHECK(!fuse(samples, marker_tree(), "own", fused));
+  }
+  LONGS_EQUAL(1208, fused.threshold);
+  CHECK_FALSE(fused.known);
 }
 
 TEST(Fuse, WhatCannotBePutTogetherIsRefusedInOneLine) {

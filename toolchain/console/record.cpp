@@ -155,6 +155,7 @@ std::string record(Device& device, const RecordOptions& options, const std::func
     progress.update(sink.frames());
   }
   progress.clear();
+  const bool lost = watching.lost();
   if (!sink.good()) return sink.keep_what_fits(file, options.path);
   if (sink.frames() == 0) {
     return trouble("no frame came, and nothing was written", "the camera does not deliver",
@@ -163,6 +164,11 @@ std::string record(Device& device, const RecordOptions& options, const std::func
   sink.finish();
   if (!file.stream().flush()) return sink.keep_what_fits(file, options.path);
   if (std::string error = file.commit(); !error.empty()) return error;
+  if (lost) {
+    return trouble(fmt::format("{}: its {} frames end before the recording did: {} did not answer any more",
+                               options.path, sink.frames(), device.port_name()),
+                   "unplugged, or the firmware hangs", "look at what the board does, and record again");
+  }
   report.push_back(fmt::format("{}: {} frames in {:.1f} s, {} with markers, {} lost", options.path, sink.frames(),
                                sink.seconds(), sink.fields(), watching.telemetry().lost()));
   return {};

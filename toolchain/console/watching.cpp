@@ -20,6 +20,7 @@ constexpr Millis kToAttach = 1500ms;
 // A device without a camera says nothing for long; one that was started anew without its port being unplugged has
 // forgotten that somebody watches.
 constexpr Millis kSilence = 3000ms;
+constexpr Millis kSilenceAtEnd = 500ms;
 
 Signals::What wait(int fd, Signals& signals, Millis at_most) {
   std::array<pollfd, 2> ends{{{fd, POLLIN, 0}, {signals.fd(), POLLIN, 0}}};
@@ -38,6 +39,7 @@ Watching::Watching(Device& device, std::function<void(const std::string&)> note)
     : device_(device), note_(std::move(note)), before_(device.heard) {
   device_.heard.status = [this](const status_frame::StatusFrame& status) {
     heard_at_ = Clock::now();
+    if (std::exchange(silent_, false)) note_(device_.port_name() + " answers again");
     const Telemetry::Received frame = telemetry_.take(status, heard_at_);
     if (on_frame) on_frame(frame);
   };
@@ -54,7 +56,12 @@ Watching::Watching(Device& device, std::function<void(const std::string&)> note)
 
 Watching::~Watching() {
   device_.heard = before_;
-  if (!away_ && device_.port().is_open()) (void)device_.say("watch off");
+  if (!away_ && !silent_ && device_.port().is_open()) (void)device_.say("watch off");
+}
+
+bool Watching::lost() {
+  if (!away_ && !silent_ && Clock::now() - heard_at_ > kSilenceAtEnd) silent_ = !device_.attach(kToAttach);
+  return away_ || silent_;
 }
 
 std::string Watching::begin() {
@@ -104,7 +111,13 @@ Signals::What Watching::turn(Millis at_most) {
     ask_scale();
   } else if (Clock::now() - heard_at_ > kSilence) {
     heard_at_ = Clock::now();
-    if (!device_.say("watch on").ok() && device_.attach(kToAttach)) (void)device_.say("watch on");
+    // Not say(), which is patient: who records for so many seconds, or presses Ctrl-C, waits for no answer.
+    if (device_.attach(kToAttach)) {
+      (void)device_.say("watch on");
+    } else if (device_.port().is_open() && !std::exchange(silent_, true)) {
+      note_(trouble(device_.port_name() + " does not answer", "the firmware hangs, or the board is overloaded",
+                    "wait, or start the board anew; this goes on then. Ctrl-C leaves"));
+    }
   }
   return device_.was_interrupted() ? Signals::What::kInterrupt : what;
 }

@@ -34,6 +34,9 @@ class Watching {
   // Waits at most so long, and takes what came. What the signals said.
   [[nodiscard]] Signals::What turn(Millis at_most);
 
+  // At the end: whether the device has gone, or stands still. Asks it where nothing came of late.
+  [[nodiscard]] bool lost();
+
   [[nodiscard]] const Telemetry& telemetry() const { return telemetry_; }
   // Pixels of the working image per um; 0: not known yet.
   [[nodiscard]] double px_per_um() const { return px_per_um_; }
@@ -49,6 +52,7 @@ class Watching {
   double px_per_um_ = 0;
   bool scale_wanted_ = true;
   bool away_ = false;
+  bool silent_ = false;  // it is there, and does not answer
   Moment heard_at_{};
   Moment try_at_{};
 };

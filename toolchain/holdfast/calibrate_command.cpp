@@ -403,8 +403,11 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--grid", options->common.grid, "printed grid as COLSxROWS, or auto: take the lattice found")
       ->capture_default_str();
   command->add_option("--mode", options->common.mode, "speed setting for JPEG pictures")->capture_default_str();
-  command->add_option("--fps", options->fps, "frames per second of inputs that carry no time (else 25), or a wrong one")
-      ->check(number_from_to(0.1, 1000));
+  command
+      ->add_option("--fps", options->fps,
+                   "frames per second of inputs that carry no time (else 25), or a wrong one: those at which a device "
+                   "decides, because the noise of slower ones is another")
+      ->check(number_from_to(12, 30));
   CLI::Option* const weight =
       command->add_option("--weight", options->weight_g, "grams that hang on the gel or stand on it in INPUT")
           ->check(number_from_to(1.0, 5000.0));

@@ -33,20 +33,25 @@ struct FuseOptions {
 };
 
 std::string line_of(const learn::Fused& fused) {
-  const learn::RecordedScore& score = fused.unseen;
+  const std::string above = fmt::format("above {:.0f} um", std::exp2(fused.threshold / 256.0));
+  if (!fused.unseen) return above + ": how it does on another object is not known, because there is only one";
+  const learn::RecordedScore& score = *fused.unseen;
   const learn::ShareInterval share = learn::share_interval(score.within_10.fresh, score.onsets);
   return fmt::format(
-      "above {:.0f} um: {} of {} onsets within 10 frames ({:.0f} to {:.0f} %), {} within 5, {} within 15; {} "
+      "{}: {} of {} onsets within 10 frames ({:.0f} to {:.0f} %), {} within 5, {} within 15; {} "
       "alarms in {:.0f} s held, {} in {:.0f} s of it shaken, {} in {:.0f} s empty",
-      std::exp2(fused.threshold / 256.0), score.within_10.fresh, score.onsets, share.low * 100.0, share.high * 100.0,
-      score.within_5.fresh, score.within_15.fresh, score.held.alarms, score.held.s, score.shaken.alarms, score.shaken.s,
-      score.empty.alarms, score.empty.s);
+      above, score.within_10.fresh, score.onsets, share.low * 100.0, share.high * 100.0, score.within_5.fresh,
+      score.within_15.fresh, score.held.alarms, score.held.s, score.shaken.alarms, score.shaken.s, score.empty.alarms,
+      score.empty.s);
 }
 
 nlohmann::json json_of(const learn::Fused& fused) {
-  const learn::RecordedScore& score = fused.unseen;
   nlohmann::json out;
   out["threshold_log2_um_q8"] = fused.threshold;
+  out["silence_min"] = fused.silence_min;
+  out["known_threshold"] = fused.known;
+  if (!fused.unseen) return out;
+  const learn::RecordedScore& score = *fused.unseen;
   out["onsets"] = score.onsets;
   out["within_5"] = score.within_5.fresh;
   out["within_10"] = score.within_10.fresh;
@@ -107,6 +112,13 @@ int fuse(const FuseOptions& options) {
   }
   fmt::print("recorded  one object left out, the imprint alone\n");
   fmt::print("          {}\n", line);
+  if (fused.known) {
+    fmt::print(
+        "note      the threshold is the one of slip_v6: {:.1f} minutes of labelled silence do not show that a lower "
+        "one "
+        "raises no false alarms. Next: label {:.0f} minutes or more\n",
+        fused.silence_min, learn::kLeastSilence_min);
+  }
   fmt::print("written   {}: {} nodes, at most {} predicates a frame\n", options.model, fused.model.nodes.size(),
              treec::depth(fused.model));
   return 0;

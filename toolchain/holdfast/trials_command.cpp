@@ -125,13 +125,16 @@ void add_trials(CLI::App& app, std::vector<Command>& commands) {
   command->add_option("--count", options->count, "how many")->check(CLI::Range(1, 100'000))->capture_default_str();
   command->add_option("--first", options->first, "number of the first")->check(CLI::Range(0, 1'000'000));
   command->add_option("--seed", options->seed, "of all of them")->capture_default_str();
-  command->add_option("--csv", options->csv, "a line for each trial: CSV")->check(not_empty);
-  command->add_option("--scene", options->scene, "print this trial's scene, for holdfast sim, and run nothing")
-      ->check(CLI::Range(0, 1'000'000));
+  CLI::Option* const scene =
+      command->add_option("--scene", options->scene, "print this trial's scene, for holdfast sim, and run nothing")
+          ->check(CLI::Range(0, 1'000'000));
+  command->add_option("--csv", options->csv, "a line for each trial: CSV")->check(not_empty)->excludes(scene);
   command->add_option("--model", options->common.model, "a model text or a compiled one, instead of the committed")
-      ->check(not_empty);
-  command->add_option("--feature-set", options->common.feature_set, "what the model reads: paper has its own tree");
-  command->add_flag("--json", options->common.json, "print the table as JSON");
+      ->check(not_empty)
+      ->excludes(scene);
+  command->add_option("--feature-set", options->common.feature_set, "what the model reads: paper has its own tree")
+      ->excludes(scene);
+  command->add_flag("--json", options->common.json, "print the table as JSON")->excludes(scene);
   command->footer(
       "closing        a gripper closes on a body at 5 to 100 mm/s and holds it; half are then shaken. Nothing slips\n"
       "closing_slip   the same, and 100 ms later the object is dragged away\n"

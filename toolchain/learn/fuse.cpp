@@ -25,8 +25,14 @@ void read_threshold(const Samples& recordings, Fused& out) {
   std::vector<int> all(recordings.trials.size());
   std::iota(all.begin(), all.end(), 0);
   const std::vector<double> motions = imprint_motions(recordings);
-  out.threshold = static_cast<int>(std::lround(threshold_of(recordings, motions, all, kImprintBudget, kRaise)));
-  out.unseen = leave_one_out(recordings, kImprintBudget, kRaise);
+  out.silence_min = held_minutes(recordings, all);
+  out.threshold = static_cast<int>(
+      std::lround(threshold_of(recordings, motions, all, {kMinutesPerAlarm, kThresholdMargin}, kRaise)));
+  out.known = out.silence_min < kLeastSilence_min && out.threshold < kKnownThreshold;
+  if (out.known) out.threshold = kKnownThreshold;
+  const bool several = std::ranges::any_of(
+      recordings.trials, [&](const Trial& trial) { return trial.object != recordings.trials.front().object; });
+  if (several) out.unseen = leave_one_out(recordings, {kMinutesPerAlarm, kThresholdMargin}, kRaise);
 }
 
 int index_of(const treec::Model& model, std::string_view feature) {

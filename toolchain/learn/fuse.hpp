@@ -27,8 +27,14 @@
 
 namespace holdfast::learn {
 
-// One alarm in the silence of all recordings, 18.5 minutes. Margin in 1/256 of an octave: 2 %.
-inline constexpr Budget kImprintBudget{1, 8.0};
+// One alarm in the silence of all recordings, 18.5 minutes, which is none in a few of them. Margin in 1/256 of an
+// octave: 2 %.
+inline constexpr double kMinutesPerAlarm = 18.5;
+inline constexpr double kThresholdMargin = 8.0;
+// Less silence than this does not tell a rare false alarm from none, and the rest of the decision alarms as well: the
+// threshold is no lower than that of slip_v6, which all recordings gave (55 um, log2 of um in Q8).
+inline constexpr double kLeastSilence_min = 15.0;
+inline constexpr int kKnownThreshold = 1480;
 
 // Coarse motion, log2 of um in Q8, above which it is slip: 60 um; its growth at most three tenths in the lag (what
 // grows is noise to it already). Where the markers' flow is below 60 um/s nothing drags the gel, and a ball that is
@@ -58,8 +64,10 @@ inline constexpr int kLeastFlow_um_s = 150;
 
 struct Fused {
   treec::Model model;
-  int threshold = 0;     // of the imprint, log2 of um in Q8
-  RecordedScore unseen;  // the imprint alone, one object left out
+  int threshold = 0;                    // of the imprint, log2 of um in Q8
+  double silence_min = 0;               // that it was read off
+  bool known = false;                   // it is kKnownThreshold, because there was little
+  std::optional<RecordedScore> unseen;  // the imprint alone, one object left out; none: there is one object
 };
 
 // `markers`: a checked model of a set whose features the set grasp has too. An error line, or nothing.

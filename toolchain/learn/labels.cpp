@@ -12,6 +12,7 @@
 
 #include "drivers/common/input_file.hpp"
 #include "drivers/sim/recording.hpp"
+#include "drivers/sim/scene/file/words.hpp"
 #include "toolchain/learn/number_text.hpp"
 #include "toolchain/log/recording_file.hpp"
 
@@ -23,6 +24,17 @@ namespace fs = std::filesystem;
 using Error = std::optional<std::string>;
 
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // some spreadsheets begin a file with it
+
+// Which column was meant by a name that is none of ours; empty: none. Other columns are whoever's who labelled; one
+// that is nearly ours would be left out without a word.
+std::string_view misspelt(std::string_view name, const std::vector<std::string>& header) {
+  if (std::ranges::find(kLabelColumns, name, &LabelColumn::name) != kLabelColumns.end()) return {};
+  for (const LabelColumn& column : kLabelColumns) {
+    const bool missing = std::ranges::find(header, column.name) == header.end();
+    if (missing && 4 * scene::file::edits(name, column.name) <= column.name.size()) return column.name;
+  }
+  return {};
+}
 
 // A cell in quotes may hold commas; two quotes in it are one.
 std::vector<std::string> cells_of(std::string_view line) {
@@ -245,6 +257,12 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
       if (std::ranges::count(header, column.name) < 2) continue;
       return label_error(clip, fmt::format("column '{}' is there twice", column.name), "a column was copied",
                          "keep one of the two");
+    }
+    for (const std::string& name : header) {
+      const std::string_view meant = misspelt(name, header);
+      if (meant.empty()) continue;
+      return label_error(clip, fmt::format("column '{}' is none that is read", name), "a typing error",
+                         fmt::format("name it {}, or give it a name that is farther from that", meant));
     }
     for (const LabelColumn& column : kLabelColumns) {
       if (!column.required || std::ranges::find(header, column.name) != header.end()) continue;

@@ -28,4 +28,4 @@ say "the same recordings with it: in-sample, so an upper bound. Keep some apart 
 "$holdfast" evaluate --recorded "$labels" --model "$work/own.tree" --json "$work/own.json"
 "$holdfast" compile "$work/own.tree" --binary "$work/own.model"
 "$holdfast" model seal "$work/own.model" -o "$work/own.sealed" ${key:+--sign "$key"}
-say "load it:  holdfast console PORT --code-file FILE --load $work/own.sealed"
+say "load it, if the second table is no worse than the first:  holdfast console PORT --code-file FILE --load $work/own.sealed"

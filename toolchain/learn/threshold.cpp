@@ -2,6 +2,7 @@
 #include "toolchain/learn/threshold.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <numeric>
 
@@ -51,6 +52,17 @@ std::vector<double> imprint_motions(const Samples& samples) {
   return motions;
 }
 
+double held_minutes(const Samples& samples, std::span<const int> trials) {
+  double s = 0.0;
+  for (const int t : trials) {
+    const std::span<const Row> rows = samples.of(samples.trials[idx(t)]);
+    for (std::size_t i = 1; i < rows.size(); ++i) {
+      if (rows[i].label == Label::kHold) s += rows[i].t_s - rows[i - 1].t_s;
+    }
+  }
+  return s / 60.0;
+}
+
 double threshold_of(const Samples& samples, std::span<const double> motions, std::span<const int> trials,
                     const Budget& budget, int raise_frames) {
   // From above, over what held rows show: between two of these numbers nothing changes but detection.
@@ -63,8 +75,9 @@ double threshold_of(const Samples& samples, std::span<const double> motions, std
   }
   std::sort(held.begin(), held.end());
   held.erase(std::unique(held.begin(), held.end()), held.end());
+  const auto most = std::lround(held_minutes(samples, trials) / budget.minutes_per_alarm);
   const auto allowed = [&](double threshold) {
-    return alarms_of(samples, trials, verdicts_of(samples, motions, threshold), raise_frames) <= budget.alarms;
+    return alarms_of(samples, trials, verdicts_of(samples, motions, threshold), raise_frames) <= most;
   };
   // Not every step: a hundredth of them at a time, then one by one.
   std::size_t lowest = held.size();  // index of the lowest threshold that is allowed

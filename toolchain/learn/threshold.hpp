@@ -18,10 +18,13 @@ inline constexpr int kMostGrowth = 31;
 // The imprint's motion in every row, log2 um Q8; 0 where what moves is a contact that is being made.
 [[nodiscard]] std::vector<double> imprint_motions(const Samples& samples);
 
-// How a threshold is chosen: the lowest one above which the request never rises more often than `alarms` times while
-// these trials hold, plus a margin, log2 um Q8.
+// In which these trials hold.
+[[nodiscard]] double held_minutes(const Samples& samples, std::span<const int> trials);
+
+// How a threshold is chosen: the lowest one above which the request never rises more often while these trials hold than
+// once in so many minutes, to the nearest whole number of times; plus a margin, log2 um Q8.
 struct Budget {
-  int alarms = 0;
+  double minutes_per_alarm = 0.0;
   double margin = 0.0;
 };
 [[nodiscard]] double threshold_of(const Samples& samples, std::span<const double> motions, std::span<const int> trials,

@@ -82,7 +82,7 @@ enum holdfast_reason {
   HOLDFAST_REASON_FEW_MARKERS = 96,  // some markers are lost
   HOLDFAST_REASON_LEARNING = 97,  // the rest position is being learned
   HOLDFAST_REASON_SLIP = 98,  // the object slips
-  HOLDFAST_REASON_MANY_REJECTED = 99,  // more than 3 of the last 10 frames were rejected
+  HOLDFAST_REASON_MANY_REJECTED = 99,  // more than 3 of the last 10 frames were rejected or did not come
   HOLDFAST_REASON_RECOVERING = 100,  // a fault has passed; a few good frames must follow
   HOLDFAST_REASON_NEEDS_ARM = 101,  // a fault has passed and is latched
   HOLDFAST_REASON_OPENING = 102,  // the gripper opens: loss of contact is no slip

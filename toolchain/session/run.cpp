@@ -218,6 +218,10 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                     "pressed on the gel. Next: give a picture of the empty gel with --reference",
                     bend, most_bend));
   }
+  const auto most = std::ranges::max_element(summary.others, {}, [](const auto& one) { return one.second; });
+  const std::string mostly = most == summary.others.end()
+                                 ? ""
+                                 : fmt::format("{} ({})", info(most->first.first).name, info(most->first.second).name);
   if (options.json) {
     nlohmann::json all;
     all["frames"] = summary.frames;
@@ -235,6 +239,8 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     all["markers_least"] = summary.least_markers;
     all["searches"] = summary.searches;
     all["saturations"] = summary.saturations;
+    all["grip_ok_frames"] = summary.grip_ok;
+    all["others_mostly"] = mostly;
     all["slip_frames"] = summary.slip_frames;
     all["slip_times_s"] = summary.slip_times_s;
     all["lost_frames"] = summary.lost_frames;
@@ -249,6 +255,8 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
                  : "");
   fmt::print(out, "markers   {:.2f} of {} ({}) on average, {} at least\n", summary.mean_markers, grid.count(),
              grid_text(grid), summary.least_markers);
+  fmt::print(out, "grip ok   in {} frames{}\n", summary.grip_ok,
+             mostly.empty() ? "" : "; in the others mostly " + mostly);
   if (gel) fmt::print(out, "rest      {}\n", session.reference_text());
   if (cut.lines() > 0) {
     fmt::print(out, "grid      {} kept; left out, because the picture's edge cuts it: {}\n", grid_text(grid),

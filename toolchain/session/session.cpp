@@ -147,6 +147,11 @@ void Session::record(long frame, double t_s, double scale, const hal::Frame& giv
   } else {
     summary_.last_rejection = result.quality.reason;
   }
+  if (outputs.grip_ok) {
+    ++summary_.grip_ok;
+  } else {
+    ++summary_.others[{outputs.state, outputs.reason}];
+  }
   if (outputs.slip && !slip_before_) {
     if (summary_.slip_times_s.empty()) {
       summary_.grip_ok_fell_with_first_slip = hand_ || gpio_.level(hal::Line::kGripOk) == hal::Level::kLow;

@@ -11,6 +11,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -81,6 +82,8 @@ struct Summary {
   double mean_markers = 0;
   std::vector<double> slip_times_s;  // of each rising edge of `slip`
   std::vector<long> slip_frames;
+  long grip_ok = 0;                                       // frames
+  std::map<std::pair<DeviceState, Reason>, long> others;  // frames in which it was not, by what was said
   std::vector<long> lost_frames;  // where the contact was lost: SLIP (contact_lost), though `slip` does not rise
   bool grip_ok_fell_with_first_slip = true;  // within the frame that raised it
   Reason last_rejection = Reason::kNone;

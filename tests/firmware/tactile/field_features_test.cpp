@@ -84,7 +84,8 @@ Shape shape_of(GridSize grid, const Field& field) {
   for (int i = 0; i < grid.count(); ++i) {
     const std::optional<Vec>& d = field[idx(i)];
     if (!d) continue;
-    rows.push_back({2.0 * (i % grid.cols), 2.0 * (i / grid.cols), d->x, d->y});
+    const int row = i / grid.cols, col = i % grid.cols;
+    rows.push_back({2.0 * col, 2.0 * row, d->x, d->y});
     const double length = std::hypot(d->x, d->y);
     const double octave = length < 8.0 ? 0.0 : 1.0 + std::floor(2.0 * std::log2(length / 8.0) + 1e-12);
     ++out.octaves[static_cast<std::size_t>(std::min(octave, kHistogramBins - 1.0))];

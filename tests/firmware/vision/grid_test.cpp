@@ -97,7 +97,7 @@ TEST_GROUP(Grid) {
 
   // The dots of a picture that is taken for the lattice in it.
   std::vector<Point> registered(const scene::PictureConfig& config, const reference_model::Warp& warp = {}) {
-    const std::vector<Point> truth = reference_model::lattice_px({}, config, warp);
+    std::vector<Point> truth = reference_model::lattice_px({}, config, warp);
     reason_is(Reason::kNone, look(reference_model::picture_of(config, truth, 5)));
     return truth;
   }

@@ -14,9 +14,20 @@
 namespace holdfast::scene::file {
 namespace {
 
-// Levenshtein's.
 std::size_t distance(std::string_view a, std::string_view b) {
   if (!a.empty() && !b.empty() && (a.starts_with(b) || b.starts_with(a))) return a.size() != b.size() ? 1 : 0;
+  return edits(a, b);
+}
+
+std::string lower(std::string_view text) {
+  std::string out(text);
+  for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return out;
+}
+
+}  // namespace
+
+std::size_t edits(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
   for (std::size_t i = 0; i < a.size(); ++i) {
@@ -29,14 +40,6 @@ std::size_t distance(std::string_view a, std::string_view b) {
   }
   return row.back();
 }
-
-std::string lower(std::string_view text) {
-  std::string out(text);
-  for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return out;
-}
-
-}  // namespace
 
 std::string shown(double number) {
   std::array<char, 32> buffer{};

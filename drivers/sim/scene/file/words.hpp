@@ -2,6 +2,7 @@
 // How numbers, lists of words and typing errors are told in messages about scene files, and in others.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <string>
 #include <string_view>
@@ -26,6 +27,9 @@ template <typename Rows>
 [[nodiscard]] std::string names_of(const Rows& rows) {
   return joined(rows, ", ", [](const auto& row) { return row.name; });
 }
+
+// Letters to add, to leave out or to change (Levenshtein's distance).
+[[nodiscard]] std::size_t edits(std::string_view a, std::string_view b);
 
 // The word that was meant, if half of it is right, in capitals or not; else empty. A word that the other begins with is
 // one step away.
