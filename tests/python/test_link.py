@@ -190,14 +190,25 @@ class ReceiversRule(unittest.TestCase):
         grip.update(SimpleNamespace(alive=alive, grip_ok=ok), now_ms * self.MS)
 
     def test_counts_for_149_milliseconds(self):
-        for age_ms, want in ((0, True), (149, True), (150, False), (151, False), (10**9, False), (-1, False)):
+        ages = {0: True, 149: True, 150: False, 151: False, 10**9: False, -1: True, -149: True, -150: False}
+        for age_ms, want in ages.items():
             grip = link.Grip()
             self.assertFalse(grip.ok(0))
             self.hear(grip, False, True, 960)
             self.assertFalse(grip.ok(960 * self.MS))  # a first level may be an old one
             self.hear(grip, True, True, 1000)
             self.assertEqual(grip.ok((1000 + age_ms) * self.MS), want)
+        grip = link.Grip()
+        self.hear(grip, False, True, 960)
+        self.hear(grip, True, True, 1000)
         self.assertTrue(grip.ok(1150 * self.MS - 1))
+
+    def test_an_asker_whose_clock_was_read_before_the_frame_came(self):
+        grip = link.Grip()
+        self.hear(grip, False, True, 1000)
+        self.hear(grip, True, True, 1040)
+        said = [grip.ok(now_ms * self.MS) for now_ms in (1039, 1041, 1075, 1190, 1041)]
+        self.assertEqual(said, [True, True, True, False, False])  # what was found too old stays so
 
     def test_against_the_rule_as_it_is_written(self):
         """Drawn frames; the rule looks at all of them each time."""

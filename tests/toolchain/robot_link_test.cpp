@@ -333,8 +333,11 @@ TEST(ReceiversRule, CountsFor149Milliseconds) {
                                     {149U, true},
                                     {150U, false},
                                     {151U, false},
+                                    {0x7FFFFFFFU, false},
                                     {0x80000000U, false},
-                                    {0xFFFFFFFFU, false}}) {
+                                    {0xFFFFFF6AU, false},  // 150 ms before
+                                    {0xFFFFFF6BU, true},
+                                    {0xFFFFFFFFU, true}}) {
       grip = {};
       CHECK_FALSE(fine(start));
       hear(false, true, start - 40);
@@ -343,6 +346,20 @@ TEST(ReceiversRule, CountsFor149Milliseconds) {
       CHECK_EQUAL(want, fine(start + age));
     }
   }
+}
+
+// Bytes are taken in an interrupt; the control step had read its clock before.
+TEST(ReceiversRule, AnAskerWhoseClockWasReadBeforeTheFrameCameIsNoSilence) {
+  hear(false, true, 1000);
+  hear(true, true, 1040);
+  CHECK_TRUE(fine(1039));
+  CHECK_TRUE(fine(1041));
+  CHECK_TRUE(fine(1075));
+  CHECK_FALSE(fine(1190));
+  CHECK_FALSE(fine(1041));  // found too old
+  hear(false, true, 1200);
+  hear(true, true, 1199);
+  CHECK_TRUE(fine(1199));
 }
 
 TEST(ReceiversRule, FramesWithoutAChangeOfAliveVouchForNothing) {

@@ -551,9 +551,11 @@ typedef struct {
 } holdfast_grip;
 
 // Whether the grip may be taken for good now. Ask as often as you act on it, at least once a day: what was found too
-// old stays so until `alive` changes again, even when the clock comes round.
+// old stays so until `alive` changes again, even when the clock comes round. A `now_ms` that was read shortly before
+// the last frame came, as where an interrupt takes the bytes, is an age of 0.
 static inline int holdfast_grip_ok(holdfast_grip *grip, uint32_t now_ms) {
-  if (now_ms - grip->changed_ms >= HOLDFAST_GRIP_FRESH_MS) grip->fresh = 0;
+  const uint32_t after = now_ms - grip->changed_ms, before = grip->changed_ms - now_ms;
+  if (after >= HOLDFAST_GRIP_FRESH_MS && before >= HOLDFAST_GRIP_FRESH_MS) grip->fresh = 0;
   return grip->fresh && (grip->flags & HOLDFAST_FLAG_GRIP_OK) != 0;
 }
 

@@ -167,15 +167,19 @@ class Grip:
 
     def __init__(self):
         self._alive = None
-        self._changed_ns = None  # None: `alive` has not changed yet
+        self._changed_ns = None  # None: `alive` has not changed yet, or was found too old since
         self._ok = False
 
     def update(self, status, now_ns):
         """With every status frame."""
+        self.ok(now_ns)
         if self._alive is not None and self._alive != status.alive:
             self._changed_ns = now_ns
         self._alive, self._ok = status.alive, status.grip_ok
 
     def ok(self, now_ns):
-        """Whether the grip may be taken for good now."""
-        return self._ok and self._changed_ns is not None and 0 <= now_ns - self._changed_ns < FRESH_MS * 1_000_000
+        """Whether the grip may be taken for good now. What was found too old stays so until `alive` changes again. A
+        time that was read shortly before the last frame came is an age of 0."""
+        if self._changed_ns is not None and abs(now_ns - self._changed_ns) >= FRESH_MS * 1_000_000:
+            self._changed_ns = None
+        return self._ok and self._changed_ns is not None
