@@ -187,7 +187,8 @@ class ReceiversRule(unittest.TestCase):
     MS = 1_000_000
 
     def hear(self, grip, alive, ok, now_ms):
-        grip.update(SimpleNamespace(alive=alive, grip_ok=ok), now_ms * self.MS)
+        frame = SimpleNamespace(alive=alive, grip_ok=ok, sequence=0, timestamp_us=0)  # which stands still: shows nothing
+        grip.update(frame, now_ms * self.MS)
 
     def test_counts_for_149_milliseconds(self):
         ages = {0: True, 149: True, 150: False, 151: False, 10**9: False, -1: True, -149: True, -150: False}
@@ -223,6 +224,41 @@ class ReceiversRule(unittest.TestCase):
                 changes = [b[0] for a, b in zip(heard, heard[1:]) if a[1] != b[1]]
                 want = bool(changes) and now_ms - changes[-1] < 150 and heard[-1][2]
                 self.assertEqual(grip.ok(now_ms * self.MS), want)
+
+    def test_late_frames_as_the_header_for_c(self):
+        """The draws and the sum of tests/toolchain/robot_link_test.cpp, whose oracle knows how old each frame is."""
+        x = 1
+
+        def draw(below):
+            nonlocal x
+            x = (x * 1664525 + 1013904223) & 0xFFFFFFFF
+            return (x >> 8) % below
+
+        total = fine = 0
+        now, stamp, sequence, wait, alive = 0xFFFF0000, 0xFFF00000, 65_000, 40, False
+        grip = link.Grip()
+        for k in range(100_000):
+            mode = draw(4) if k % 64 == 0 else 4
+            if mode < 4:
+                wait = 3 if mode == 2 else 40
+            if mode == 2:
+                now += 200 + draw(3_000)
+            if mode == 3:
+                stamp = draw(1 << 24) * 256
+                sequence = draw(65_536)
+            if draw(2_000) == 0:
+                now += 1_900_000
+            now += wait + draw(8)
+            stamp = (stamp + 38_000 + draw(4_000)) & 0xFFFFFFFF
+            alive = alive != (draw(16) != 0)
+            sequence = (sequence + 1) & 0xFFFF
+            ok = draw(16) != 0
+            grip.update(SimpleNamespace(alive=alive, grip_ok=ok, sequence=sequence, timestamp_us=stamp), now * self.MS)
+            for later in (0, draw(40), -draw(4)):
+                answer = grip.ok((now + later) * self.MS)
+                total = (total * 31 + answer) & 0xFFFFFFFF
+                fine += answer
+        self.assertEqual((fine, total), (64_491, 2_265_733_411))
 
 
 if __name__ == "__main__":

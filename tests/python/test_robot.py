@@ -78,7 +78,8 @@ class Hold(unittest.TestCase):
             nonlocal sequence
             sequence += 1
             flags = 1 << 1 | (sequence & 1) << 3  # grip_ok, alive
-            body = struct.pack("<BBHIHBBBB4i", 1, 1, sequence, sequence, 400, 2, 0, flags, 63, 0, 0, 0, 0)
+            taken_us = time.monotonic_ns() // 1000 & 0xFFFFFFFF
+            body = struct.pack("<BBHIHBBBB4i", 1, 1, sequence, taken_us, 400, 2, 0, flags, 63, 0, 0, 0, 0)
             body += link.crc16(body).to_bytes(2, "little")
             return os.write(board, link.cobs_encode(body) + b"\0")
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The robot's header, compiled as C99 (tests/robot/link_c99.c), against the firmware.
+#include <algorithm>
 #include <array>
 #include <cctype>
 #include <cstddef>
@@ -398,4 +399,221 @@ TEST(ReceiversRule, WhatWasTooOldStaysSoWhenTheClockComesRound) {
   hear(false, true, 5000);
   hear(false, true, 50);
   CHECK_FALSE(fine(51));
+}
+
+// A device, its link and a receiver in virtual time; clocks that begin shortly before they come round, and an oracle
+// that knows what the receiver does not: when a frame's picture was taken by the receiver's clock.
+TEST_GROUP(LateFrames) {
+  static constexpr std::int64_t kPeriodUs = 40'000, kLeastLagUs = 45'000;
+  static constexpr std::int64_t kWireUs = 2'952;  // 34 bytes at 115200 baud
+  holdfast_grip grip{};
+  std::uint32_t clock_ms = 0xFFFFFFFF - 5'000;  // the receiver's at 0
+  std::uint32_t device_us = 0xFFFFFFFF - 9'000'000;
+  std::uint16_t sequence = 65'500;
+  bool alive = false;
+  std::int64_t taken_us = 0, heard_us = 0;  // picture and arrival of the last frame
+  std::int64_t fine_ms = 0, oldest_us = 0;  // asked at each millisecond: how often fine, on how old a picture at most
+
+  // What the device sends of a picture at `at_us`, when it is not heard.
+  void take(std::int64_t at_us) {
+    taken_us = at_us;
+    ++sequence;
+    alive = !alive;
+  }
+  // It is heard at `arrives_us`; until then the receiver is asked at each millisecond about what it had.
+  void hear(std::int64_t at_us, std::int64_t arrives_us) {
+    ask_until(arrives_us);
+    take(at_us);
+    tell(arrives_us);
+  }
+  void tell(std::int64_t arrives_us) {
+    holdfast_status status{};
+    status.sequence = sequence;
+    status.timestamp_us = device_us + static_cast<std::uint32_t>(taken_us);
+    status.flags = static_cast<std::uint8_t>((alive ? HOLDFAST_FLAG_ALIVE : 0) | HOLDFAST_FLAG_GRIP_OK);
+    heard_us = arrives_us;
+    c99_grip_update(&grip, &status, now_ms(arrives_us));
+    ask(arrives_us);
+  }
+  [[nodiscard]] std::uint32_t now_ms(std::int64_t us) const {
+    return clock_ms + static_cast<std::uint32_t>(us / 1000);
+  }
+  bool ask(std::int64_t us) {
+    if (c99_grip_ok(&grip, now_ms(us)) == 0) return false;
+    ++fine_ms;
+    oldest_us = std::max(oldest_us, us - taken_us);
+    return true;
+  }
+  void ask_until(std::int64_t us) {
+    for (std::int64_t at = heard_us + 1000; at < us && at < heard_us + 400'000; at += 1000) (void)ask(at);
+  }
+  // Healthy for `count` frames from a picture at `at_us` on. Returns when the next one is taken.
+  std::int64_t healthy(std::int64_t at_us, int count) {
+    for (int k = 0; k < count; ++k, at_us += kPeriodUs) hear(at_us, at_us + kLeastLagUs + k * 7919 % 30'000);
+    return at_us;
+  }
+  // Nothing comes for `stall_us`, then all that waited at the speed of the line, up to the frame that waits for
+  // nothing.
+  std::int64_t stall(std::int64_t at_us, std::int64_t stall_us, std::int64_t wire_us = kWireUs, int burst = 1) {
+    std::int64_t arrives = at_us + kLeastLagUs + stall_us;
+    for (int k = 1; at_us + kLeastLagUs < arrives; ++k, at_us += kPeriodUs) {
+      hear(at_us, arrives);
+      if (k % burst == 0) arrives += wire_us * burst;
+    }
+    return at_us;
+  }
+  // The picture's age when a frame came that is not late, and the rule's time since then.
+  void check_never_old(std::int64_t silence_us) const {
+    CHECK_COMPARE(oldest_us, <=, kLeastLagUs + 30'000 + 2LL * HOLDFAST_GRIP_LATE_US + silence_us / 4'000);
+  }
+};
+
+TEST(LateFrames, AreNeverFineBehindAStall) {
+  for (const std::int64_t stall_ms : {160, 300, 1'000, 3'000, 20'000, 600'000, 1'700'000}) {
+    for (const int burst : {1, 2, 20, 70}) {
+      grip = {}, heard_us = 0, oldest_us = 0;
+      std::int64_t at = healthy(0, 100);
+      at = stall(at, stall_ms * 1000, kWireUs, burst);
+      check_never_old(stall_ms * 1000);
+      at = healthy(at, 10);
+      CHECK_TRUE(ask(heard_us));
+      check_never_old(stall_ms * 1000);
+    }
+  }
+}
+
+TEST(LateFrames, AreNeverFineBehindAStallThatLostSome) {
+  std::int64_t at = healthy(0, 100);
+  const std::int64_t ends = at + 60'000'000;
+  for (int k = 0; k < 1'400; ++k, at += kPeriodUs) take(at);
+  at = stall(at, ends - at);
+  check_never_old(60'000'000);
+  healthy(at, 10);
+  CHECK_TRUE(ask(heard_us));
+}
+
+// 2^31 us are 35.8 minutes: older ones would look as if they came from the future.
+TEST(LateFrames, AreNeverFineBehindHoursOfSilence) {
+  for (const std::int64_t stall_s : {1'799, 1'801, 2'200, 3'000, 4'294, 4'296, 4'400, 40'000}) {
+    grip = {}, heard_us = 0, oldest_us = 0;
+    std::int64_t at = healthy(0, 100);
+    const std::int64_t ends = at + stall_s * 1'000'000;
+    for (int k = 0; k < 100; ++k, at += kPeriodUs) hear(at, ends + k * kWireUs);
+    check_never_old(1'800'000'000);
+    for (; at < ends + 1'000'000; at += kPeriodUs) take(at);
+    healthy(at, 40);
+    CHECK_TRUE(ask(heard_us));
+    check_never_old(1'800'000'000);
+  }
+}
+
+TEST(LateFrames, AreNeverFineWhereTheReceiverBeginsWithABacklog) {
+  for (const int burst : {1, 2, 20, 70}) {
+    grip = {}, heard_us = 0;
+    const std::int64_t at = stall(0, 3'000'000, kWireUs, burst);
+    check_never_old(0);
+    healthy(at, 25);
+    CHECK_TRUE(ask(heard_us));
+  }
+}
+
+TEST(LateFrames, AreNeverFineWhereTheDeviceStartedAnewWhileTheLinkStalled) {
+  std::int64_t at = healthy(0, 100);
+  const std::int64_t ends = at + 8'000'000;
+  for (int k = 0; k < 40; ++k, at += kPeriodUs) hear(at, ends + k * kWireUs);
+  at += 1'000'000;
+  device_us = 3'000'000U - static_cast<std::uint32_t>(at);
+  sequence = 0;
+  for (int k = 40; k < 100; ++k, at += kPeriodUs) hear(at, ends + k * kWireUs);
+  at = stall(at, heard_us + kWireUs - at - kLeastLagUs);
+  check_never_old(0);
+  healthy(at, 25);
+  CHECK_TRUE(ask(heard_us));
+}
+
+TEST(LateFrames, AHealthyLinkIsAlwaysFineForADayOfClocksThatDiffer) {
+  for (const std::int64_t ppm : {-200, 0, 200}) {
+    grip = {};
+    std::mt19937 random(1);
+    for (std::int64_t k = 0; k < 24LL * 3600 * 25; ++k) {
+      const std::int64_t at = k * kPeriodUs;
+      // Most frames are 60 ms late, few none; 100 ms are the most that 150 ms allow for.
+      const auto more = static_cast<std::int64_t>(random() % 1000 == 0 ? 0U : 60'000 + random() % 40'000);
+      const std::int64_t lag = kLeastLagUs + more;
+      holdfast_status status{};
+      status.sequence = ++sequence;
+      status.timestamp_us = device_us + static_cast<std::uint32_t>(at + at * ppm / 1'000'000);
+      status.flags = static_cast<std::uint8_t>((k % 2 != 0 ? HOLDFAST_FLAG_ALIVE : 0) | HOLDFAST_FLAG_GRIP_OK);
+      c99_grip_update(&grip, &status, now_ms(at + lag));
+      if (k >= 25) CHECK_TRUE(c99_grip_ok(&grip, now_ms(at + lag)) != 0);
+    }
+  }
+}
+
+TEST(LateFrames, ADeviceThatStartsAnewIsFineWithinASecond) {
+  std::mt19937 random(2);
+  for (int k = 0; k < 2'000; ++k) {
+    grip = {}, heard_us = 0;
+    device_us = static_cast<std::uint32_t>(random());
+    sequence = static_cast<std::uint16_t>(random());
+    std::int64_t at = healthy(0, 50);
+    at += k % 2 != 0 ? 300'000 : 20'000'000;  // the process with a clock of its own; the board
+    device_us = static_cast<std::uint32_t>(random() % 20'000'000) - static_cast<std::uint32_t>(at);
+    sequence = 0;
+    healthy(at, 24);  // 0.96 s
+    CHECK_TRUE(ask(heard_us));
+  }
+}
+
+TEST(LateFrames, AFasterModeEndsNothing) {
+  std::int64_t at = healthy(0, 100);
+  for (int k = 0; k < 50; ++k, at += kPeriodUs) {
+    hear(at, at + kLeastLagUs - 40'000);
+    CHECK_TRUE(ask(heard_us));
+  }
+}
+
+// `timestamp_us` is the left finger's, also while it is left out by `lost_finger`.
+TEST(LateFrames, ATimestampThatStandsStillShowsNothing) {
+  std::int64_t at = healthy(0, 100);
+  for (int k = 0; k < 500; ++k) {
+    at += kPeriodUs;
+    ++sequence;
+    alive = !alive;
+    tell(at);
+    CHECK_TRUE(ask(at));
+  }
+}
+
+// The same draws in tests/python/test_link.py give the same sum of answers there.
+TEST(LateFrames, AreThoseOfTheTwinInPython) {
+  std::uint32_t x = 1, sum = 0, fine = 0, now = 0xFFFF0000, stamp = 0xFFF00000, wait = 40;
+  sequence = 65'000;
+  const auto draw = [&x](std::uint32_t below) {
+    x = x * 1664525 + 1013904223;
+    return (x >> 8) % below;
+  };
+  for (int k = 0; k < 100'000; ++k) {
+    const std::uint32_t mode = k % 64 == 0 ? draw(4) : 4;
+    if (mode < 4) wait = mode == 2 ? 3 : 40;
+    if (mode == 2) now += 200 + draw(3'000);
+    if (mode == 3) stamp = draw(1 << 24) * 256, sequence = static_cast<std::uint16_t>(draw(65'536));
+    if (draw(2'000) == 0) now += 1'900'000;
+    now += wait + draw(8);
+    stamp += 38'000 + draw(4'000);
+    alive = alive != (draw(16) != 0);
+    holdfast_status status{};
+    status.sequence = ++sequence;
+    status.timestamp_us = stamp;
+    status.flags =
+        static_cast<std::uint8_t>((alive ? HOLDFAST_FLAG_ALIVE : 0) | (draw(16) != 0 ? HOLDFAST_FLAG_GRIP_OK : 0));
+    c99_grip_update(&grip, &status, now);
+    for (const std::uint32_t later : {0U, draw(40), 0U - draw(4)}) {
+      const std::uint32_t answer = c99_grip_ok(&grip, now + later) != 0 ? 1 : 0;
+      sum = sum * 31 + answer;
+      fine += answer;
+    }
+  }
+  UNSIGNED_LONGS_EQUAL(64'491, fine);
+  UNSIGNED_LONGS_EQUAL(2'265'733'411, sum);
 }

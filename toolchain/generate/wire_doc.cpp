@@ -302,10 +302,34 @@ std::string link_markdown() {
       "## Framing\n\n";
   out += framing();
   out += "## Status frame, version " + text(link::kVersion) + "\n\n" + layout(sf::kFields);
-  out += "\n**The receiver's rule:** `grip_ok` counts only while the last change of `alive` is younger than " +
-         text(sf::kFreshFor.count() / 1000) +
-         " ms by the receiver's own clock. A missing frame is not fine, and neither is the first frame alone.\n\n"
-         "### Flags\n\n";
+  out +=
+      "\n**The receiver's rule:** `grip_ok` counts only while the last change of `alive` is younger than " +
+      text(sf::kFreshFor.count() / 1000) +
+      " ms by the receiver's own clock. A missing frame is not fine, and neither is the first frame alone.\n\n"
+      "**Late frames.** A frame that was held up on its way is not fine either. Its lag is the time of its arrival "
+      "minus "
+      "`timestamp_us`; the clocks need not agree, because the least lag so far is the base. A frame whose `alive` "
+      "changed and whose lag exceeds the base by more than " +
+      text(sf::kFreshFor.count() / 1000) +
+      " ms is late. The base rises by 250 ppm of the time, so "
+      "that clocks that differ by up to 200 ppm make no frame late. The receiver starts a new base, and confirms "
+      "nothing for 500 ms, in these cases:\n\n"
+      "* The device was restarted: sequence and timestamp contradict each other (less than 10 ms or more than " +
+      text(sf::kFreshFor.count() / 1000) +
+      " ms "
+      "a frame), and the frame is late or the sequence repeats or skips more than 1000.\n"
+      "* A lag is more than " +
+      text(sf::kFreshFor.count() / 1000) +
+      " ms below the base. In the first 500 ms of a base 20 ms are enough: a backlog is being "
+      "delivered.\n"
+      "* No such frame came for 30 minutes: `timestamp_us` wraps after 71.\n\n"
+      "[The header](../../toolchain/robot/README.md) and the Python package do this.\n\n"
+      "**Known limitation: a link must not buffer.** A constant delay cannot be seen by a receiver, because it looks "
+      "like another clock. Discard what waits in a port when it is opened. A bridge must drop what it cannot deliver "
+      "at "
+      "once. After a silence of S seconds a frame may be S/4 ms older before it is late. In a hand that continues "
+      "without its left finger (`lost_finger`) `timestamp_us` does not change, and late frames are not detected.\n\n"
+      "### Flags\n\n";
   out += head({"bit", "name", "meaning"});
   for (const sf::Flag& flag : sf::kFlags) out += row({text(flag.bit), flag.name, flag.meaning});
   out += "\nAll other bits are sent as 0.\n\n### States\n\n" + head({"number", "name", "meaning"});

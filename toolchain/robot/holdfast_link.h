@@ -543,11 +543,31 @@ static inline int holdfast_link_answers(const holdfast_answer *answer, const hol
 
 // -------------------------------------------------------------------------------------------- the receiver's rule
 
+// A frame is late when its lag, by its `timestamp_us`, is more than this above the least so far. The least rises by
+// 250 ppm of the time: clocks that differ by 200 ppm never make a healthy link late, and after a silence of S seconds
+// a frame may be older by S/4 ms. A delay that was there from the start cannot be seen.
+enum {
+  HOLDFAST_GRIP_LATE_US = 150000,
+  HOLDFAST_GRIP_RISE = 4,               // ms for each us
+  HOLDFAST_GRIP_FALL_US = 20000,        // a backlog's lag falls by more from frame to frame
+  HOLDFAST_GRIP_SETTLE_MS = 500,        // without such a fall
+  HOLDFAST_GRIP_SILENT_MS = 1800000,    // a longer silence may be 2^31 us, which timestamps cannot count
+  HOLDFAST_GRIP_LOST = 1000,            // frames; more are rather a device that starts anew
+  HOLDFAST_GRIP_FRAME_LEAST_MS = 10,    // between the timestamps of two status frames
+  HOLDFAST_GRIP_FRAME_MOST_MS = 150
+};
+
 typedef struct {
-  uint32_t changed_ms;  // when `alive` changed last
-  uint8_t flags;        // of the last frame
-  uint8_t known;        // a frame has come: its `alive` can be compared with
-  uint8_t fresh;        // `alive` has changed, and was never found too old since
+  uint32_t changed_ms;    // when `alive` changed last
+  uint8_t flags;          // of the last frame
+  uint8_t known;          // a frame has come: its `alive` can be compared with
+  uint8_t fresh;          // `alive` has changed, and was never found too old or late since
+  uint8_t settling;       // 0: the least lag is sure; 1: it is new; 2: it is new, and frames are not believed
+  uint16_t sequence;      // of the last frame whose lag was looked at
+  uint32_t timestamp_us;  // likewise
+  uint32_t least_us;      // the least lag
+  uint32_t risen_ms;      // up to when it has risen: when that frame came, or less than 4 ms before
+  uint32_t settling_ms;   // since when
 } holdfast_grip;
 
 // Whether the grip may be taken for good now. Ask as often as you act on it, at least once a day: what was found too
@@ -559,12 +579,49 @@ static inline int holdfast_grip_ok(holdfast_grip *grip, uint32_t now_ms) {
   return grip->fresh && (grip->flags & HOLDFAST_FLAG_GRIP_OK) != 0;
 }
 
+static inline int holdfast_grip_begin(holdfast_grip *grip, uint32_t lag_us, uint32_t now_ms, uint8_t settling) {
+  grip->least_us = lag_us;
+  grip->risen_ms = grip->settling_ms = now_ms;
+  grip->settling = settling;
+  return settling == 1;
+}
+
+// Whether a frame whose `alive` has changed is of now, as far as its timestamp shows. The clocks need not agree: both
+// come round at 2^32 us.
+static inline int holdfast_grip_in_time(holdfast_grip *grip, const holdfast_status *status, uint32_t now_ms) {
+  const uint32_t lag_us = now_ms * 1000u - status->timestamp_us, step_us = status->timestamp_us - grip->timestamp_us;
+  const uint32_t frames = (uint16_t)(status->sequence - grip->sequence);
+  uint32_t silence_ms = now_ms - grip->risen_ms, above_us, below_us;
+  int late, fits, anew, fell;
+  if (!grip->known) return holdfast_grip_begin(grip, lag_us, now_ms, 1);
+  if (step_us == 0) return grip->settling != 2;  // a hand that goes on without its left finger: it shows nothing
+  if (silence_ms >= 0x80000000u) silence_ms = 0;  // `now_ms` of an interrupt before
+  if (silence_ms > HOLDFAST_GRIP_SILENT_MS) return holdfast_grip_begin(grip, lag_us, now_ms, 2);
+  grip->least_us += silence_ms / HOLDFAST_GRIP_RISE;
+  grip->risen_ms += silence_ms / HOLDFAST_GRIP_RISE * HOLDFAST_GRIP_RISE;
+  above_us = lag_us - grip->least_us;
+  below_us = above_us >= 0x80000000u ? 0u - above_us : 0;
+  late = below_us == 0 && above_us > HOLDFAST_GRIP_LATE_US;
+  // A link that stalls changes neither the timestamps nor the sequence. A device that starts anew changes both.
+  fits = step_us < 0x80000000u && step_us / 1000u >= frames * HOLDFAST_GRIP_FRAME_LEAST_MS &&
+         step_us / 1000u <= frames * HOLDFAST_GRIP_FRAME_MOST_MS;
+  fell = below_us > (uint32_t)(grip->settling != 0 ? HOLDFAST_GRIP_FALL_US : HOLDFAST_GRIP_LATE_US);
+  anew = !fits && (late || frames == 0 || frames > HOLDFAST_GRIP_LOST);
+  if (anew || fell) return holdfast_grip_begin(grip, lag_us, now_ms, 2);
+  if (below_us > 0) grip->least_us = lag_us;
+  if (now_ms - grip->settling_ms >= HOLDFAST_GRIP_SETTLE_MS) grip->settling = 0;
+  return !late && grip->settling != 2;
+}
+
 // With every status frame. `now_ms`: when it arrived, by a clock of your own that never stands still and wraps at 2^32.
 static inline void holdfast_grip_update(holdfast_grip *grip, const holdfast_status *status, uint32_t now_ms) {
+  const int changed = ((grip->flags ^ status->flags) & HOLDFAST_FLAG_ALIVE) != 0;
   (void)holdfast_grip_ok(grip, now_ms);
-  if (grip->known && ((grip->flags ^ status->flags) & HOLDFAST_FLAG_ALIVE) != 0) {
-    grip->changed_ms = now_ms;
-    grip->fresh = 1;
+  if (changed || !grip->known) {
+    grip->fresh = (uint8_t)(holdfast_grip_in_time(grip, status, now_ms) && grip->known);
+    if (grip->fresh) grip->changed_ms = now_ms;
+    grip->sequence = status->sequence;
+    grip->timestamp_us = status->timestamp_us;
   }
   grip->flags = status->flags;
   grip->known = 1;

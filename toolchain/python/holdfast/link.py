@@ -158,8 +158,25 @@ class Receiver:
             frames.append(frame)
 
 
+_MS = 1_000_000  # ns
+_LATE_US = FRESH_MS * 1000  # a frame's lag above the least so far
+_RISE_NS = 4 * _MS  # the least lag rises by 1 us each: 250 ppm
+_FALL_US = 20_000  # a backlog's lag falls by more from frame to frame
+_SETTLE_NS = 500 * _MS  # without such a fall
+_SILENT_NS = 1_800_000 * _MS  # a longer silence may be 2^31 us, which timestamps cannot count
+_LOST = 1000  # frames; more are rather a device that starts anew
+_FRAME_MS = (10, 150)  # between the timestamps of two status frames
+_SURE, _NEW, _DOUBTED = range(3)
+
+
+def _signed(number):
+    return ((number + 0x80000000) & 0xFFFFFFFF) - 0x80000000
+
+
 class Grip:
-    """The receiver's rule: grip_ok counts only while the last change of `alive` is younger than 150 ms.
+    """The receiver's rule: grip_ok counts only while the last change of `alive` is younger than 150 ms, and not where
+    that frame is late: its lag, by its timestamp, is more than 150 ms above the least so far. The least rises by 250 ppm
+    of the time, for clocks that differ. A delay that was there from the start cannot be seen.
 
     Times are time.monotonic_ns() of the caller: when the frame arrived, and now. What waited in a buffer while the
     program was stopped describes the past: discard it.
@@ -167,19 +184,59 @@ class Grip:
 
     def __init__(self):
         self._alive = None
-        self._changed_ns = None  # None: `alive` has not changed yet, or was found too old since
+        self._changed_ns = None  # None: `alive` has not changed yet, or was found too old or late since
         self._ok = False
+        self._settling = _SURE  # _NEW: the least lag is new; _DOUBTED: and frames are not believed
+        self._sequence = self._timestamp_us = 0  # of the last frame whose lag was looked at
+        self._least_us = 0
+        self._risen_ns = 0  # up to when the least lag has risen
+        self._settling_ns = 0  # since when
 
     def update(self, status, now_ns):
         """With every status frame."""
         self.ok(now_ns)
-        if self._alive is not None and self._alive != status.alive:
-            self._changed_ns = now_ns
+        if self._alive != status.alive:
+            fresh = self._in_time(status, now_ns) and self._alive is not None
+            self._changed_ns = now_ns if fresh else None
+            self._sequence, self._timestamp_us = status.sequence, status.timestamp_us
         self._alive, self._ok = status.alive, status.grip_ok
 
     def ok(self, now_ns):
         """Whether the grip may be taken for good now. What was found too old stays so until `alive` changes again. A
         time that was read shortly before the last frame came is an age of 0."""
-        if self._changed_ns is not None and abs(now_ns - self._changed_ns) >= FRESH_MS * 1_000_000:
+        if self._changed_ns is not None and abs(now_ns - self._changed_ns) >= FRESH_MS * _MS:
             self._changed_ns = None
         return self._ok and self._changed_ns is not None
+
+    def _begin(self, lag_us, now_ns, settling):
+        self._least_us, self._settling = lag_us, settling
+        self._risen_ns = self._settling_ns = now_ns
+        return settling == _NEW
+
+    def _in_time(self, status, now_ns):
+        """Whether a frame whose `alive` has changed is of now, as far as its timestamp shows."""
+        lag_us = (now_ns // 1000 - status.timestamp_us) & 0xFFFFFFFF
+        step_us = _signed(status.timestamp_us - self._timestamp_us)
+        frames = (status.sequence - self._sequence) & 0xFFFF
+        if self._alive is None:
+            return self._begin(lag_us, now_ns, _NEW)
+        if step_us == 0:  # a hand that goes on without its left finger: it shows nothing
+            return self._settling != _DOUBTED
+        silence_ns = max(now_ns - self._risen_ns, 0)
+        if silence_ns > _SILENT_NS:
+            return self._begin(lag_us, now_ns, _DOUBTED)
+        self._least_us += silence_ns // _RISE_NS
+        self._risen_ns += silence_ns // _RISE_NS * _RISE_NS
+        above_us = _signed(lag_us - self._least_us)
+        late = above_us > _LATE_US
+        # A link that stalls changes neither the timestamps nor the sequence. A device that starts anew changes both.
+        fits = frames * _FRAME_MS[0] <= step_us // 1000 <= frames * _FRAME_MS[1]
+        fell_us = _FALL_US if self._settling != _SURE else _LATE_US
+        anew = not fits and (late or frames == 0 or frames > _LOST)
+        if anew or above_us < -fell_us:
+            return self._begin(lag_us, now_ns, _DOUBTED)
+        if above_us < 0:
+            self._least_us = lag_us
+        if now_ns - self._settling_ns >= _SETTLE_NS:
+            self._settling = _SURE
+        return not late and self._settling != _DOUBTED
