@@ -26,13 +26,14 @@ BIN = Path(os.environ["HOLDFAST_BIN"])
 class Hold(unittest.TestCase):
     """toolchain/robot/hold.py at the firmware's own port."""
 
-    def start_hold(self, *arguments):
-        self.hold = self.start([sys.executable, SOURCE / "toolchain/robot/hold.py", *arguments], subprocess.PIPE)
+    def start_hold(self, *arguments, errors=subprocess.DEVNULL):
+        command = [sys.executable, SOURCE / "toolchain/robot/hold.py", *arguments]
+        self.hold = self.start(command, subprocess.PIPE, errors)
         os.set_blocking(self.hold.stdout.fileno(), False)
         self.said = ""
 
-    def start(self, command, output):
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.DEVNULL)
+    def start(self, command, output, errors=subprocess.DEVNULL):
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=errors)
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
         return process
@@ -98,6 +99,70 @@ class Hold(unittest.TestCase):
         time.sleep(1)
         self.assertIsNone(self.hold.stdout.read())
         self.wait_for(r"^grip ok OK$", fine)
+
+
+    def refusal(self, *arguments, **given):
+        """The one line of an end with status 1."""
+        command = [sys.executable, SOURCE / "toolchain/robot/hold.py", *arguments]
+        ended = subprocess.run(command, stderr=subprocess.PIPE, timeout=DEADLINE_S, **given)
+        said = ended.stderr.decode()
+        self.assertEqual(ended.returncode, 1, said)
+        self.assertRegex(said, r"\Ahold\.py: [^\n]*\. Likely cause: [^\n]*\. Next: [^\n]*\n\Z")
+        return said
+
+    def test_refuses_what_is_no_port_in_one_line(self):
+        with tempfile.TemporaryDirectory() as work:
+            file, fifo = Path(work, "file"), Path(work, "fifo")
+            file.write_bytes(b"")
+            os.mkfifo(fifo)
+            self.assertIn("No such file", self.refusal(Path(work, "missing")))
+            for path in (file, fifo, work, "/dev/null"):
+                self.assertIn(f"{path} is no serial port", self.refusal(path))
+
+    def silent_port(self):
+        board, port = os.openpty()
+        tty.setraw(port)
+        self.addCleanup(os.close, port)
+        self.addCleanup(os.close, board)
+        return os.ttyname(port)
+
+    def test_ends_in_one_line_when_nobody_reads_what_it_says(self):
+        reader, writer = os.pipe()
+        os.close(reader)
+        self.addCleanup(os.close, writer)
+        self.assertIn("Broken pipe", self.refusal(self.silent_port(), stdout=writer))
+        with open("/dev/full", "w") as full:
+            self.assertIn("No space", self.refusal(self.silent_port(), stdout=full))
+        self.assertIn("is closed", self.refusal(self.silent_port(), preexec_fn=lambda: os.close(1)))
+
+    def test_ctrl_c_ends_it_quietly(self):
+        with tempfile.TemporaryFile() as errors:
+            self.start_hold(self.silent_port(), errors=errors)
+            self.wait_for(r"\Anot confirmed")
+            self.hold.send_signal(signal.SIGINT)
+            self.assertEqual(self.hold.wait(DEADLINE_S), 0)
+            errors.seek(0)
+            self.assertEqual(errors.read(), b"")
+
+    def test_says_that_tare_was_not_answered_by_a_port_that_takes_nothing(self):
+        port = self.silent_port()
+        filler = os.open(port, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        self.addCleanup(os.close, filler)
+        with tempfile.TemporaryFile() as errors:
+            begun = time.monotonic()
+            self.start_hold(port, "--tare", errors=errors)
+            self.wait_for(r"\Anot confirmed")  # it has emptied the port
+            said = b""
+            while b"\n" not in said:
+                self.assertLess(time.monotonic() - begun, DEADLINE_S)
+                try:
+                    os.write(filler, bytes(4096))
+                except BlockingIOError:
+                    time.sleep(0.01)
+                errors.seek(0)
+                said = errors.read()
+            self.assertRegex(said, rb"\Ahold\.py: TARE was not answered\. Likely cause: .*\. Next: .*\n\Z")
+            self.assertIsNone(self.hold.poll())
 
 
 class UrScript(unittest.TestCase):
