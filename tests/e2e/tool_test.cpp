@@ -960,15 +960,18 @@ TEST(Tool, ReplaysTheSameFileTwiceTheSame) {
 TEST(Tool, JsonKeysStayAndHelpHasAnExample) {
   write_frames(dir / "gel", 2);
   const auto summary = nlohmann::json::parse(succeed({"replay", in("gel"), "--json"}).out);
-  const std::set<std::string> expected{"accepted",      "cut",          "frames",      "grid",      "lost_frames",
-                                       "markers_least", "markers_mean", "notes",       "reference", "saturations",
-                                       "searches",      "slip_frames",  "slip_times_s"};
+  const std::set<std::string> expected{"accepted",       "cut",         "frames",        "grid",
+                                       "grip_ok_frames", "lost_frames", "markers_least", "markers_mean",
+                                       "not_ok_mostly",  "notes",       "reference",     "saturations",
+                                       "searches",       "slip_frames", "slip_times_s"};
   std::set<std::string> keys;
   for (const auto& item : summary.items()) keys.insert(item.key());
   CHECK(keys == expected);
   LONGS_EQUAL(2, summary["frames"].get<int>());
   LONGS_EQUAL(2, summary["accepted"].get<int>());
   LONGS_EQUAL(63, summary["markers_least"].get<int>());
+  LONGS_EQUAL(2, summary["grip_ok_frames"].get<int>());
+  STRCMP_EQUAL("", summary["not_ok_mostly"].get<std::string>().c_str());
   for (const char* const list : {"slip_frames", "slip_times_s", "lost_frames", "notes"}) {
     CHECK_TEXT(summary[list].is_array(), list);
   }

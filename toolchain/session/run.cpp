@@ -240,7 +240,7 @@ void print_summary(const Session& session, const Summary& summary, const CommonO
     all["searches"] = summary.searches;
     all["saturations"] = summary.saturations;
     all["grip_ok_frames"] = summary.grip_ok;
-    all["others_mostly"] = mostly;
+    all["not_ok_mostly"] = mostly;
     all["slip_frames"] = summary.slip_frames;
     all["slip_times_s"] = summary.slip_times_s;
     all["lost_frames"] = summary.lost_frames;

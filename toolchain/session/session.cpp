@@ -20,8 +20,6 @@
 namespace holdfast::tool {
 namespace {
 
-namespace fs = std::filesystem;
-
 std::vector<OutputFiles::Asked> asked(const OutputPaths& paths) {
   std::vector<OutputFiles::Asked> files;
   for (const auto& [option, path] : paths.named()) files.push_back({option, *path, Dash::kStandardOutput});

@@ -111,8 +111,9 @@ OutputFiles::OutputFiles(const std::vector<Asked>& asked, const std::vector<fs::
           path.string(), option, inside ? "the folder that is " : "", kind);
       return;
     }
-    const auto twin = std::find_if(
-        asked.begin(), one, [&](const Asked& other) { return !other.path.empty() && same_place(path, other.path); });
+    const auto twin = std::find_if(asked.begin(), one, [one](const Asked& other) {
+      return !other.path.empty() && same_place(one->path, other.path);
+    });
     if (twin != one) {
       error_ = fmt::format(
           "{}: given for both {} and {}. Likely cause: a typing error. Next: give each output a file of its own",
@@ -135,7 +136,7 @@ std::string OutputFiles::commit() {
     if (!open.file->stream().flush()) return open.file->commit();
   }
   // What is printed goes first: it cannot be taken back, and may fail.
-  std::ranges::stable_partition(files_, [](const Open& open) { return open.file->prints(); });
+  std::stable_partition(files_.begin(), files_.end(), [](const Open& open) { return open.file->prints(); });
   for (const Open& open : files_) {
     if (std::string error = open.file->commit(); !error.empty()) return error;
   }
