@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What replay says of pictures in which a compression can pass for a motion.
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -60,6 +62,27 @@ TEST(ReplayNotes, OfAStrongCompression) {
   for (const auto& [times, quality] : std::vector<std::pair<int, int>>{{1, 86}, {1, 95}, {2, 71}}) {
     CHECK(said_of(320, times, quality).find("JPEG of quality") == std::string::npos);
   }
+}
+
+// Each picture with more noise of its own, uniform in +-`most`: a standard deviation of most / sqrt(3), 3.7 for 6. The
+// camera's is 2.5: the root of the sum of squares is 4.5.
+TEST(ReplayNotes, OfANoisyPicture) {
+  const auto said_with = [&](int most) {
+    auto noisy = test::film(test::press_scene(0.4), scene::cropped_320x240());
+    std::mt19937 random(1);
+    for (auto& picture : noisy.pixels) {
+      for (std::uint8_t& pixel : picture) {
+        const int off = static_cast<int>(random() % static_cast<unsigned>(2 * most + 1)) - most;
+        pixel = static_cast<std::uint8_t>(std::clamp(pixel + off, 0, 255));
+      }
+    }
+    std::swap(drawn, noisy);
+    std::string said = said_of(320, 1, 100);
+    std::swap(drawn, noisy);
+    return said;
+  };
+  STRCMP_CONTAINS("a pixel strays by 4.5 grey levels", said_with(6).c_str());
+  CHECK(said_with(1).find("noisy") == std::string::npos);
 }
 
 // The markers in the middle are painted over. "Another size than configured" would be the wrong word.
