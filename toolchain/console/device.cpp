@@ -45,7 +45,7 @@ bool says_nothing(std::string_view line) {
 // says. Said again, because a port that was opened a moment ago may lose what is sent first.
 bool Device::attach(Millis deadline) {
   const Clock::time_point until = Clock::now() + deadline;
-  attached_ = unlocked_ = lock_again_ = out_of_step_ = false;
+  attached_ = unlocked_ = out_of_step_ = false;
   text_.clear();
   for (int k = 0; k < 2; ++k) (void)frames_.push('\n');
   for (int tries = 4; tries > 0; --tries) {
@@ -66,6 +66,7 @@ bool Device::attach(Millis deadline) {
     const Answer status = say("status json");
     unlocked_ =
         status.ok() && !status.lines.empty() && status.lines.back().find("\"unlocked\":true") != std::string::npos;
+    lock_again_ = lock_again_ && unlocked_;  // asked anew in between: who unlocked it still locks it
     return true;
   }
   return false;

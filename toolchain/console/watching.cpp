@@ -39,7 +39,7 @@ Watching::Watching(Device& device, std::function<void(const std::string&)> note)
     : device_(device), note_(std::move(note)), before_(device.heard) {
   device_.heard.status = [this](const status_frame::StatusFrame& status) {
     heard_at_ = Clock::now();
-    if (std::exchange(silent_, false)) note_(device_.port_name() + " answers again");
+    answers();
     const Telemetry::Received frame = telemetry_.take(status, heard_at_);
     if (on_frame) on_frame(frame);
   };
@@ -57,6 +57,10 @@ Watching::Watching(Device& device, std::function<void(const std::string&)> note)
 Watching::~Watching() {
   device_.heard = before_;
   if (!away_ && !silent_ && device_.port().is_open()) (void)device_.say("watch off");
+}
+
+void Watching::answers() {
+  if (std::exchange(silent_, false)) note_(device_.port_name() + " answers again");
 }
 
 bool Watching::lost() {
@@ -113,6 +117,7 @@ Signals::What Watching::turn(Millis at_most) {
     heard_at_ = Clock::now();
     // Not say(), which is patient: who records for so many seconds, or presses Ctrl-C, waits for no answer.
     if (device_.attach(kToAttach)) {
+      answers();
       (void)device_.say("watch on");
     } else if (device_.port().is_open() && !std::exchange(silent_, true)) {
       note_(trouble(device_.port_name() + " does not answer", "the firmware hangs, or the board is overloaded",

@@ -44,6 +44,7 @@ class Watching {
  private:
   void come_back();
   void ask_scale();
+  void answers();
 
   Device& device_;
   std::function<void(const std::string&)> note_;

@@ -114,9 +114,8 @@ int fuse(const FuseOptions& options) {
   fmt::print("          {}\n", line);
   if (fused.known) {
     fmt::print(
-        "note      the threshold is the one of slip_v6: {:.1f} minutes of labelled silence do not show that a lower "
-        "one "
-        "raises no false alarms. Next: label {:.0f} minutes or more\n",
+        "note      the threshold is the one of slip_v6: {:.1f} minutes of labelled silence do not show that a "
+        "lower one raises no false alarms. Next: label {:.0f} minutes or more\n",
         fused.silence_min, learn::kLeastSilence_min);
   }
   fmt::print("written   {}: {} nodes, at most {} predicates a frame\n", options.model, fused.model.nodes.size(),

@@ -154,7 +154,7 @@ void add_log(CLI::App& app, std::vector<Command>& commands) {
   group->footer("Example:\n  holdfast log info grasp.mcap");
   const auto options = std::make_shared<LogOptions>();
   CLI::App* const info_command =
-      group->add_subcommand("info", "say what is in an MCAP file, and check every sum, index and count of it");
+      group->add_subcommand("info", "say what is in an MCAP file, and check every length and sum of it");
   info_command->add_option("FILE", options->file, "MCAP file")->required()->check(not_empty);
   info_command->add_flag("--json", options->json, "print it as JSON");
   info_command->footer("Example:\n  holdfast log info grasp.mcap");
