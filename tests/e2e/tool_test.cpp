@@ -598,6 +598,11 @@ TEST(Tool, RefusesWordsThatItDoesNotKnow) {
   refuse({"sim", kScene, "--inject", "here"}, "--inject 'here'", "jpeg");
   refuse({"sim", kScene, "--contact", "soft"}, "--contact 'soft'", "springs");
   refuse({"sim", kScene, "--inject", "markers", "--overlay", in("o.png")}, "--overlay", "--inject grey");
+  refuse({"calibrate", kScene, "--fps", "25"}, "--fps", "no use to a scene");
+  refuse({"calibrate", kScene, "--reference", "0"}, "--reference", "no use to a scene");
+  refuse({"calibrate", in("gel"), "--fps", "25", "--to", "4490"}, "frame 4490", "the last");
+  refuse({"calibrate", in("gel"), "--fps", "40"}, "'40' is no number from 12 to 32", "holdfast calibrate --help");
+  refuse({"record", in("r.avi"), "--play", kScene}, "r.avi", "name end with .mcap");
   refuse(Words{"scene"}, "subcommand", "holdfast scene --help");
   refuse(Words{"scene", "frobnicate"}, "'frobnicate'", "holdfast scene --help");
   refuse({"scene", "list", in("gel")}, "gel", "tests/scenes");

@@ -152,6 +152,9 @@ TEST(Recordings, AWrongLabelFileIsRefusedInOneLine) {
   studio.refuses(header + clip + ",,,2,,,\n", "onset_recorded '2'");
   studio.refuses("clip,slip_start,slip_end,onset_recorded,silent_intervals,empty_intervals,slip_start\n",
                  "labels.csv:1: column 'slip_start' is there twice");
+  studio.refuses("clip;slip_start;slip_end\n", "labels.csv:1: its cells are parted by semicolons");
+  studio.refuses("clip\tslip_start\tslip_end\n", "labels.csv:1: its cells are parted by tabs");
+  studio.refuses("\xFF\xFE" + header, "labels.csv:1: it is UTF-16");
   studio.refuses(header + clip + ",5,,1,,,\n", "'5-'");
   studio.refuses(header + clip + ",,5,1,,,\n", "'-5'");
   studio.refuses(header + clip + ",9,5,1,,,\n", "'9-5'");

@@ -15,6 +15,7 @@
 #include <variant>
 
 #include "drivers/common/input_file.hpp"
+#include "drivers/common/trouble.hpp"
 #include "drivers/sim/recording.hpp"
 #include "toolchain/holdfast/commands.hpp"
 #include "toolchain/learn/calibrate.hpp"
@@ -36,6 +37,7 @@ namespace {
 
 // 1 s at 25 fps: a spread of so many is known to 14 %. Ten seconds show how slow drifts go, too.
 constexpr std::size_t kLeastFrames = 25;
+constexpr double kLeastFps = 12, kMostFps = 32;  // health::Config's periods
 
 struct CalibrateOptions {
   CommonOptions common;
@@ -50,8 +52,20 @@ struct CalibrateOptions {
   std::string output;
 };
 
+bool is_scene(const std::string& input) {
+  return input.ends_with(".json");
+}
+
 // One frame of the firmware.
 using Look = std::function<void(long frame, const pipeline::Result&, const pipeline::State&, const pipeline::Config&)>;
+
+// --from and --to are of this input, whose last frame is `last`. Empty, or an error line.
+std::string check_end(const CalibrateOptions& options, long last) {
+  const long asked = options.to < std::numeric_limits<long>::max() ? options.to : options.from;
+  if (asked <= last) return {};
+  return trouble(fmt::format("{}: frame {} was asked for, and {} is the last", options.input, asked, last),
+                 "a typing error, or the frames of another recording", "give --from and --to within it");
+}
 
 // The frames asked for, of which the first still ones teach the rest position unless there is a picture of it.
 // Empty, or an error line.
@@ -59,6 +73,13 @@ std::string watch_recording(const CalibrateOptions& options, const Params& param
   auto opened = log::open_recording(options.input, {options.fps});
   if (const auto* error = std::get_if<sim::Error>(&opened)) return error->line;
   auto& recording = std::get<sim::Recording>(opened);
+  if (const double fps = recording.info().time_base_fps; fps < kLeastFps || fps > kMostFps) {
+    return trouble(fmt::format("{}: {:.3g} frames a second; a device decides at {:g} to {:g}, and the noise of others "
+                               "is another",
+                               options.input, fps, kLeastFps, kMostFps),
+                   "another camera's rate, or frames that were dropped while it was recorded",
+                   "record the gel as the device sees it, or give --fps where the recording carries no time");
+  }
   const pipeline::Config config = pipeline_config(params, auto_grid);
   OneThreadDecoder jpeg(params);
   const auto state = std::make_unique<pipeline::State>();
@@ -77,8 +98,10 @@ std::string watch_recording(const CalibrateOptions& options, const Params& param
   sim::Read read = sim::Read::kFrame;
   Reason reason = Reason::kNone;
   bool any = false;
+  long last = -1;
   while (!interrupted() && (read = recording.next(recorded)) == sim::Read::kFrame && recorded.index <= options.to) {
     progress.update(recorded.index + 1);
+    last = recorded.index;
     if (recorded.index < options.from) continue;
     const pipeline::Result result = pipeline::update(*state, config, jpeg.get(), sim::as_frame(recorded));
     if (!result.quality.ok()) reason = result.quality.reason;
@@ -87,6 +110,9 @@ std::string watch_recording(const CalibrateOptions& options, const Params& param
   }
   if (interrupted()) return interrupted_line();
   if (read == sim::Read::kError) return recording.error();
+  if (read == sim::Read::kEnd) {
+    if (std::string error = check_end(options, last); !error.empty()) return error;
+  }
   if (!any && reason != Reason::kNone) {
     const ReasonInfo& why = holdfast::info(reason);
     return fmt::format("{}: no frame could be used: {}. Likely cause: {}. Next: {}", options.input, why.what, why.cause,
@@ -121,7 +147,8 @@ std::string watch_scene(const CalibrateOptions& options, Params params, scene::S
     }
     look(truth.frame, app.result(), app.state(), pipeline_config(params));
   }
-  return interrupted() ? interrupted_line() : "";
+  if (interrupted()) return interrupted_line();
+  return check_end(options, scene::frame_count(scene) - 1);
 }
 
 // Whether what was seen is a gel at rest. Empty, or an error line.
@@ -222,7 +249,7 @@ void print_json(const learn::RestStudy& study, const learn::ModelCheck& check, c
 // Every frame asked for. false: a line has said why not.
 bool watch(const CalibrateOptions& options, const Params& params, bool auto_grid, const Look& look) {
   std::string error;
-  if (std::filesystem::path(options.input).extension() == ".json") {
+  if (is_scene(options.input)) {
     const std::optional<scene::Scene> scene = load_scene(options.input);
     if (!scene) return false;
     error = watch_scene(options, params, *scene, look);
@@ -407,7 +434,7 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
       ->add_option("--fps", options->fps,
                    "frames per second of inputs that carry no time (else 25), or a wrong one: those at which a device "
                    "decides, because the noise of slower ones is another")
-      ->check(number_from_to(12, 30));
+      ->check(number_from_to(kLeastFps, kMostFps));
   CLI::Option* const weight =
       command->add_option("--weight", options->weight_g, "grams that hang on the gel or stand on it in INPUT")
           ->check(number_from_to(1.0, 5000.0));
@@ -438,7 +465,15 @@ void add_calibrate(CLI::App& app, std::vector<Command>& commands) {
       "Example:\n  holdfast calibrate empty.avi --model slip_v2.tree\n"
       "  holdfast calibrate --weight 200 hanging.avi -o gel.toml\n"
       "  holdfast calibrate grasp.avi --from 304 --to 449");
-  commands.push_back({command, [options] { return calibrate(*options); }});
+  commands.push_back({command, [options, command] {
+                        for (const char* own : {"--reference", "--grid", "--fps"}) {
+                          if (!is_scene(options->input) || command->count(own) == 0) continue;
+                          return fail(trouble(fmt::format("{} is of no use to a scene", own),
+                                              "a scene brings its empty gel, its grid and its time",
+                                              "leave it out, or give a recording"));
+                        }
+                        return calibrate(*options);
+                      }});
 }
 
 }  // namespace holdfast::tool

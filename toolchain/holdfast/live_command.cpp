@@ -8,6 +8,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -299,6 +300,15 @@ int run_board(const LiveOptions& options) {
                       "the cable was pulled, or the board started anew", "plug it in, and start anew"));
 }
 
+// A film's name would promise what other programs cannot open. Empty, or what is wrong.
+std::string mcap_name(const std::string& text) {
+  const std::string ending = std::filesystem::path(text).extension().string();
+  for (const std::string_view other : {".avi", ".mjpg", ".mjpeg", ".mkv", ".mp4", ".csv", ".json"}) {
+    if (ending == other) return fmt::format("'{}': the recording is MCAP: let its name end with .mcap", text);
+  }
+  return not_empty(text);
+}
+
 void add_source_options(CLI::App* command, LiveOptions& options) {
   command->add_option("--sensor", options.sensor, "serial of the GelSight Mini, as 2BNN4ZE7; without it the only one")
       ->check(not_empty);
@@ -337,7 +347,7 @@ void add_live(CLI::App& app, std::vector<Command>& commands) {
     board->excludes(command->get_option(own));
   }
   command->add_option("--record", options->record, "record it as well: MCAP, pictures untouched")
-      ->check(not_empty)
+      ->check(mcap_name)
       ->excludes(board);
   command->add_option("--port", options->port, "of the page on 127.0.0.1; 0: any that is free")
       ->check(CLI::Range(0, 65535))
@@ -354,7 +364,7 @@ void add_live(CLI::App& app, std::vector<Command>& commands) {
 void add_record(CLI::App& app, std::vector<Command>& commands) {
   const auto options = std::make_shared<LiveOptions>();
   CLI::App* const command = app.add_subcommand("record", "record the sensor on this computer: pictures and decisions");
-  command->add_option("FILE", options->record, "the recording: MCAP, pictures untouched")->required()->check(not_empty);
+  command->add_option("FILE", options->record, "the recording: MCAP, pictures untouched")->required()->check(mcap_name);
   add_source_options(command, *options);
   command->footer(
       "Each recording should show the empty gel at its start or end: replay and evaluate look for it there.\n"

@@ -36,6 +36,15 @@ std::string_view misspelt(std::string_view name, const std::vector<std::string>&
   return {};
 }
 
+// Why the header's columns cannot be told apart: what an office program saved instead of commas in UTF-8. Empty: they
+// can, or something else is wrong.
+std::string_view other_table(std::string_view header) {
+  if (header.starts_with("\xFF\xFE") || header.starts_with("\xFE\xFF")) return "it is UTF-16";
+  const std::size_t at = header.find_first_of(",;\t");
+  if (at == std::string_view::npos || header[at] == ',') return {};
+  return header[at] == ';' ? "its cells are parted by semicolons" : "its cells are parted by tabs";
+}
+
 // A cell in quotes may hold commas; two quotes in it are one.
 std::vector<std::string> cells_of(std::string_view line) {
   std::vector<std::string> cells(1);
@@ -253,6 +262,10 @@ std::optional<std::string> read_labels(const fs::path& file, std::vector<ClipLab
       continue;
     }
     header = cells;
+    if (const std::string_view other = other_table(text); !other.empty()) {
+      return label_error(clip, fmt::format("{}, and commas in UTF-8 are read", other),
+                         "a spreadsheet program saved it in its own way", "save it as CSV, UTF-8, with commas");
+    }
     for (const LabelColumn& column : kLabelColumns) {
       if (std::ranges::count(header, column.name) < 2) continue;
       return label_error(clip, fmt::format("column '{}' is there twice", column.name), "a column was copied",
