@@ -113,8 +113,9 @@ bool Mcp2221Gpio::do_set(hal::Line line, hal::Level level) {
 
 std::optional<hal::Level> Mcp2221Gpio::do_read(hal::Input input) {
   const std::optional<Pin>& pin = inputs_[static_cast<std::size_t>(input)];
+  if (!pin) return std::nullopt;  // before the turn, which may take a question's time
   const auto lock = turn();
-  const std::optional<bool> level = pin && lock.owns_lock() ? level_of(*pin, false) : std::nullopt;
+  const std::optional<bool> level = lock.owns_lock() ? level_of(*pin, false) : std::nullopt;
   if (!level) return std::nullopt;
   return *level ? hal::Level::kHigh : hal::Level::kLow;
 }

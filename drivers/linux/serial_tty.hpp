@@ -13,10 +13,9 @@
 //
 // RS-485, half duplex (Hand-E): use an adapter that switches its driver by itself (FTDI chips with TXDEN on CBUS, or an
 // automatic one); this driver does not turn RTS, and a UART of the header with a transceiver needs TIOCSRS485, which is
-// not set here. Whether the adapter echoes what is sent is its own business (RE tied to ground does): the Modbus master
-// has to skip its own request then. FTDI adapters collect input for 16 ms by default, more than the 5 ms between two
-// commands that the gripper allows; open() asks for ASYNC_LOW_LATENCY, which makes that 1 ms, where the driver knows
-// it.
+// not set here. One that echoes what is sent (RE tied to ground) is not supported: nobody skips the echo. FTDI adapters
+// collect input for 16 ms by default, more than the 5 ms between two commands that the gripper allows; open() asks for
+// ASYNC_LOW_LATENCY, which makes that 1 ms, where the driver knows it.
 #pragma once
 
 #include <array>

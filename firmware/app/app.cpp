@@ -226,6 +226,7 @@ bool App::keep_camera(int finger) {
   if (kept == Kept::kAsItWas) return false;
   reset_stream(its);
   const bool due = devices_.clock.now() - its.waiting_since >= kFrameWait;
+  if (kept == Kept::kCame) its.last_rejection = Reason::kNone;  // a camera that is there and silent is not gone
   if (kept == Kept::kFailed && due) handle_no_frame(finger, its.keeper.why);
   return kept == Kept::kCame;
 }

@@ -43,11 +43,11 @@ hande::Config hande_config(const Params& params) {
   return config;
 }
 
-Status Daemon::start(const Params& params, bool auto_size) {
+Status Daemon::start(const Params& params) {
   params_ = params;
   regulator_config_ = regulator_config(params);
   hande_config_ = hande_config(params);
-  const Status status = app_.start(params, auto_size);
+  const Status status = app_.start(params);
   const bool camera = status.reason == Reason::kCameraGone || status.reason == Reason::kCameraWrong;
   if (!status.ok() && !camera) return status;
   if (const Status s = regulator::validate(regulator_config_); !s.ok()) return s;
@@ -55,6 +55,7 @@ Status Daemon::start(const Params& params, bool auto_size) {
     if (const Status s = step_lines::start(lines_, devices_.gpio, 0); !s.ok()) return s;
   }
   kept_ = {};
+  wires_.fill({.since = devices_.clock.now()});
   for (int i = 0; i < app_.fingers(); ++i) {
     if (streaming(i)) camera_started(i);
   }
@@ -102,6 +103,7 @@ void Daemon::mind_the_clock() {
   if (now < seen_now_) {
     for (Kept& one : kept_) one.at = now;
     regulator_.last_step = now;
+    regulator_.steady = {};
     opening_until_ = std::min(opening_until_, now + Micros{std::int64_t{params_.opening_max_ms} * 1000});
     hande_ = {};
     lines_.since = now;
@@ -302,39 +304,26 @@ void Daemon::end_opening() {
   may_open_ = true;
 }
 
-// Levels that have lasted for kDebounce. TARE, RELEASE and ARM act on the rise, OPENING as long as it is HIGH.
+// Levels that have lasted for kDebounce. TARE, RELEASE and ARM act on the rise; a wire that was HIGH when this process
+// started has not risen: it was obeyed by the one before. OPENING acts as long as it is HIGH.
 void Daemon::read_inputs() {
+  constexpr std::array kCommandOf{Command::kTare, Command::kOpening, Command::kRelease, Command::kArm};
+  static_assert(kCommandOf.size() == hal::kInputCount);
   const Micros now = devices_.clock.now();
   for (std::size_t k = 0; k < wires_.size(); ++k) {
-    const auto input = static_cast<hal::Input>(k);
-    const auto level = devices_.gpio.read(input);
+    const auto level = devices_.gpio.read(static_cast<hal::Input>(k));
     Wire& wire = wires_[k];
-    const bool high = level ? *level == hal::Level::kHigh : wire.high;
-    if (high == wire.high) {
-      wire.other = false;
-      continue;
-    }
-    if (!wire.other) wire.since = now;
-    wire.other = true;
-    if (now - wire.since < kDebounce) continue;
+    const bool high = level == hal::Level::kHigh;
+    if (!level || high != wire.now_high) wire.since = now;
+    wire.now_high = high;
+    if (now - wire.since < kDebounce || (wire.known && high == wire.high)) continue;
+    const bool changed = wire.known;
+    wire.known = true;
     wire.high = high;
-    wire.other = false;
-    if (input == hal::Input::kOpening && !high) end_opening();
-    if (!high) continue;
-    switch (input) {
-      case hal::Input::kTare:
-        (void)tare(false);
-        break;
-      case hal::Input::kOpening:
-        (void)obey({.command = Command::kOpening, .argument = 1});  // a refusal is in the log
-        break;
-      case hal::Input::kRelease:
-        (void)release();
-        break;
-      case hal::Input::kArm:
-        arm();
-        break;
-    }
+    const bool opening = kCommandOf[k] == Command::kOpening;
+    const bool acts = opening ? high || changed : high && changed;
+    if (!acts) continue;
+    (void)obey({.command = kCommandOf[k], .argument = std::uint8_t{opening && high}});  // a refusal is in the log
   }
 }
 

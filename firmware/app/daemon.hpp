@@ -48,7 +48,7 @@ class Daemon {
       : devices_(devices), periphery_(periphery), app_(devices, tree) {}
 
   // As App::start(), but a camera that is not there yet, or is another finger's, is waited for: kConfig, kGpioFailed.
-  [[nodiscard]] Status start(const Params& params, bool auto_size = false);
+  [[nodiscard]] Status start(const Params& params);
   // Other parameters while it runs; those that are made with the board (Applies::kAtRestart) stay as they are.
   // Range: validate(params) is ok.
   void reconfigure(const Params& params);
@@ -109,9 +109,10 @@ class Daemon {
   bool may_open_ = true;  // the last OPENING was ended, or something was touched since it began
   Micros opening_until_{};
   struct Wire {
-    bool high = false;   // as obeyed
-    bool other = false;  // the line says otherwise, since:
-    Micros since{};
+    bool known = false;  // a level has lasted since start()
+    bool high = false;   // which
+    bool now_high = false;
+    Micros since{};  // that it is
   };
   std::array<Wire, hal::kInputCount> wires_{};
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The flight recorder: the last ten seconds of frames with their markers, and the last events, in RAM. When the state
-// becomes FAULT the frames are set aside, so that they can still be read after it has passed.
+// The flight recorder: the last ten seconds of frames with their markers, of a hand of two five, and the last events,
+// in RAM. When the state becomes FAULT the frames are set aside, so that they can still be read after it has passed.
 //
 // Price: 270 kB of memory, 0.6 kB written per frame, and a copy of 135 kB per FAULT.
 #pragma once
@@ -96,7 +96,7 @@ class Ring {
 
 class Recorder {
  public:
-  static constexpr std::size_t kFrames = 256;  // 10 s at 25 fps
+  static constexpr std::size_t kFrames = 256;  // of all fingers: 10 s at 25 fps of one
   static constexpr std::size_t kEventCount = 128;
   using Frames = Ring<FlightFrame, kFrames>;
   using Events = Ring<FlightEvent, kEventCount>;

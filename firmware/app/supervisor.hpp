@@ -136,9 +136,9 @@ struct Rule {
 
 // clang-format off
 inline constexpr std::array<Rule, 17> kRules{{
-    {"a source of FAULT (below), an output line or the sensor's identity is at fault",
+    {"a source of FAULT (below) or an output line is at fault, or the watchdog has lowered GRIP_OK",
      &Findings::fault, false, false, DeviceState::kFault, Why::kFault, Reason::kNone},
-    {"no frame was accepted for 150 ms or ever, or the camera is gone",
+    {"no frame was accepted for 150 ms or ever, or the camera is gone or another sensor",
      &Findings::silent, false, false, DeviceState::kFault, Why::kRejection, Reason::kNone},
     {"this frame was rejected, or none came",
      &Findings::rejected, false, true, DeviceState::kBoot, Why::kRejection, Reason::kNone},

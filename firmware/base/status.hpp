@@ -68,7 +68,7 @@ enum class Reason : std::uint8_t {
   kLightChanged = 105,
   kReferenceLoaded = 106,
   kConfig = 128,
-  kModel = 129,
+  // 129 was never raised
   kGripperSilent = 160,
   kGripperReply = 161,
   kGripperActivating = 162,
@@ -91,7 +91,7 @@ struct ReasonInfo {
   std::string_view next;   // what to do next
 };
 
-inline constexpr std::array<ReasonInfo, 50> kReasons{{
+inline constexpr std::array<ReasonInfo, 49> kReasons{{
     {Reason::kNone, "none", "nothing to report", "-", "-"},
     {Reason::kNoFrame, "no_frame", "no frame arrived in time", "the camera stalls or the USB bus is overloaded",
      "check the cable and give the sensor a USB port of its own"},
@@ -175,10 +175,7 @@ inline constexpr std::array<ReasonInfo, 50> kReasons{{
     {Reason::kConfig, "config", "settings or the model are lost, damaged or out of range",
      "the power was cut while they were written, the card wears, or they are of another version or another owner",
      "give `stored` at the console: it shows each record; then load or save them again, or give `stored accept`; with "
-     "an "
-     "owner, load what the owner signed"},
-    {Reason::kModel, "model", "the slip model does not fit", "built for another feature set",
-     "compile the model again for this firmware"},
+     "an owner, load what the owner signed"},
     {Reason::kGripperSilent, "gripper_silent", "the gripper does not answer",
      "cable, power, or another slave number or baud rate",
      "check the gripper's power and RS-485 wiring; slave 9, 115200 8N1"},

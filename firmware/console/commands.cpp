@@ -1127,7 +1127,7 @@ constexpr std::array<CommandInfo, 26> kCommands{{
     {"model", "[default] [json]", "what decides slip; default: store that the built-in one does", false, model},
     {"reference", "[learn] [json]", "rest position of the markers; learn it anew", false, reference},
     {"watch", "[screen|on|off]", "a line five times a second; on: frames for programs", false, watch},
-    {"log", "[events|frames|fault] [markers] [json]", "what happened: events, last 10 s, 10 s before a fault", false,
+    {"log", "[events|frames|fault] [markers] [json]", "what happened: events, last frames, those before a fault", false,
      log},
     {"trace", "on|off", "a line for every frame", false, trace},
     {"frame", "[json]", "the markers of the last frame", false, frame},

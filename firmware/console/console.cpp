@@ -134,6 +134,11 @@ void Console::end() {
 
 void Console::poll() {
   const Micros begun = clock_.now();
+  // No wait of hours behind a clock that was set back, as in Daemon::mind_the_clock().
+  last_command_ = std::min(last_command_, begun);
+  heard_at_ = std::min(heard_at_, begun);
+  screen_at_ = std::min(screen_at_, begun);
+  try_at_ = std::min(try_at_, begun + kLongestWait);
   if (unlocked_ && begun - last_command_ > kStaysUnlocked) lock();
   read();
   run();
@@ -144,14 +149,17 @@ void Console::poll() {
 }
 
 // What comes while a command is running waits for its end. Ctrl-C goes before all of it, also when there is no more
-// room for anything else.
+// room for anything else; the same byte in a command frame is none: each RELEASE has one.
 void Console::read() {
   std::array<std::uint8_t, kMostIn> bytes;
   const std::size_t count = port_.read(bytes);
   if (port_.hang_ups() != hang_ups_) hang_up();
   if (count > 0) heard_at_ = clock_.now();
   for (const std::uint8_t byte : std::span(bytes).first(count)) {
-    if (byte == 0x03 && (!idle() || in_size_ > kMostWaiting)) {
+    const bool framed = since_zero_ >= 2 && since_zero_ < command_frame::kCommandBytes;
+    const bool text = since_zero_ == 1 && byte > link::kLastVersion;  // 00, any, version: link.hpp
+    since_zero_ = byte == 0 ? 0 : text ? kNoFrame : std::min(since_zero_ + 1, kNoFrame);
+    if (byte == 0x03 && !framed && (!idle() || in_size_ > kMostWaiting)) {
       in_begin_ = 0;
       in_size_ = 0;
       overrun_ = false;
@@ -283,6 +291,7 @@ void Console::end_line(LineEditor::Event event) {
 void Console::begin(std::string_view line) {
   words_ = {};
   detail_.clear();
+  line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
   const bool sets = line.starts_with("set");
   while (true) {
     while (!line.empty() && (line.front() == ' ' || line.front() == '\t' || (sets && line.front() == '='))) {
@@ -651,7 +660,7 @@ Error Console::unlock(std::string_view code) {
   }
   if (!equal_codes(code, place_.code)) {
     wrong_codes_ = std::min(wrong_codes_ + 1, 7);
-    try_at_ = now + Micros{std::min(std::int64_t{1} << (wrong_codes_ - 1), std::int64_t{60}) * 1'000'000};
+    try_at_ = now + std::min(Micros{(std::int64_t{1} << (wrong_codes_ - 1)) * 1'000'000}, kLongestWait);
     daemon_.recorder().note(EventKind::kWrongCode, now, wrong_codes_);
     lock();  // somebody is there who does not have it
     return Error::kWrongCode;

@@ -111,6 +111,7 @@ class Console {
   static constexpr std::size_t kStepBytes = 1280;
   static constexpr Micros kFrameGap{200'000};                     // a frame takes 3 ms at 115200 baud
   static constexpr Micros kStaysUnlocked{10 * 60 * 1'000'000LL};  // after the last command; noise is none
+  static constexpr Micros kLongestWait{60'000'000};               // for the next code, after wrong ones
 
   // ---- For the commands
   [[nodiscard]] Daemon& daemon() { return daemon_; }
@@ -198,8 +199,10 @@ class Console {
   command_frame::Once once_;
   std::array<std::uint8_t, 4096> in_{};  // read and not yet looked at: a pasted `dump` four times over
   std::size_t in_begin_ = 0, in_size_ = 0;
-  bool overrun_ = false;   // what came behind it is lost, so the line that it cut is none
-  std::size_t stale_ = 0;  // of in_size_: from before the last hang-up
+  static constexpr std::size_t kNoFrame = command_frame::kCommandBytes;
+  std::size_t since_zero_ = kNoFrame;  // bytes read since the last 0x00 that may have begun a command frame
+  bool overrun_ = false;               // what came behind it is lost, so the line that it cut is none
+  std::size_t stale_ = 0;              // of in_size_: from before the last hang-up
   std::uint32_t hang_ups_ = 0;
 
   const CommandInfo* running_ = nullptr;

@@ -149,10 +149,11 @@ class Once {
  public:
   static constexpr Micros kForget{1'000'000};
 
-  // `execute`: Outcome(const CommandFrame&), for a command that check() passed. Range: now never runs backwards.
+  // `execute`: Outcome(const CommandFrame&), for a command that check() passed. A clock that was set
+  // back ends it as well.
   template <typename Execute>
   [[nodiscard]] AnswerFrame answer(const CommandFrame& frame, Micros now, const Execute& execute) {
-    if (!any_ || frame != last_ || now - heard_ >= kForget) {
+    if (!any_ || frame != last_ || now < heard_ || now - heard_ >= kForget) {
       result_ = check(frame);
       if (result_ == Outcome::kDone) result_ = execute(frame);
     }

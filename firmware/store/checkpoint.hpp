@@ -147,8 +147,8 @@ template <typename Kept>
 
 }  // namespace detail
 
-// Looks at both slots and leaves the newer sound one in state.slot. False: there is none. Range: any bytes; `finger` 0
-// or 1, and 0 for the grip, which is the hand's.
+// Looks at both slots and leaves the newer sound one in state.slot. False: there is none, and state.slot is blank.
+// Range: any bytes; `finger` 0 or 1, and 0 for the grip, which is the hand's.
 template <typename Kept>
 [[nodiscard]] bool load(StateOf<Kept>& state, hal::Keep& keep, std::size_t finger = 0) {
   constexpr std::size_t kSlot = sizeof(SlotOf<Kept>);
@@ -167,9 +167,14 @@ template <typename Kept>
     best = k;
     pair.sequence = state.slot.sequence;
   }
-  if (best == 2) return false;
-  pair.next = 1 - best;
-  return keep.read(from + best * kSlot, detail::bytes_of(state.slot)) && state.slot.crc == detail::crc_of(state.slot);
+  if (best < 2) pair.next = 1 - best;
+  if (best < 2 && keep.read(from + best * kSlot, detail::bytes_of(state.slot)) &&
+      state.slot.crc == detail::crc_of(state.slot)) {
+    return true;
+  }
+  // What was not believed is nothing to compare with: keep_grip() would take a grip for kept that is not.
+  std::ranges::fill(detail::bytes_of(state.slot), std::uint8_t{});
+  return false;
 }
 
 // Writes state.slot.contents over the older slot. False: there is no memory, or it did not take all of it; then the

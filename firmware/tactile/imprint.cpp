@@ -662,23 +662,6 @@ std::span<Seen> least_of(std::span<Seen> seen) {
   return seen.first(quiet);
 }
 
-// What changed there; reorders them.
-std::int32_t noise_of(std::span<Seen> least) {
-  const auto at = least.begin() + static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4);
-  std::nth_element(least.begin(), at, least.end(), [](const Seen& a, const Seen& b) { return a.change < b.change; });
-  return at->change;
-}
-
-// Of V and of V': half of the median of their sum.
-std::int64_t variance_noise_of(const Kept& last, const Kept& then, std::span<const Seen> least) {
-  std::array<std::int32_t, kMaxPatches> sums;  // NOLINT: filled as far as it is read
-  std::size_t count = 0;
-  for (const Seen& one : least) sums[count++] = last.variance[idx(one.patch)] + then.variance[idx(one.patch)];
-  std::int32_t* const middle = &sums[count / 2];
-  std::nth_element(sums.data(), middle, sums.data() + count);
-  return *middle / 2;
-}
-
 // Newton's method from a power of two within a factor of two of it: three steps leave 0.03 %. Range: 1 to 2^26.
 std::int64_t geometric_mean(std::int64_t a, std::int64_t b) {
   const auto bits = [](std::int64_t of) { return static_cast<int>(std::bit_width(static_cast<std::uint64_t>(of))); };
@@ -699,7 +682,31 @@ constexpr std::int64_t kLeastVariance = kChangeUnit / 5;
 struct Noise {
   std::int32_t change = 0;    // q
   std::int64_t variance = 0;  // of V and of V'
+  bool covered = false;       // there is no such place: the object covers the gel
 };
+
+// Of what changed in the patches in which least is pressed; reorders them.
+Noise noise_of(const State& state, const Config& config, const Kept& then, std::span<Seen> least) {
+  std::array<std::int32_t, kMaxPatches> sums;  // NOLINT: filled as far as it is read
+  std::size_t count = 0;
+  std::int64_t weight = 0;
+  for (const Seen& one : least) {
+    sums[count++] = state.last.variance[idx(one.patch)] + then.variance[idx(one.patch)];
+    weight += one.weight;
+  }
+  std::int32_t* const middle = &sums[count / 2];
+  std::nth_element(sums.data(), middle, sums.data() + count);
+  const auto at = least.begin() + static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4);
+  std::nth_element(least.begin(), at, least.end(), [](const Seen& a, const Seen& b) { return a.change < b.change; });
+  Noise noise{at->change, *middle / 2};
+  const std::int64_t contact = threshold_of(state, config) >> (kWeightShift - 1);
+  noise.covered = state.empty.frames > kNoiseAfter && weight >= contact * static_cast<std::int64_t>(count);
+  if (!noise.covered) return noise;
+  const std::int64_t empty = state.empty.noise_relief * kChangeUnit / (std::int64_t{kPairs} * 256);
+  noise.change = static_cast<std::int32_t>(std::min<std::int64_t>(noise.change, 2 * empty));
+  noise.variance = std::min(noise.variance, empty);
+  return noise;
+}
 
 // Over the patches.
 struct Sums {
@@ -856,11 +863,14 @@ bool compare(const State& state, const Kept& then, const Config& config, GridSiz
   const auto n = static_cast<std::int64_t>(count);
   const std::span<Seen> seen(both.data(), count);
   const std::span<Seen> least = least_of(seen);
-  const Noise noise{noise_of(least), variance_noise_of(last, then, least)};
+  const Noise noise = noise_of(state, config, then, least);
   const Sums sums = sums_of(last, then, noise, seen);
   const auto log_of = [](std::int64_t value) { return log2_q8(static_cast<std::uint64_t>(value)); };
-  out.growth = Log2Q8::saturate(log_of(shading_energy(last, seen, least)) - log_of(shading_energy(then, seen, least)),
-                                saturations);
+  const auto energy_in = [&](std::int64_t of) { return log_of(of + n * kRegularisation) / 2; };
+  out.growth = Log2Q8::saturate(
+      noise.covered ? energy_in(sums.energy_now) - energy_in(sums.energy_then)
+                    : log_of(shading_energy(last, seen, least)) - log_of(shading_energy(then, seen, least)),
+      saturations);
   static_assert(kStepsPerPitch == 1 << 4);
   const std::int32_t step_q8 = log_of(config.pitch_um) - 4 * 256;
   const std::int64_t way2_q24 = way2_q24_between(last, then);

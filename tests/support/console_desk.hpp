@@ -26,6 +26,7 @@
 #include "store/settings.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
+#include "tests/support/set_back.hpp"
 
 namespace holdfast::test {
 
@@ -61,6 +62,7 @@ class ConsoleDesk {
   static constexpr std::string_view kCode = "7QX-41-red";
 
   sim::Clock clock;
+  SetBack seen_clock{clock};  // the console's
   sim::Gpio gpio{clock};
   sim::Serial link, host{1 << 20};
   sim::Keep keep{checkpoint::kBytes};
@@ -86,7 +88,7 @@ class ConsoleDesk {
     camera = std::make_unique<sim::SwitchedCamera>(*memory_, std::size_t{320 * 240});
     daemon = std::make_unique<Daemon>(Devices{*camera, gpio, link, clock, jpeg_}, Periphery{hand, keep, &supply},
                                       tree != nullptr ? tree : stored_tree());
-    console = std::make_unique<console::Console>(host, *daemon, clock, place);
+    console = std::make_unique<console::Console>(host, *daemon, seen_clock, place);
     Params in_force = params;
     (void)settings::take({sealed::Kind::kSettings, settings::good, place.settings, place.owner}, in_force);
     started = daemon->start(in_force).ok();

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -44,7 +45,9 @@ class ImprintReference {
     double most_um = 0.0;     // with the noise kRanks down
     double over_floor = 0.0;  // energy of the relief over what a motion needs; it is there above 1
     double growth = 0.0;      // log2
-    double coarse_um = 0.0;   // 0: likewise, or too much relief
+    double covering =
+        0.0;  // mean g of the quiet patches over what makes a contact: from 1 on all of the gel is covered
+    double coarse_um = 0.0;  // 0: likewise, or too much relief
     int patches = 0;
     int least_patches = 0, most_patches = 0;  // with the threshold kContactRounding up and down
     double coarse_signal = 0.0;               // as CoarseSeen::signal; 0 where there is too much relief
@@ -77,7 +80,8 @@ class ImprintReference {
     Frame frame;
     frame.t_s = t_s;
     const double floor = kPairs * config_.contact_floor_q8;
-    double threshold = 2.0 * floor;
+    double& threshold = threshold_;
+    threshold = 2.0 * floor;
     if (empty_frames_ > 8) threshold = std::max(floor, noise_relief_ * config_.contact_over_noise_q4 / 16.0);
     if (empty) empty_frames_ = std::min(empty_frames_ + 1, 64);
     Seen out;
@@ -410,7 +414,13 @@ class ImprintReference {
       base_now += one.shading_now / static_cast<double>(least.size());
       base_then += one.shading_then / static_cast<double>(least.size());
     }
-    const double of_variances = variance_noise(least);
+    double covering = 0;
+    for (const Both& one : least) covering += one.g / static_cast<double>(least.size());
+    out.covering = covering / (threshold_ / kPairs / kLevels2);
+    const bool covered = empty_frames_ > 8 && out.covering >= 1.0;
+    const double empty = noise_relief_ / kPairs / kLevels2;
+    const double most_noise = covered ? 2.0 * empty : std::numeric_limits<double>::infinity();
+    const double of_variances = std::min(variance_noise(least), most_noise / 2.0);
     const std::vector<double> fades = faded(both, of_variances);
     turn_over(both, of_variances, std::hypot(now.x_um - then->x_um, now.y_um - then->y_um), out);
     std::sort(least.begin(), least.end(), [](const Both& a, const Both& b) { return a.change < b.change; });
@@ -431,7 +441,8 @@ class ImprintReference {
     const auto motion_um = [&](std::ptrdiff_t ranks) {
       const auto rank = static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4) + ranks;
       const auto last = static_cast<std::ptrdiff_t>(least.size()) - 1;
-      const double noise = least[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(rank, 0, last))].change;
+      const double noise =
+          std::min(least[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(rank, 0, last))].change, most_noise);
       double evidence = 0;
       for (std::size_t i = 0; i < both.size(); ++i) {
         const double change = both[i].change - noise;
@@ -441,7 +452,8 @@ class ImprintReference {
     };
     out.least_um = motion_um(kRanks);
     out.most_um = motion_um(-kRanks);
-    out.growth = std::log2(shading_now / shading_then);
+    out.growth = covered ? std::log2((energy_now + 0.2 * n) / (energy_then + 0.2 * n)) / 2.0
+                         : std::log2(shading_now / shading_then);
     if (out.relief <= kMostReliefForCoarse) {
       const CoarseSeen seen = coarse_reference(coarse);
       const double um = config_.pitch_um / 16.0 * seen.motion_steps;
@@ -450,7 +462,7 @@ class ImprintReference {
       if (um > 0.0) out.coarse_left = 1.0 - std::pow(carried_um / um, 2);
       out.coarse_signal = seen.signal * out.coarse_left;
     }
-    const double floor = n * (0.1 + std::pow(noise_relief_ / kPairs / kLevels2, 2));
+    const double floor = n * (0.1 + std::pow(empty, 2));
     out.over_floor = std::min(energy_now, energy_then) / floor;
     out.over_half = std::min(energy_now, energy_then) / (floor - 0.05 * n);
     if (out.over_half < 1.0) out.turnover = 0.0;
@@ -463,6 +475,7 @@ class ImprintReference {
   std::array<std::optional<Square>, 4 * kMaxMarkers> empty_;
   int empty_frames_ = 0;
   double noise_relief_ = 0;
+  double threshold_ = 0;    // of the G of a patch in contact, kPairs times
   std::deque<Frame> kept_;  // newest first
 };
 

@@ -138,6 +138,7 @@ void add_trials(CLI::App& app, std::vector<Command>& commands) {
   command->footer(
       "closing        a gripper closes on a body at 5 to 100 mm/s and holds it; half are then shaken. Nothing slips\n"
       "closing_slip   the same, and 100 ms later the object is dragged away\n"
+      "easing         the same, bonded, and the grip is eased. Nothing slips\n"
       "turn           a held object turns about the normal at 15, 40, 90 degrees a second\n"
       "turn_held      the same grasps, turned there and back by less than brings half-slip. Nothing slips\n"
       "slide          a sphere slides at 2 to 100 mm/s under five reliefs\n"

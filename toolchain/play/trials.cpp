@@ -178,9 +178,10 @@ Grip close_on(Scene& scene, Dice& dice, Span speed_mm_s) {
   return grip;
 }
 
-Trial closing(std::uint64_t seed, int number, bool slips) {
+// One of closing, closing_slip and easing.
+Trial closing(std::uint64_t seed, int number, TrialKind kind) {
   constexpr std::array<std::string_view, 6> kBodies{"sphere", "cylinder", "ellipsoid", "edge", "flat", "fruit"};
-  // The same dice: the grasp of a slip is a closing's.
+  // The same dice: the grasp is the same in all three.
   Dice dice(TrialKind::kClosing, seed, number);
   const std::string_view body = kBodies[static_cast<std::size_t>(number) % kBodies.size()];
   Trial trial;
@@ -190,13 +191,13 @@ Trial closing(std::uint64_t seed, int number, bool slips) {
   const Relief relief = drawn_relief(dice);
   if (rough) scene.object.relief = relief;
   light(scene, dice);
-  const Grip grip = close_on(scene, dice, {5.0, 100.0});
+  Grip grip = close_on(scene, dice, {5.0, 100.0});
   trial.group = fmt::format("{}{}", body, rough ? ", relief" : "");
   trial.closed_s = grip.closed_s;
   const bool shaken = dice.chance(0.5);
   const double angle = dice.in({0.0, 2.0 * pi});
   double end_s = grip.closed_s + 0.6;
-  if (slips) {
+  if (kind == TrialKind::kClosingSlip) {
     const double speed_mm_s = dice.log_in({10.0, 60.0});
     const double way_mm = std::min(2.0 * grip.limit.slide_mm + 0.35 * speed_mm_s, 8.0);
     trial.slips = true;
@@ -204,6 +205,14 @@ Trial closing(std::uint64_t seed, int number, bool slips) {
     end_s = trial.moved_s + way_mm / speed_mm_s;
     scene.trajectory.push_back(at(trial.moved_s, grip.at_mm));
     scene.trajectory.push_back(at(end_s, grip.at_mm + along(angle, way_mm)));
+  } else if (kind == TrialKind::kEasing) {
+    scene.object.bonded = true;
+    trial.moved_s = end_s;
+    scene.trajectory.push_back({.t_s = end_s, .closing_mm = grip.way_mm});
+    end_s += dice.log_in({0.2, 2.0});
+    grip.way_mm *= dice.in({0.3, 0.8});
+    for (const double t_s : {end_s, end_s + 0.6}) scene.trajectory.push_back({.t_s = t_s, .closing_mm = grip.way_mm});
+    end_s += 0.6;
   } else if (shaken) {
     // To and fro; with the way aside, less than half of the one at which all of the contact would slide.
     trial.moved_s = end_s;
@@ -220,7 +229,7 @@ Trial closing(std::uint64_t seed, int number, bool slips) {
   if (trial.moved_s == 0.0) scene.trajectory.push_back({.t_s = end_s});
   scene.trajectory.back().closing_mm = grip.way_mm;
   scene.duration_s = end_s + 0.2;
-  finish(scene, dice, slips ? TrialKind::kClosingSlip : TrialKind::kClosing, body, number);
+  finish(scene, dice, kind, body, number);
   return trial;
 }
 
@@ -395,7 +404,7 @@ Scene mirrored(Scene scene) {
 Trial hand(std::uint64_t seed, int number) {
   const bool slips = number % 2 == 0;
   const bool both = number / 2 % 2 == 1;
-  Trial trial = slips ? slide(seed, number / 2) : closing(seed, number / 2, false);
+  Trial trial = slips ? slide(seed, number / 2) : closing(seed, number / 2, TrialKind::kClosing);
   Dice dice(TrialKind::kHand, seed, number);
   trial.group = fmt::format("{}, {}", slips ? "slide" : "closing", both ? "both rough" : "left rough");
   trial.scene.name = fmt::format("{}_{}", kTrialNames[static_cast<std::size_t>(TrialKind::kHand)], number);
@@ -412,9 +421,9 @@ Trial hand(std::uint64_t seed, int number) {
 Trial make_trial(TrialKind kind, std::uint64_t seed, int number) {
   switch (kind) {
     case TrialKind::kClosing:
-      return closing(seed, number, false);
     case TrialKind::kClosingSlip:
-      return closing(seed, number, true);
+    case TrialKind::kEasing:
+      return closing(seed, number, kind);
     case TrialKind::kTurn:
       return turn(seed, number, true);
     case TrialKind::kTurnHeld:

@@ -7,6 +7,8 @@
 //   closing       a gripper closes on a smooth body, or one with relief, at 5 to 100 mm/s, half of them in two strokes,
 //                 and holds it still; half are then shaken within what the grip holds. Nothing slips
 //   closing_slip  the same grasps; 100 ms after the grip has closed the object is dragged away at 10 to 60 mm/s
+//   easing        the same grasps, their surfaces bonded to the gel; the grip is eased to 0.3 to 0.8 of its way within
+//                 0.2 to 2 s. Nothing slips
 //   turn          a held object turns about the contact's normal at 15, 40 or 90 degrees a second
 //   turn_held     the same grasps, turned as fast, but by less than brings half-slip, and back 0.6 s later
 //   slide         a sphere slides at 2 to 100 mm/s under five reliefs
@@ -44,10 +46,11 @@ enum class TrialKind : std::uint8_t {
   kSmooth,
   kGrasp,
   kHand,
-  kTurnHeld
+  kTurnHeld,
+  kEasing
 };
-inline constexpr std::array<std::string_view, 9> kTrialNames{"closing", "closing_slip", "turn", "slide",    "shaken",
-                                                             "smooth",  "grasp",        "hand", "turn_held"};
+inline constexpr std::array<std::string_view, 10> kTrialNames{"closing", "closing_slip", "turn", "slide",     "shaken",
+                                                              "smooth",  "grasp",        "hand", "turn_held", "easing"};
 
 struct Trial {
   scene::Scene scene;

@@ -91,7 +91,6 @@ enum holdfast_reason {
   HOLDFAST_REASON_LIGHT_CHANGED = 105,  // the light changed while the rest position was being learned: that begins anew
   HOLDFAST_REASON_REFERENCE_LOADED = 106,  // the lattice of the markers is bent: it was refused as rest position
   HOLDFAST_REASON_CONFIG = 128,  // settings or the model are lost, damaged or out of range
-  HOLDFAST_REASON_MODEL = 129,  // the slip model does not fit
   HOLDFAST_REASON_GRIPPER_SILENT = 160,  // the gripper does not answer
   HOLDFAST_REASON_GRIPPER_REPLY = 161,  // the gripper's replies are damaged
   HOLDFAST_REASON_GRIPPER_ACTIVATING = 162,  // the gripper is being activated
@@ -204,7 +203,6 @@ static inline const char *holdfast_reason_name(uint8_t number) {
     case HOLDFAST_REASON_LIGHT_CHANGED: return "light_changed";
     case HOLDFAST_REASON_REFERENCE_LOADED: return "reference_loaded";
     case HOLDFAST_REASON_CONFIG: return "config";
-    case HOLDFAST_REASON_MODEL: return "model";
     case HOLDFAST_REASON_GRIPPER_SILENT: return "gripper_silent";
     case HOLDFAST_REASON_GRIPPER_REPLY: return "gripper_reply";
     case HOLDFAST_REASON_GRIPPER_ACTIVATING: return "gripper_activating";

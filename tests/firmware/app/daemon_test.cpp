@@ -24,6 +24,7 @@
 #include "drivers/sim/supply.hpp"
 #include "tests/support/frames.hpp"
 #include "tests/support/reference.hpp"
+#include "tests/support/set_back.hpp"
 #include "tests/support/spread_tree.hpp"
 #include "tests/support/status_receiver.hpp"
 
@@ -92,21 +93,10 @@ class Socket final : public hal::Camera {
   sim::Clock& clock_;
 };
 
-// A board's clock that is set back, against its contract, and a camera whose stamps are that clock's.
-class SetBack final : public hal::Clock {
- public:
-  explicit SetBack(sim::Clock& true_time) : true_time_(true_time) {}
-  Micros by{};
-
- private:
-  [[nodiscard]] Micros do_now() const override { return true_time_.now() - by; }
-  void do_wait(Micros time) override { true_time_.wait(time); }
-  sim::Clock& true_time_;
-};
-
+// A camera whose stamps are those of a clock that is set back.
 class StampedBy final : public hal::Camera {
  public:
-  StampedBy(hal::Camera& inside, const SetBack& clock) : inside_(inside), clock_(clock) {}
+  StampedBy(hal::Camera& inside, const test::SetBack& clock) : inside_(inside), clock_(clock) {}
 
  private:
   [[nodiscard]] bool do_start() override { return inside_.start(); }
@@ -118,7 +108,7 @@ class StampedBy final : public hal::Camera {
   void do_release(const hal::Frame& frame) override { inside_.release(frame); }
   void do_stop() override { inside_.stop(); }
   hal::Camera& inside_;
-  const SetBack& clock_;
+  const test::SetBack& clock_;
 };
 
 }  // namespace
@@ -291,12 +281,16 @@ TEST(Daemon, RefusesTareWhileSomethingTouchesTheGel) {
   CHECK_TRUE(daemon->app().result().contact.touching);
   const MarkerField rest = daemon->app().state().reference.rest;
   CHECK_TRUE(ask(Command::kTare, 0) == Outcome::kTouching);
+  gpio.drive(Input::kTare, Level::kLow);
   while (daemon->app().result().quality.ok()) daemon->poll();
   CHECK_TRUE(ask(Command::kTare, 0) == Outcome::kTouching);  // nor does it go away because its pictures are refused
   CHECK_FALSE(daemon->app().result().quality.ok());
   run(1s);
   gpio.drive(Input::kTare, Level::kHigh);  // the wire cannot insist
   run(1s);
+  const FlightEvent refused = daemon->recorder().events()[daemon->recorder().events().size() - 1];
+  CHECK_TRUE(refused.kind == EventKind::kCommand && refused.a == static_cast<int>(Command::kTare) &&
+             refused.b == static_cast<int>(Outcome::kTouching));
   CHECK_TRUE(daemon->app().result().contact.touching);
   LONGS_EQUAL(rest.markers[31].x.raw(), daemon->app().state().reference.rest.markers[31].x.raw());
   CHECK_TRUE(ask(Command::kTare, 1) == Outcome::kDone);
@@ -497,6 +491,8 @@ TEST(Daemon, ObeysWiresThatHoldTheirLevel) {
 }
 
 TEST(Daemon, ReleasesAndArmsByWire) {
+  gpio.drive(Input::kRelease, Level::kLow);
+  gpio.drive(Input::kArm, Level::kLow);
   grip_an_object();
   CHECK_TRUE(fine());
   gpio.drive(Input::kRelease, Level::kHigh);
@@ -509,6 +505,32 @@ TEST(Daemon, ReleasesAndArmsByWire) {
   run(4s);
   LONGS_EQUAL(2, hand->activations());
   CHECK_TRUE(reason() == Reason::kNone && fine());
+}
+
+// A robot that leaves its wires HIGH says nothing new to the next process: what it holds it goes on holding.
+TEST(Daemon, AWireThatIsHighAtItsStartHasNotRisen) {
+  grip_an_object();
+  daemon.reset();
+  for (const Input input : {Input::kTare, Input::kRelease, Input::kArm}) gpio.drive(input, Level::kHigh);
+  build();
+  run(3s);
+  CHECK_TRUE(hand->object_held() && daemon->resumed() && fine());
+  gpio.drive(Input::kRelease, Level::kLow);
+  daemon->poll();
+  gpio.drive(Input::kRelease, Level::kHigh);  // a glitch
+  run(100ms);
+  CHECK_TRUE(hand->object_held());
+  gpio.drive(Input::kRelease, Level::kLow);
+  run(100ms);
+  gpio.drive(Input::kRelease, Level::kHigh);
+  run(3s);
+  CHECK_FALSE(hand->object_held());
+  // OPENING is a level, and holds from the first on.
+  daemon.reset();
+  gpio.drive(Input::kOpening, Level::kHigh);
+  build();
+  run(100ms);
+  CHECK_TRUE(daemon->is_opening());
 }
 
 // A flood costs at most 64 bytes a call, whatever comes, and changes nothing.
@@ -524,6 +546,18 @@ TEST(Daemon, ReadsABoundedNumberOfBytesFromTheLink) {
   LONGS_EQUAL(polls, flood.calls - before);
   CHECK_TRUE(flood.most <= 64);
   CHECK_TRUE(fine());
+}
+
+// What was gone a second ago is there: a cable is not what is wrong with it.
+TEST(Daemon, CallsACameraThatCameBackAndSendsNothingSilent) {
+  film();
+  build({{20, 3, sim::CameraFault::kGone, {}}});
+  while (daemon->streaming() && clock.now() < 2s) daemon->poll();
+  CHECK_TRUE(reason() == Reason::kCameraGone);
+  socket->silent = true;
+  run(2s);
+  CHECK_TRUE(daemon->streaming() && state() == DeviceState::kFault);
+  CHECK_TRUE(reason() == Reason::kNoFrame);
 }
 
 // Looked for more and more seldom, twice a second in the end; back within 2 s with the rest position it had.
@@ -632,7 +666,7 @@ TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
   hand = std::make_unique<sim::HandE>(clock);
   hand->put_object({.width_mm = 20.0});
   clock.advance(2h);
-  SetBack board(clock);
+  test::SetBack board(clock);
   StampedBy stamped(*socket, board);
   daemon = std::make_unique<Daemon>(Devices{stamped, gpio, link, board, jpeg}, Periphery{*hand, keep});
   CHECK_TRUE(daemon->start(params).ok());
@@ -642,11 +676,24 @@ TEST(Daemon, WaitsForNothingLongWhenTheClockIsSetBack) {
   run(3s);
   CHECK_TRUE(hand->object_held() && fine());
   CHECK_TRUE(ask(Command::kOpening, 1) == Outcome::kDone);
+  CHECK_TRUE(ask(Command::kArm) == Outcome::kDone);
   gpio.drive(Input::kTare, Level::kHigh);
   daemon->poll();
   const std::uint64_t writes = hand->writes();
   board.by = 1h;
-  run(100ms);
+  // A sender that starts anew may begin with the number that was the last: its command is no repetition for an hour.
+  const auto arms = [&] {
+    int count = 0;
+    for (std::size_t k = 0; k < daemon->recorder().events().size(); ++k) {
+      const FlightEvent& event = daemon->recorder().events()[k];
+      count += event.kind == EventKind::kCommand && event.a == static_cast<int>(Command::kArm) ? 1 : 0;
+    }
+    return count;
+  };
+  LONGS_EQUAL(1, arms());
+  CHECK_TRUE(ask(Command::kArm, 0, sequence) == Outcome::kDone);
+  LONGS_EQUAL(2, arms());
+  run(80ms);
   CHECK_TRUE(daemon->app().state().opening && !fine());
   CHECK_FALSE(daemon->app().state().reference.known);  // the wire has held its level for long enough
   run(2s);
@@ -667,7 +714,7 @@ TEST(Daemon, EndsPulsesAndTellsSilenceWhenTheClockIsSetBack) {
   plug({}, "28D1-D7C6");
   hand = std::make_unique<sim::HandE>(clock);
   clock.advance(3h);
-  SetBack board(clock);
+  test::SetBack board(clock);
   StampedBy stamped(*socket, board);
   daemon = std::make_unique<Daemon>(Devices{stamped, gpio, link, board, jpeg}, Periphery{*hand, keep});
   CHECK_TRUE(daemon->start(params).ok());

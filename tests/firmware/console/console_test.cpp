@@ -1219,6 +1219,7 @@ TEST(Console, RefusesLongAndDamagedLines) {
 
 TEST(Console, ShowsWhatTheDeviceDoes) {
   desk.params.gripper = 1;
+  desk.gpio.drive(hal::Input::kTare, hal::Level::kLow);
   start();
   desk.run(4s);  // the gripper is activated
   const std::string status = desk.say("status");
@@ -1915,6 +1916,53 @@ TEST(Console, IsInterruptedInTheMiddleOfAnAnswer) {
   STRCMP_CONTAINS("ERR 33 interrupted", text.c_str());
   CHECK(text.find("link_version") == std::string::npos);
   check_ok("version");
+}
+
+// Each RELEASE frame holds the byte that is Ctrl-C for people: the robot's command is obeyed, and the answer goes on.
+TEST(Console, AReleaseInterruptsNoAnswer) {
+  desk.place.host_commands = true;
+  start();
+  desk.run(2s);
+  (void)desk.heard();
+  desk.host.set_full(true);
+  desk.type("log frames json\r");
+  desk.run(100ms);
+  desk.type(frame_of(78, command_frame::Command::kRelease, 0));
+  desk.run(100ms);
+  desk.host.set_full(false);
+  desk.run(10s);
+  const std::string text = desk.heard();
+  CHECK(text.find("interrupted") == std::string::npos);
+  const Heard heard = take_apart(text);
+  LONGS_EQUAL(1, heard.answers.size());
+  LONGS_EQUAL(78, heard.answers[0].sequence);
+  // Right behind a frame it is Ctrl-C again.
+  desk.host.set_full(true);
+  desk.type("log frames json\r");
+  desk.run(100ms);
+  desk.type(frame_of(79, command_frame::Command::kRelease, 0) + "\x03");
+  desk.run(100ms);
+  desk.host.set_full(false);
+  desk.run(10s);
+  STRCMP_CONTAINS("ERR 33 interrupted", desk.heard().c_str());
+}
+
+// Against its contract, but boards do it.
+TEST(Console, NeitherStaysUnlockedNorRefusesForLongWhenTheClockIsSetBack) {
+  desk.clock.advance(2h);
+  start();
+  STRCMP_CONTAINS("OK", desk.unlock().c_str());
+  desk.seen_clock.by = 1h;
+  desk.run(Console::kStaysUnlocked + 1s);
+  check_error("set latch 1", Error::kLocked);
+  for (int k = 0; k < 7; ++k) {
+    (void)desk.say("unlock wrong");
+    desk.run(Console::kLongestWait + 1s);
+  }
+  (void)desk.say("unlock wrong");
+  desk.seen_clock.by = 2h;
+  desk.run(Console::kLongestWait + 1s);
+  STRCMP_CONTAINS("OK", desk.unlock().c_str());
 }
 
 // Work of one turn is bounded, whatever comes and however much of it.

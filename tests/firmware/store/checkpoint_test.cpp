@@ -276,6 +276,19 @@ TEST(Checkpoint, KeepsTheGripBesideTheReference) {
   memory[checkpoint::kReferenceBytes + 8] ^= 0xFF;
   (void)checkpoint::load(other, keep);
   CHECK_TRUE(other.slot.contents.doing <= 2 || other.discarded > 0);
+  // Another build's grip is none, and nothing of it stays for the next one to be compared with.
+  for (std::size_t at = checkpoint::kReferenceBytes; at < checkpoint::kBytes; at += sizeof(checkpoint::GripSlot)) {
+    checkpoint::GripSlot slot;
+    slot.magic = checkpoint::kMagic;
+    slot.version = checkpoint::kVersion + 1;
+    slot.bytes = sizeof slot;
+    slot.sequence = 5;
+    slot.contents = {checkpoint::Grip::kHolds, 20};
+    slot.crc = checkpoint::detail::crc_of(slot);
+    std::memcpy(&memory[at], &slot, sizeof slot);
+  }
+  CHECK_FALSE(checkpoint::load(other, keep));
+  CHECK_TRUE(other.slot.contents == checkpoint::Grip{});
 }
 
 TEST(Checkpoint, CutsIdentitiesThatAreTooLong) {

@@ -219,7 +219,6 @@ REASONS = {
     105: ("light_changed", "the light changed while the rest position was being learned: that begins anew", "the camera's exposure settles after its start, or follows the picture", "keep the gel empty and wait; if it stays, set manual exposure and check the sensor's light"),
     106: ("reference_loaded", "the lattice of the markers is bent: it was refused as rest position", "something pressed on the gel while its rest position was being learned", "open the gripper and wait; if the gel is empty all the same, send TARE once more"),
     128: ("config", "settings or the model are lost, damaged or out of range", "the power was cut while they were written, the card wears, or they are of another version or another owner", "give `stored` at the console: it shows each record; then load or save them again, or give `stored accept`; with an owner, load what the owner signed"),
-    129: ("model", "the slip model does not fit", "built for another feature set", "compile the model again for this firmware"),
     160: ("gripper_silent", "the gripper does not answer", "cable, power, or another slave number or baud rate", "check the gripper's power and RS-485 wiring; slave 9, 115200 8N1"),
     161: ("gripper_reply", "the gripper's replies are damaged", "noise on the line, no termination, or two masters", "check the termination (120 ohm) and that nobody else polls"),
     162: ("gripper_activating", "the gripper is being activated", "start, or recovery from a gripper fault", "wait until its fingers have moved; keep them free"),
