@@ -216,7 +216,8 @@ struct State {
                      features.field.flow_residual.raw() <= kStill_um_s;
   Features steady = features;
   steady.imprint.growth = Log2Q8::from_raw(std::min(features.imprint.growth.raw(), 0));
-  const bool grows = verdict != Verdict::kSlipNow && classify(config, steady) == Verdict::kSlipNow;
+  const bool grows = steady.imprint.growth != features.imprint.growth && verdict != Verdict::kSlipNow &&
+                     classify(config, steady) == Verdict::kSlipNow;
   const bool falls = in_a_row(state.judged, now) && motion <= state.pressed - kSixth_q8 &&
                      features.field.flow_residual.raw() <= kSlow_um_s;
   const bool pressed = opening || rests || grows || falls;

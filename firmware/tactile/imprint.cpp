@@ -687,6 +687,8 @@ struct Noise {
 
 // Of what changed in the patches in which least is pressed; reorders them.
 Noise noise_of(const State& state, const Config& config, const Kept& then, std::span<Seen> least) {
+  const auto at = least.begin() + static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4);
+  std::nth_element(least.begin(), at, least.end(), [](const Seen& a, const Seen& b) { return a.change < b.change; });
   std::array<std::int32_t, kMaxPatches> sums;  // NOLINT: filled as far as it is read
   std::size_t count = 0;
   std::int64_t weight = 0;
@@ -696,8 +698,6 @@ Noise noise_of(const State& state, const Config& config, const Kept& then, std::
   }
   std::int32_t* const middle = &sums[count / 2];
   std::nth_element(sums.data(), middle, sums.data() + count);
-  const auto at = least.begin() + static_cast<std::ptrdiff_t>((least.size() - 1) * 3 / 4);
-  std::nth_element(least.begin(), at, least.end(), [](const Seen& a, const Seen& b) { return a.change < b.change; });
   Noise noise{at->change, *middle / 2};
   const std::int64_t contact = threshold_of(state, config) >> (kWeightShift - 1);
   noise.covered = state.empty.frames > kNoiseAfter && weight >= contact * static_cast<std::int64_t>(count);

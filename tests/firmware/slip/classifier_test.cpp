@@ -220,6 +220,13 @@ TEST(Classifier, WhatIsOfAPressIsNoSlip) {
   CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 901, 99}}) == Slips(1));
   CHECK_TRUE(verdicts({{1874, 0, 6001, 100, 901, 100}}) == Slips(1, true));
   CHECK_TRUE(verdicts({{1874, 0, 6001}}, 40ms, true) == Slips(1, true));
+  // Markers that close, back along their displacements, and not as one; then they stand still.
+  CHECK_TRUE(verdicts({{1874, 0, -6001, 100, -901, 49}, {1807, -28, 0, 60}, {1807, 0, 0, 61}}) ==
+             (Slips{false, false, true}));
+  CHECK_TRUE(verdicts({{1874, 0, -6000, 100, -901, 49}}) == Slips(1, true));
+  CHECK_TRUE(verdicts({{1874, 0, -6001, 100, -900, 49}}) == Slips(1, true));
+  CHECK_TRUE(verdicts({{1874, 0, -6001, 100, -901, 50}}) == Slips(1, true));
+  CHECK_TRUE(verdicts({{1874, 0, -6001, 100, 901, 49}}) == Slips(1, true));
   // They stand still, and the lag still shows the press; up to its end, and no longer than they stand still.
   const Frame press{0, 593, 20'017, 205};
   CHECK_TRUE(verdicts({press, {1807, -28, 1483, 21}, {1807, 0, 0, 60}, {1807, 0, 0, 61}}) ==

@@ -138,8 +138,9 @@ double shading_of(const Gel& gel, const std::function<double(Mm)>& relief) {
 }
 
 // Motion of the header's formula, from the relief itself: no picture, no dots, no pixels, no noise. What the camera's
-// smoothing takes it takes from change and gradient alike.
-double motion_of(const Gel& gel, const std::function<double(Mm)>& then, const std::function<double(Mm)>& now) {
+// smoothing takes it takes from change and gradient alike. `covered`: what changes is no noise anywhere.
+double motion_of(const Gel& gel, const std::function<double(Mm)>& then, const std::function<double(Mm)>& now,
+                 bool covered = false) {
   constexpr double kStep_mm = kPitch_mm / imprint::kStepsPerPitch;
   double evidence = 0.0, energy = 0.0;
   std::vector<std::pair<double, double>> all;  // g and R
@@ -172,7 +173,7 @@ double motion_of(const Gel& gel, const std::function<double(Mm)>& then, const st
   std::vector<double> quiet;
   for (std::size_t i = 0; i < all.size() * 2 / 5; ++i) quiet.push_back(all[i].second);
   std::sort(quiet.begin(), quiet.end());
-  const double noise = quiet[(quiet.size() - 1) * 3 / 4];
+  const double noise = covered ? 0.0 : quiet[(quiet.size() - 1) * 3 / 4];
   for (const auto& [g, change] : all) {
     evidence += g * (change - noise);
     energy += g * g;
@@ -303,6 +304,37 @@ TEST(Imprint, ShiftOfAReliefIsWhatTheFormulaSays) {
       const double expected = motion_of(gel, within(kContact_mm, relief({})), within(kContact_mm, relief(shift)));
       DOUBLES_EQUAL(expected, um(seen.motion), 0.08 * expected + 1.0);
       CHECK(std::abs(seen.growth.raw()) < 26);  // a tenth of an octave: as much relief as before
+    }
+  }
+}
+
+// Also where no patch is free of it, so that what changes in the least of them is no noise; and what stands still there
+// does not move, though the camera's noise is as strong as on the empty gel. 8 %: as above.
+TEST(Imprint, AReliefThatCoversTheGelMovesAsAnyOther) {
+  const std::vector<std::function<std::function<double(Mm)>(Mm)>> reliefs{
+      [](Mm moved) { return ribs(12.0, 1.2, moved); }, [](Mm moved) { return ribs(12.0, 2.4, moved); },
+      [](Mm moved) { return grain(10.0, moved); }};
+  for (const auto& relief : reliefs) {
+    for (const double noise : {0.0, 1.0}) {
+      Gel gel;
+      gel.noise = noise;
+      Bench bench(gel, true);
+      bench.gel.relief = relief({});
+      for (int k = 0; k < 20; ++k) (void)bench.step();
+      const ImprintFeatures held = bench.step();
+      CHECK(um(held.motion) < 10.0 && std::abs(held.growth.raw()) < 8);
+      LONGS_EQUAL(held.patches.raw(), bench.expected.patches);
+      CHECK(bench.expected.covering > 2.0);
+      bench.gel.relief = relief({0.08, 0.03});
+      const ImprintFeatures seen = bench.step();
+      const double expected = motion_of(gel, relief({}), relief({0.08, 0.03}), true);
+      DOUBLES_EQUAL(expected, um(seen.motion), 0.08 * expected + 1.0);
+      CHECK(std::abs(seen.growth.raw()) < 26);
+      DOUBLES_EQUAL(bench.expected.growth, seen.growth.raw() / 256.0, 3.0 / 256);
+      // Pressed in half as deep again: growth is that of the relief, 2.25 times the energy.
+      const auto deeper = [&](Mm at) { return 1.5 * relief({0.08, 0.03})(at); };
+      bench.gel.relief = deeper;
+      DOUBLES_EQUAL(std::log2(2.25), bench.step().growth.raw() / 256.0, 0.05);
     }
   }
 }
