@@ -106,8 +106,7 @@ std::string ports_in(const std::filesystem::path& folder) {
 std::string in_use(const std::string& path, const std::string& why) {
   return path + ": in use (" + why +
          "). Likely cause: a terminal program, a second holdfastd, a login prompt, or ModemManager, which looks at "
-         "every "
-         "new port. Next: see `fuser -v " +
+         "every new port. Next: see `fuser -v " +
          path + "` and end it";
 }
 

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A hand of one or two fingers: each with its own camera, tracker, features, rest position and health, and one decision
-// for all (slip/fusion.hpp). One thread calls update() with whichever camera's frame has come.
+// for all (slip/fusion.hpp). One thread calls decide() with whichever camera's frame has come.
 //
 // GRIP_OK of the hand is HIGH only while every finger is OK; the worst state counts, with its reason. ALIVE toggles
 // when every finger had an accepted frame since it last did, each still young enough to be confirmed; GRIP_OK rises
-// with such an edge. A finger that is
-// silent for `supervisor.hold` is at FAULT, whether its turn comes or not. With `one_may_be_lost` all this is asked of
-// the fingers that are not at FAULT, unless all are.
+// with such an edge. A finger that is silent for `supervisor.hold` is at FAULT, whether its turn comes or not. With
+// `one_may_be_lost` all this is asked of the fingers that are not at FAULT, unless all are.
 // A contact that one finger loses is reported as with one finger, whatever the other touches.
 // The JPEG decoder and its threads are shared: frames are decoded one after the other.
 #pragma once

@@ -45,6 +45,7 @@ Reason update(State& state, const Config& config, hal::Gpio& gpio, const hal::Cl
     return Reason::kGpioFailed;
   }
   const bool rises = wanted.grip_ok && !state.grip_ok;
+  // A rise without an accepted frame is nobody's (fingers::decide): it is refused as if the line had.
   bool obeyed = drive(gpio, hal::Line::kGripOk, wanted.grip_ok && !rises) && (wanted.accepted || !rises);
   if (obeyed && wanted.accepted) {
     const auto too_late = [&] { return is_stale(config, wanted.timestamp, clock.now()); };

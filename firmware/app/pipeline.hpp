@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole product in one call: a camera frame in, a grip request out. pipeline.cpp spells it in three steps: see,
-// measure, classify.
+// The whole product in one call: a camera frame in, a grip request out. pipeline.cpp spells it in three steps:
+// update() to the markers, measure() to the features, classify() to the request.
 #pragma once
 
 #include "app/freshness.hpp"
@@ -39,7 +39,7 @@ struct Config {
   contact::Config contact;
   load::Config load;
   bool with_load = true;  // read the forces: Result::load; nothing else depends on them
-  // Compute Features::field and Features::imprint; price: see frame_cost.
+  // Compute Features::field and Features::imprint; price: tests/checks/frame_cost.cpp.
   bool with_field = classifier::needs({}, Stage::kField);
   bool with_imprint = classifier::needs({}, Stage::kImprint);
   // Contact gates the verdict, and the empty gel is learned on and followed, where the model reads the picture: not

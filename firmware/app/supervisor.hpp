@@ -118,7 +118,7 @@ struct Findings {
   bool few_markers = false;
   bool opening = false;
   bool gap = false;
-  bool always = true;
+  bool always = true;  // the last rule's: OK where no other holds
 };
 
 // Where the reason comes from when the row names none.

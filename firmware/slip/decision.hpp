@@ -3,10 +3,9 @@
 //
 // Raises with the `raise_frames`-th slip in a row, or at once where the model needs no second frame; drops with the
 // first frame in which the slip does not go on (classifier::goes_on) and that comes `hold` or more after the last one
-// in which it did. "In a row" counts frames, not time: a gap
-// neither ends a run nor lengthens it, because the frames on both sides of it said slip and to tighten is the safe
-// side. Range: now may jump by hours; where it steps back, a raised request lasts for `hold` from then on. Does not
-// judge frame quality (supervisor) and knows no pins (board).
+// in which it did. "In a row" counts frames, not time: a gap neither ends a run nor lengthens it, because the frames on
+// both sides of it said slip and to tighten is the safe side. Range: now may jump by hours; where it steps back, a
+// raised request lasts for `hold` from then on. Does not judge frame quality (supervisor) and knows no pins (board).
 #pragma once
 
 #include <algorithm>

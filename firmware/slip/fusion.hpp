@@ -33,7 +33,7 @@ inline constexpr std::array<std::string_view, 3> kStrengthNames{"none", "slip", 
 struct Config {
   int fingers = 1;
   // Octaves of motion in Q8 by which a strong finger is above the model's threshold. Chosen by `holdfast evaluate
-  // --recorded ... --pairs` with slip_v5.
+  // --recorded ... --pairs` (decisions/0006-two-fingers.md).
   std::int32_t alone_q8 = 160;
   std::int32_t sight_patches = 5;  // from here on a picture shows a relief: contact::Config::begin_patches
   // Older evidence is not heard. A period at 15 frames a second and a fifth.

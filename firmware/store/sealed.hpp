@@ -11,8 +11,7 @@
 //        5      1  kind: 1 settings (settings.hpp), 2 model (models.hpp)
 //        6      2  zero
 //        8      4  sequence, 1 to 2^32 - 1; the larger is the newer (slot_store.hpp: and what follows the last one).
-//        The
-//                  host takes the seconds since 1970, a device that stores by itself the next number
+//                  The host takes the seconds since 1970, a device that stores by itself the next number
 //       12      4  n: bytes of the payload
 //       16      n  payload
 //   16 + n     64  Ed25519 signature (RFC 8032) over all bytes before it; all zero: not signed

@@ -4,8 +4,8 @@
 // Knows nothing of scale, crop or rotation (below 40 degrees): pitch and axes come from the dots themselves. Walks
 // from dot to dot with a basis that follows the deformation, so the lattice may be sheared, twisted and bulged.
 // Tolerates missing dots and stray blobs. Keeps the rows and columns that stay inside the picture and says which it
-// leaves out. Where rows x cols can be laid over the dots in more than one way, an
-// earlier field decides; without one it refuses, because a wrong name is worse than none.
+// leaves out. Where rows x cols can be laid over the dots in more than one way, an earlier field decides; without one
+// it refuses, because a wrong name is worse than none.
 #pragma once
 
 #include <array>

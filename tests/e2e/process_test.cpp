@@ -304,30 +304,6 @@ TEST(Process, ANumberThatIsNoneIsRefused) {
   }
 }
 
-TEST(Process, ACheckpointThatIsCutUnderItIsWrittenAnew) {
-  CHECK_TEXT(tape.has_value(), error.c_str());
-  Receiver receiver(*tape);
-  const auto state = std::make_unique<checkpoint::State>();
-  // Whole, not as far as it has come.
-  const auto is_kept = [&] {
-    const std::string bytes = test::read_file(dir / "keep");
-    sim::Keep kept(checkpoint::kBytes);
-    std::copy_n(bytes.begin(), std::min(bytes.size(), checkpoint::kBytes), kept.bytes().begin());
-    return checkpoint::load(*state, kept);
-  };
-  start(kept("--empty"));
-  CHECK(receiver.look_until(is_kept, now() + 60s));
-  std::filesystem::resize_file(dir / "keep", 0);
-  CHECK(receiver.look_until(is_kept, now() + 60s));  // every two seconds on an empty gel
-  process->send(SIGKILL);
-  (void)process->finish();
-  const test::Finished next =
-      test::run({test::kFirmware, "--real-time", "--held", "--seconds", "2", "--keep", (dir / "keep").string()});
-  LONGS_EQUAL(0, next.status);
-  STRCMP_CONTAINS("OK", next.out.c_str());
-  CHECK_TEXT(next.out.find("REFERENCE") == std::string::npos, next.out.c_str());
-}
-
 // What was true before SIGSTOP is not said after SIGCONT, however the process was caught.
 TEST(Process, AStoppedProcessIsNeverFineAndHasToEarnItAnew) {
   CHECK_TEXT(tape.has_value(), error.c_str());

@@ -113,6 +113,22 @@ TEST(Trials, SlipsAfterAClosingAreDetected) {
   CHECK(all.detected >= 0.9 * all.onsets);  // aim: 90 %
 }
 
+// The grasps of closings, bonded: what a grip does that is eased is no slip.
+TEST(Trials, EasedGripsThatAlarm) {
+  for (int number = 0; number < 12; ++number) {
+    const Trial closes = make_trial(TrialKind::kClosing, kSeed, number);
+    const Trial eases = make_trial(TrialKind::kEasing, kSeed, number);
+    STRCMP_EQUAL(closes.group.c_str(), eases.group.c_str());
+    DOUBLES_EQUAL(closes.closed_s, eases.closed_s, 0.0);
+    CHECK(eases.scene.object.bonded && !eases.slips && eases.moved_s > eases.closed_s);
+    const auto& trajectory = eases.scene.trajectory;
+    const double left = *trajectory.back().closing_mm / *trajectory[trajectory.size() - 3].closing_mm;
+    CHECK(left >= 0.3 && left <= 0.8);
+  }
+  const TrialTally all = play_some(TrialKind::kEasing, 12).all();
+  CHECK(all.alarmed <= 0.7 * all.trials);  // aim: none
+}
+
 TEST(Trials, TurnsAreDetected) {
   const TrialTally all = play_some(TrialKind::kTurn, 18).all();
   CHECK(all.detected >= 0.5 * all.onsets);  // aim: 90 %

@@ -350,6 +350,25 @@ class Fleet(unittest.TestCase):
         )
         self.assertEqual({topic.split("/")[1] for topic in has}, {"HF0001"})
 
+    def test_a_board_that_was_started_anew_is_asked_again(self):
+        """Its console streams nothing then, and its adapter has not hung up."""
+        (board,) = self.pretended(1).values()
+        board.talks = False
+
+        def asked():
+            try:
+                return b"watch on" in os.read(board.end, 4096)
+            except BlockingIOError:
+                return False
+
+        self.publisher({"HF0001": board.path}, "gateway", "--console")
+        self.until("it asks", asked)
+        board.talks = True
+        self.until_retained("it hears", [("holdfast/HF0001/state", "heard", 1)])
+        self.assertFalse(asked())
+        board.talks = False
+        self.until("it asks again", asked)
+
     def test_a_stranger_is_refused_and_refuses_a_strange_broker(self):
         board = self.pretended(1)["HF0001"]
         said = Path(self.work.name, "publisher.log")

@@ -161,6 +161,20 @@ TEST(LiveHub, RefusesBeforeABodyIsRead) {
   CHECK(test::Http(address + "0", "GET /picture").says("no token, or a wrong one"));
 }
 
+// Whoever asks for the whole of an answer thousands of times, in 8 kB, gets it once.
+TEST(LiveHub, ServesNoRanges) {
+  live::Web web(hub, "page", {});
+  STRCMP_EQUAL("", web.start(0).c_str());
+  std::string ranges = "Range: bytes=0-";
+  for (int k = 0; k < 2000; ++k) ranges += ",0-";
+  ranges += "\r\n";
+  test::Http whole(web.address(true), "GET /", ranges);
+  CHECK_TEXT(whole.says(" 200 ") && whole.says("Content-Length: 4\r\n") && whole.says("page"), whole.said.c_str());
+  test::Http refused(web.address(true) + "0", "GET /stream", ranges);
+  CHECK(refused.says(" 401 ") && refused.says("printed"));
+  CHECK(refused.said.find("multipart") == std::string::npos);
+}
+
 // The lock that a mistyped code closes opens again without anybody's knowing the desk's own code.
 TEST(LiveHub, UnlocksAgainAfterAWrongCode) {
   live::Web web(hub, "page", "unlock right");

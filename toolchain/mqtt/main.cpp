@@ -23,8 +23,7 @@
 #include <vector>
 
 #include "drivers/common/trouble.hpp"
-#include "toolchain/console/backlog.hpp"
-#include "toolchain/console/port.hpp"
+#include "toolchain/console/board_port.hpp"
 #include "toolchain/console/signals.hpp"
 #include "toolchain/mqtt/client.hpp"
 #include "toolchain/mqtt/telemetry.hpp"
@@ -33,12 +32,11 @@
 namespace holdfast {
 namespace {
 
-using console_tool::Port;
 using fleet::Client;
 using fleet::Now;
 
 constexpr int kTurnMs = 20;
-constexpr std::uint64_t kOpenEveryMs = 1000, kGoodbyeMs = 2000;
+constexpr std::uint64_t kGoodbyeMs = 2000;
 
 struct Options {
   std::vector<std::string> boards;
@@ -59,7 +57,7 @@ class Board {
  public:
   Board(const Options& options, const std::string& serial, std::string path)
       : options_(options),
-        path_(std::move(path)),
+        port_(std::move(path), options.console),
         client_(options.broker, serial),
         telemetry_([this](std::string json) { client_.queue("state", std::move(json)); }) {}
 
@@ -68,9 +66,8 @@ class Board {
   [[nodiscard]] pollfd broker() const { return {client_.fd(), client_.events(), 0}; }
 
   void turn(short link, short broker, Now at) {
-    const bool old = backlog_.is_old(link != 0, at.steady_ms);
-    if (link != 0) read(at, old);
-    if (!port_.is_open() && at.steady_ms >= next_open_ms_) open(at);
+    const console_tool::BoardPort::Came came = port_.turn(link != 0, at.steady_ms);
+    if (!came.bytes.empty()) telemetry_.hear(came.bytes, at, came.old);
     telemetry_.tick(at);
     if (client_.turn(broker, at.steady_ms)) {
       (void)client_.publish("online", fleet::kOnline);
@@ -85,29 +82,6 @@ class Board {
   }
 
  private:
-  void open(Now at) {
-    next_open_ms_ = at.steady_ms + kOpenEveryMs;
-    const Port::Opened opened = port_.open(path_);
-    if (opened == Port::Opened::kYes) {
-      if (options_.console) (void)port_.write("\r\nwatch on\r\n");
-      said_.clear();
-      return;
-    }
-    const std::string why = console_tool::refusal(path_, opened);
-    if (why != said_) tool::note(why);
-    said_ = why;
-  }
-
-  void read(Now at, bool old) {
-    std::array<std::uint8_t, 4096> bytes{};
-    const int count = port_.read(bytes);
-    if (count < 0) {
-      port_.close();
-    } else {
-      telemetry_.hear(std::span(bytes).first(static_cast<std::size_t>(count)), at, old);
-    }
-  }
-
   [[nodiscard]] std::string version() const {
     return nlohmann::ordered_json{
         {"firmware", options_.firmware}, {"link", HOLDFAST_LINK_VERSION}, {"publisher", HOLDFAST_VERSION}}
@@ -115,12 +89,10 @@ class Board {
   }
 
   const Options& options_;
-  std::string path_, said_;
-  Port port_;
-  console_tool::Backlog backlog_;
+  console_tool::BoardPort port_;
   Client client_;
   fleet::Telemetry telemetry_;
-  std::uint64_t next_open_ms_ = 0, next_counters_ms_ = 0;
+  std::uint64_t next_counters_ms_ = 0;
 };
 
 // A serial becomes a level of a topic and a part of a client's name.

@@ -24,8 +24,7 @@
 
 #include "drivers/common/input_file.hpp"
 #include "drivers/common/trouble.hpp"
-#include "toolchain/console/backlog.hpp"
-#include "toolchain/console/port.hpp"
+#include "toolchain/console/board_port.hpp"
 #include "toolchain/console/signals.hpp"
 #include "toolchain/log/mcap_reader.hpp"
 #include "toolchain/robot/holdfast_link.h"
@@ -36,13 +35,12 @@ namespace holdfast::ros2 {
 namespace {
 
 using console_tool::kMostLost;
-using console_tool::Port;
 using console_tool::Signals;
 using std::chrono::steady_clock, std::chrono::milliseconds;
 
 constexpr int kTurnMs = 5;
 constexpr std::uint16_t kUnknownAge = 65535;
-constexpr milliseconds kSilent{1000}, kDiagnoseEvery{1000}, kOpenEvery{1000};
+constexpr milliseconds kSilent{1000}, kDiagnoseEvery{1000};
 // An answer comes within a turn of the board; the same frame again within a second is executed once (LINK.md).
 constexpr milliseconds kAnswerWithin{100};
 constexpr int kMostTries = 5;
@@ -67,14 +65,12 @@ log::Time wall_clock() {
 
 class Bridge {
  public:
-  Bridge(Dds& dds, const Options& options) : dds_(dds), options_(options) {}
+  Bridge(Dds& dds, const Options& options) : dds_(dds), options_(options), port_(options.link, options.console) {}
 
   void turn(bool readable) {
     const steady_clock::time_point at = steady_clock::now();
     const auto ms = std::chrono::duration_cast<milliseconds>(at.time_since_epoch()).count();
-    const bool old = backlog_.is_old(readable, static_cast<std::uint64_t>(ms));
-    if (readable) read(old);
-    if (!port_.is_open() && at >= open_at_) open(at);
+    read(port_.turn(readable, static_cast<std::uint64_t>(ms)));
     while (const auto command = dds_.take_command()) {
       if (waiting_.size() < kMostCommands) {
         waiting_.push_back(*command);
@@ -88,25 +84,13 @@ class Bridge {
   [[nodiscard]] int fd() const { return port_.fd(); }
 
  private:
-  void open(steady_clock::time_point at) {
-    open_at_ = at + kOpenEvery;
-    const Port::Opened opened = port_.open(options_.link);
-    const std::string why = opened == Port::Opened::kYes ? "" : console_tool::refusal(options_.link, opened);
-    if (!why.empty() && why != said_) tool::note(why);
-    said_ = why;
-    if (why.empty() && options_.console) (void)port_.write("\r\nwatch on\r\n");
-  }
-
-  void read(bool old) {
-    std::array<std::uint8_t, 4096> bytes{};
-    const int count = port_.read(bytes);
-    if (count < 0) port_.close();
-    for (int i = 0; i < count; ++i) {
+  void read(const console_tool::BoardPort::Came& came) {
+    for (const std::uint8_t byte : came.bytes) {
       holdfast_status status{};
       holdfast_answer answer{};
-      switch (holdfast_link_push(&receiver_, bytes[static_cast<std::size_t>(i)])) {
+      switch (holdfast_link_push(&receiver_, byte)) {
         case HOLDFAST_KIND_STATUS:
-          if (holdfast_link_status(&receiver_, &status) != 0) take(status, old);
+          if (holdfast_link_status(&receiver_, &status) != 0) take(status, came.old);
           break;
         case HOLDFAST_KIND_ANSWER:
           holdfast_link_answer(&receiver_, &answer);
@@ -201,14 +185,12 @@ class Bridge {
 
   Dds& dds_;
   const Options& options_;
-  Port port_;
-  console_tool::Backlog backlog_;
-  std::string said_;
+  console_tool::BoardPort port_;
   holdfast_receiver receiver_{};
   holdfast_status last_{};
   std::uint32_t frame_ = 0;
   std::uint64_t frames_ = 0, lost_ = 0;
-  steady_clock::time_point open_at_{}, diagnose_at_{}, heard_at_{}, ask_at_{};
+  steady_clock::time_point diagnose_at_{}, heard_at_{}, ask_at_{};
   std::deque<Command> waiting_;
   std::optional<holdfast_command> asked_;
   // Not the last start's: a board may still remember that one.

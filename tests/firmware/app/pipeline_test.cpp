@@ -235,18 +235,6 @@ TEST(Pipeline, LooksAtASecondPictureWhileTheHandSlips) {
   }
 }
 
-TEST(Pipeline, RefusesFramesThatDoNotComeForward) {
-  learn();
-  rejects(Reason::kTimeNotForward, show({}, 0us));
-  rejects(Reason::kTimeNotForward, show({}, -1us));
-  now += 1us;
-  rejects(Reason::kTimeNotForward, show({}, -10s));
-  now += 10s;
-  const pipeline::Result next = show();
-  CHECK_TRUE(next.quality.ok());
-  CHECK_TRUE(next.features.rates_valid);
-}
-
 TEST(Pipeline, RefusesFramesThatContradictThemselves) {
   learn();
   const Picture shown = picture();
@@ -569,15 +557,6 @@ TEST(Pipeline, RefusesMarkersAndFeaturesThatDoNotComeForward) {
   CHECK_TRUE(pipeline::update_features(*state, config, {}, field.grid, now + 80ms, 3).quality.ok());
   rejects(Reason::kTimeNotForward, pipeline::update_features(*state, config, {}, field.grid, now + 79ms, 4));
   CHECK_TRUE(pipeline::update_markers(*state, config, field, now + 120ms, 5).quality.ok());
-}
-
-TEST(Pipeline, RefusesMarkersThatAreTooFew) {
-  learn();
-  MarkerField field = state->tracker.field;
-  for (std::size_t i = 0; i < 19; ++i) field.markers[i].valid = false;  // 44 of 63 are less than 71 %
-  rejects(Reason::kMarkersLost, pipeline::update_markers(*state, config, field, now + 40ms, 1));
-  field.markers[0].valid = true;
-  CHECK_TRUE(pipeline::update_markers(*state, config, field, now + 80ms, 2).quality.ok());
 }
 
 TEST(Pipeline, LearnsAgainAfterTare) {
