@@ -323,7 +323,8 @@ void Daemon::read_inputs() {
     const bool opening = kCommandOf[k] == Command::kOpening;
     const bool acts = opening ? high || changed : high && changed;
     if (!acts) continue;
-    (void)obey({.command = kCommandOf[k], .argument = std::uint8_t{opening && high}});  // a refusal is in the log
+    const std::uint8_t argument = opening && high ? 1 : 0;
+    (void)obey({.command = kCommandOf[k], .argument = argument});  // a refusal is in the log
   }
 }
 
