@@ -199,7 +199,7 @@ struct State {
 // seeds 1 to 60: 3 closings alarm instead of 24, and none of 480 slides before its time instead of 10. Slides, turns
 // and onsets of 200 recordings are detected as before, one of 360 slips behind a closing not at all (2026-11-27); what
 // it costs in a pull: toolchain/learn/README.md. That they close came later, with the same constants: of 150 eased
-// grips of somebody else's bonded bodies 8 alarm instead of 97, of the 60 of `trials easing` 31 instead of 34; 135
+// grips of somebody else's bonded bodies 8 alarm instead of 97, of the 60 of `trials easing` 33 instead of 34; 135
 // slips under a grip that is eased meanwhile, and all onsets and alarms of 200 recordings, come in the same frame as
 // before (2026-11-29). Neighbours of each constant are within one closing of that: 50 to 65, cosines of 0.78 to 0.93,
 // 30 to 60 um/s, 200 to 400 um/s, a flow as one of 1 to 1.2 of what departs from it. Once slip is raised, it is the

@@ -59,10 +59,10 @@
 // 0.07 leaves 67 of 159, and misses a slide of 120 (2026-11-29).
 //
 // An object that covers the gel: of 48 slides of ridged faces (pitch 0.8 mm, 30 and 60 um, radius 8, 12 and 16 mm, 5 to
-// 50 mm/s) by somebody else, all are raised within 4 frames; before, those of 8 mm, and 2 never, the others after 4 to
-// 63. Four times was set before anything was looked at. Of 250 held, shaken, pressed
-// and eased grasps of such faces 6 alarm, all eased, instead of 9; of 200 recordings one alarm in a whole trial goes
-// and nothing else changes (2026-11-29).
+// 50 mm/s) by somebody else all are raised within 4 frames. Before, those of 8 mm were, two of the others never and the
+// rest after 4 to 63. Four times was set before anything was looked at. Of 250 held, shaken, pressed and eased grasps
+// of such faces 6 alarm, all eased, instead of 9; of the decision on 200 recordings one alarm in a whole trial goes and
+// nothing else changes (2026-11-29).
 //
 // Fading: of 36 bonded spheres with a relief whose grip is eased from 4 or 5 to 1 N in 0.3 or 0.4 s, slip is raised in
 // 4 instead of 14. Chosen on these, on simulated grasps of seed 7 and on the recordings: with what follows, alarms in
