@@ -235,6 +235,18 @@ TEST(Pipeline, LooksAtASecondPictureWhileTheHandSlips) {
   }
 }
 
+TEST(Pipeline, RefusesFramesThatDoNotComeForward) {
+  learn();
+  rejects(Reason::kTimeNotForward, show({}, 0us));
+  rejects(Reason::kTimeNotForward, show({}, -1us));
+  now += 1us;
+  rejects(Reason::kTimeNotForward, show({}, -10s));
+  now += 10s;
+  const pipeline::Result next = show();
+  CHECK_TRUE(next.quality.ok());
+  CHECK_TRUE(next.features.rates_valid);
+}
+
 TEST(Pipeline, RefusesFramesThatContradictThemselves) {
   learn();
   const Picture shown = picture();
