@@ -142,6 +142,7 @@ struct State {
 // into the gel. `dilation` alone would move the markers of the 7 x 9 lattice by 0.006 um/s for each ppm/s (RMS): it
 // makes at least a third of the flow. A drag beside the lattice's middle opens the markers as well, but first of all
 // moves them as one.
+// `way` -1: the same the other way round, see closes().
 [[nodiscard]] constexpr bool opens(const FieldFeatures& field, int way = 1) {
   constexpr std::int64_t kPpmPerMicrometre = 60;
   constexpr std::int32_t kAlong_q10 = 900;  // a cosine of 0.88

@@ -19,8 +19,8 @@
 //                 the right one its mirror, without relief in every other pair of them; its frames come at another time
 // The gripper of the last two says OPENING when it opens, as a robot does.
 //
-// Lights of closing, closing_slip and turn reach from a picture that shows hardly any walls to walls as strong as in
-// the strongest of 78 recorded closings: see light() in trials.cpp.
+// Lights of closing, closing_slip, easing and turn reach from a picture that shows hardly any walls to walls as strong
+// as in the strongest of 78 recorded closings: see light() in trials.cpp.
 #pragma once
 
 #include <array>

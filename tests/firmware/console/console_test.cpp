@@ -132,6 +132,18 @@ TEST_GROUP(Console) {
     desk.run(10ms);
     desk.host.reconnect();
   }
+  // What is heard when this comes while a long answer waits for a reader, who then reads for so long.
+  std::string typed_into_an_answer(const std::string& keys, Micros reads) {
+    (void)desk.heard();
+    desk.host.set_full(true);
+    desk.type("log frames json\r");
+    desk.run(100ms);
+    desk.type(keys);
+    desk.run(100ms);
+    desk.host.set_full(false);
+    desk.run(reads);
+    return desk.heard();
+  }
   // What the key for the line before brings.
   std::string line_before() {
     (void)desk.heard();
@@ -1904,15 +1916,7 @@ TEST(Console, DropsFramesThatNobodyReads) {
 TEST(Console, IsInterruptedInTheMiddleOfAnAnswer) {
   start();
   desk.run(2s);
-  (void)desk.heard();
-  desk.host.set_full(true);
-  desk.type("log frames json\r");
-  desk.run(100ms);
-  desk.type("version\r\x03");
-  desk.run(100ms);
-  desk.host.set_full(false);
-  desk.run(200ms);
-  const std::string text = desk.heard();
+  const std::string text = typed_into_an_answer("version\r\x03", 200ms);
   STRCMP_CONTAINS("ERR 33 interrupted", text.c_str());
   CHECK(text.find("link_version") == std::string::npos);
   check_ok("version");
@@ -1923,28 +1927,14 @@ TEST(Console, AReleaseInterruptsNoAnswer) {
   desk.place.host_commands = true;
   start();
   desk.run(2s);
-  (void)desk.heard();
-  desk.host.set_full(true);
-  desk.type("log frames json\r");
-  desk.run(100ms);
-  desk.type(frame_of(78, command_frame::Command::kRelease, 0));
-  desk.run(100ms);
-  desk.host.set_full(false);
-  desk.run(10s);
-  const std::string text = desk.heard();
+  const std::string text = typed_into_an_answer(frame_of(78, command_frame::Command::kRelease, 0), 10s);
   CHECK(text.find("interrupted") == std::string::npos);
   const Heard heard = take_apart(text);
   LONGS_EQUAL(1, heard.answers.size());
   LONGS_EQUAL(78, heard.answers[0].sequence);
   // Right behind a frame it is Ctrl-C again.
-  desk.host.set_full(true);
-  desk.type("log frames json\r");
-  desk.run(100ms);
-  desk.type(frame_of(79, command_frame::Command::kRelease, 0) + "\x03");
-  desk.run(100ms);
-  desk.host.set_full(false);
-  desk.run(10s);
-  STRCMP_CONTAINS("ERR 33 interrupted", desk.heard().c_str());
+  const std::string cut = typed_into_an_answer(frame_of(79, command_frame::Command::kRelease, 0) + "\x03", 10s);
+  STRCMP_CONTAINS("ERR 33 interrupted", cut.c_str());
 }
 
 // Against its contract, but boards do it.
